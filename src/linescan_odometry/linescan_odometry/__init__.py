@@ -1,0 +1,1 @@
+"""Body twist from one-dimensional line cameras and its ROS node."""

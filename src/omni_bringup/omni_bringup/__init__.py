@@ -1,0 +1,1 @@
+"""Starts, records and stops the nodes; the command line."""

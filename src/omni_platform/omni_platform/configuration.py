@@ -1,0 +1,297 @@
+"""Typed configuration: frozen dataclasses whose fields carry description, unit and bounds.
+
+A component declares its parameters once, as a frozen dataclass derived from `Configuration`
+whose fields come from `parameter()`. From that one declaration follow the defaults, the
+checks, the strict reading of YAML mappings, the effective configuration that is saved with
+every run, and (in `omni_ros.parameters`) the ROS parameters with their descriptors.
+
+A field is a bool, int, float, str, a tuple of floats or strings, another `Configuration`, or a
+`Mapping[str, Configuration]` for things that have names of their own (wheels, sensors, patches).
+Nothing is ever repaired: a value that does not fit raises `ConfigurationError`, which names the
+key, the value and what would be right.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import math
+import re
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+_METADATA = "omni_parameter"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+C = TypeVar("C", bound="Configuration")
+
+
+class ConfigurationError(ValueError):
+    """A configuration value that cannot be used.
+
+    Attributes:
+        key: dotted path of the value, such as ``vehicle.load.mass``.
+        problem: what is wrong with it and what would be right.
+    """
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key = key
+        self.problem = problem
+
+    def below(self, parent: str) -> ConfigurationError:
+        """Return the same error with its key below `parent`."""
+        return ConfigurationError(join_key(parent, self.key), self.problem)
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterInfo:
+    """What is known of a parameter besides its value; bounds are None where there is none."""
+
+    description: str
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    above: float | None
+    choices: tuple[str, ...] | None
+
+    def bounds_in_words(self) -> str:
+        """Return the permitted range as the end of a sentence."""
+        unit = f" {self.unit}" if self.unit else ""
+        words = []
+        if self.above is not None:
+            words.append(f"above {self.above:g}")
+        if self.minimum is not None:
+            words.append(f"at least {self.minimum:g}")
+        if self.maximum is not None:
+            words.append(f"at most {self.maximum:g}")
+        return " and ".join(words) + unit
+
+
+def parameter(
+    default: Any = dataclasses.MISSING,
+    *,
+    description: str,
+    unit: str = "",
+    minimum: float | None = None,
+    maximum: float | None = None,
+    above: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    default_factory: Any = dataclasses.MISSING,
+) -> Any:
+    """Declare a configuration field.
+
+    Args:
+        default: value used where none is given; without it the key is required.
+        description: one line for people, shown by ``ros2 param describe``.
+        unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
+        minimum: smallest permitted value.
+        maximum: largest permitted value.
+        above: bound that the value must exceed.
+        choices: permitted words of a str.
+        default_factory: as in `dataclasses.field`, for nested configurations.
+    """
+    info = ParameterInfo(description, unit, minimum, maximum, above, choices)
+    keywords: dict[str, Any] = {"metadata": {_METADATA: info}, "kw_only": True}
+    if default is not dataclasses.MISSING:
+        keywords["default"] = default
+    if default_factory is not dataclasses.MISSING:
+        keywords["default_factory"] = default_factory
+    return dataclasses.field(**keywords)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """Base of every configuration; checks each declared field when it is made.
+
+    Raises:
+        ConfigurationError: a value has the wrong type, is not finite or is out of its range.
+    """
+
+    def __post_init__(self) -> None:
+        for name, kind, info in declared_parameters(type(self)):
+            _check_value(name, getattr(self, name), kind, info)
+        self.check_consistency()
+
+    def check_consistency(self) -> None:
+        """Raise `ConfigurationError` if values that are each fine do not fit together."""
+
+
+def declared_parameters(
+    cls: type[Configuration],
+) -> tuple[tuple[str, Any, ParameterInfo], ...]:
+    """Return (name, type, info) of every parameter of `cls`, in order of declaration."""
+    return _declared_parameters(cls)
+
+
+@functools.cache
+def _declared_parameters(cls: Any) -> tuple[tuple[str, Any, ParameterInfo], ...]:
+    hints = typing.get_type_hints(cls)
+    return tuple(
+        (field.name, hints[field.name], field.metadata[_METADATA])
+        for field in dataclasses.fields(cls)
+        if _METADATA in field.metadata
+    )
+
+
+def join_key(parent: str, key: str) -> str:
+    """Return the dotted path of `key` below `parent`."""
+    return ".".join(part for part in (parent, key) if part)
+
+
+def element_configuration(kind: Any) -> type[Configuration] | None:
+    """Return the configuration class of a ``Mapping[str, Configuration]``, else None."""
+    if typing.get_origin(kind) is Mapping:
+        element = typing.get_args(kind)[1]
+        if is_configuration(element):
+            return typing.cast(type[Configuration], element)
+    return None
+
+
+def is_configuration(kind: Any) -> bool:
+    """Tell whether a field's type is a nested configuration."""
+    return isinstance(kind, type) and issubclass(kind, Configuration)
+
+
+def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
+    """Build a configuration from nested mappings, as YAML gives them.
+
+    Args:
+        cls: the configuration to build.
+        mapping: values by name; what it leaves out keeps its default.
+        key: dotted path of `mapping` itself, for messages.
+
+    Raises:
+        ConfigurationError: a key is unknown or missing, or a value does not fit.
+    """
+    if not isinstance(mapping, Mapping):
+        raise ConfigurationError(key, f"{mapping!r} is not a mapping of names to values")
+    declared = {name: kind for name, kind, _ in declared_parameters(cls)}
+    for name in mapping:
+        if name not in declared:
+            raise ConfigurationError(join_key(key, str(name)), _unknown_key(str(name), declared))
+    values: dict[str, Any] = {}
+    for name, kind in declared.items():
+        if name in mapping:
+            values[name] = _convert(mapping[name], kind, join_key(key, name))
+    missing = [
+        field.name
+        for field in dataclasses.fields(cls)
+        if field.name in declared
+        and field.name not in values
+        and field.default is dataclasses.MISSING
+        and field.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise ConfigurationError(join_key(key, missing[0]), "is required and has no value")
+    try:
+        return cls(**values)
+    except ConfigurationError as error:
+        raise error.below(key) from None
+
+
+def to_mapping(configuration: Configuration) -> dict[str, Any]:
+    """Return a configuration as nested dicts of plain values, ready for YAML."""
+    result: dict[str, Any] = {}
+    for name, kind, _ in declared_parameters(type(configuration)):
+        value = getattr(configuration, name)
+        if is_configuration(kind):
+            result[name] = to_mapping(value)
+        elif element_configuration(kind) is not None:
+            result[name] = {element: to_mapping(value[element]) for element in value}
+        elif isinstance(value, tuple):
+            result[name] = list(value)
+        else:
+            result[name] = value
+    return result
+
+
+def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"is not a known key; {hint}known here: {', '.join(sorted(known))}"
+
+
+def _convert(value: Any, kind: Any, key: str) -> Any:
+    """Turn a YAML value into the type that a field declares, without guessing."""
+    if is_configuration(kind):
+        return from_mapping(kind, value, key)
+    element = element_configuration(kind)
+    if element is not None:
+        if not isinstance(value, Mapping):
+            raise ConfigurationError(key, f"{value!r} is not a mapping of names to entries")
+        return {
+            str(name): from_mapping(element, entry, join_key(key, str(name)))
+            for name, entry in value.items()
+        }
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if typing.get_origin(kind) is tuple and isinstance(value, list | tuple):
+        item = typing.get_args(kind)[0]
+        return tuple(_convert(entry, item, f"{key}[{i}]") for i, entry in enumerate(value))
+    return value
+
+
+def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
+    if typing.get_origin(kind) is tuple:
+        item = typing.get_args(kind)[0]
+        if not isinstance(value, tuple):
+            raise ConfigurationError(name, f"{value!r} is not a list of {_type_in_words(item)}s")
+        for index, entry in enumerate(value):
+            _check_value(f"{name}[{index}]", entry, item, info)
+        return
+    element = element_configuration(kind)
+    if element is not None:
+        _check_names(name, value)
+        return
+    if isinstance(kind, types.UnionType) or not isinstance(kind, type):
+        raise TypeError(f"{name}: fields of type {kind!r} are not supported")
+    if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
+        raise ConfigurationError(
+            name, f"{value!r} is {_type_in_words(type(value))}, must be {_type_in_words(kind)}"
+        )
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        _check_range(name, value, info)
+    if info.choices is not None and value not in info.choices:
+        raise ConfigurationError(name, f"{value!r} is not one of {', '.join(info.choices)}")
+
+
+def _check_names(name: str, value: Any) -> None:
+    if not isinstance(value, Mapping):
+        raise ConfigurationError(name, f"{value!r} is not a mapping of names to entries")
+    for entry in value:
+        if not _NAME.fullmatch(entry):
+            raise ConfigurationError(
+                name, f"the name {entry!r} must be a letter followed by letters, digits or _"
+            )
+
+
+def _check_range(name: str, value: float, info: ParameterInfo) -> None:
+    unit = f" {info.unit}" if info.unit else ""
+    if not math.isfinite(value):
+        raise ConfigurationError(name, f"{value}{unit} is not a finite number")
+    outside = (
+        (info.minimum is not None and value < info.minimum)
+        or (info.maximum is not None and value > info.maximum)
+        or (info.above is not None and value <= info.above)
+    )
+    if outside:
+        raise ConfigurationError(
+            name, f"{value:g}{unit} is out of range, must be {info.bounds_in_words()}"
+        )
+
+
+def _type_in_words(kind: type) -> str:
+    words = {
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        str: "a text",
+        list: "a list",
+        dict: "a mapping",
+        type(None): "nothing",
+    }
+    return words.get(kind, kind.__name__)

@@ -1,0 +1,114 @@
+"""Where the wheels sit and which way they push: the directions of Figures 13 and 14.
+
+Frames follow REP-103: the body frame `base_link` lies at the geometric centre of the platform,
+x forward, y left, z up. `k` is the unit ground normal, so that for vectors in the ground plane
+``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
+
+The roller angle gamma turns the roller axis that touches the ground out of the rolling
+direction: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active
+direction follows Eq. (30), ``u_i . n_wi = -cos(gamma)``; nothing physical depends on it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WheelMount(Configuration):
+    """One omni-wheel on the platform, in the body frame."""
+
+    x: float = parameter(description="Wheel contact, forward of the platform centre", unit="m")
+    y: float = parameter(description="Wheel contact, left of the platform centre", unit="m")
+    heading_deg: float = parameter(
+        0.0,
+        description="Rolling direction u of the wheel, counter-clockwise from forward",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    roller_angle_deg: float = parameter(
+        description="Axis of the roller on the ground, counter-clockwise from the rolling "
+        "direction (gamma: 0 for a kiwi drive, +/-45 for Mecanum)",
+        unit="deg",
+        minimum=-180.0,
+        maximum=180.0,
+    )
+    radius: float = parameter(
+        0.2, description="Radius of the unloaded wheel over its rollers", unit="m", above=0.0
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class PlatformGeometry:
+    """Positions and directions of N wheels as arrays in the body frame.
+
+    Attributes:
+        names: wheel names, in the order of the rows below.
+        position: ``r_i``, wheel contact points [m], shape (N, 2).
+        axis: ``n_i``, unit vectors along the wheel axes, shape (N, 2).
+        rolling: ``u_i = n_i x k``, unit rolling directions, shape (N, 2).
+        active: ``n_wi``, unit roller axes (active directions), shape (N, 2).
+        passive: ``u_wi = n_wi x k``, unit free-rolling directions, shape (N, 2).
+        roller_angle: gamma [rad], shape (N,).
+        radius: R [m], shape (N,).
+    """
+
+    names: tuple[str, ...]
+    position: FloatArray
+    axis: FloatArray
+    rolling: FloatArray
+    active: FloatArray
+    passive: FloatArray
+    roller_angle: FloatArray
+    radius: FloatArray
+
+    @classmethod
+    def from_wheels(cls, wheels: Mapping[str, WheelMount]) -> PlatformGeometry:
+        """Lay out the wheels of a platform.
+
+        Args:
+            wheels: mounts by wheel name; their order becomes the order of the rows.
+
+        Raises:
+            ConfigurationError: no wheel is given.
+        """
+        if not wheels:
+            raise ConfigurationError("wheels", "a platform needs wheels, none is given")
+        mounts = list(wheels.values())
+        heading = np.array([math.radians(mount.heading_deg) for mount in mounts])
+        gamma = np.array([math.radians(mount.roller_angle_deg) for mount in mounts])
+        rolling = _directions(heading)
+        active = -_directions(heading + gamma)  # Eq. (30): u . n_w = -cos(gamma)
+        return cls(
+            names=tuple(wheels),
+            position=np.array([[mount.x, mount.y] for mount in mounts]),
+            axis=np.column_stack((-rolling[:, 1], rolling[:, 0])),
+            rolling=rolling,
+            active=active,
+            passive=np.column_stack((active[:, 1], -active[:, 0])),
+            roller_angle=gamma,
+            radius=np.array([mount.radius for mount in mounts]),
+        )
+
+
+def _directions(angle: FloatArray) -> FloatArray:
+    """Return unit vectors, exact along the axes, for angles [rad] of shape (N,)."""
+    vectors = np.column_stack((np.cos(angle), np.sin(angle)))
+    vectors[np.abs(vectors) < 1e-15] = 0.0
+    return vectors
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return ``a_x b_y - a_y b_x`` for planar vectors of shape (..., 2)."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

@@ -1,0 +1,125 @@
+"""Kinematics of a platform on omni-wheels, Eqs. (23)-(35).
+
+Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
+section 2.5.1, after G. Indiveri, IEEE Transactions on Robotics 25 (2009) 164-171. Equation (32)
+is garbled in print; it is read as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i cos gamma_i)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.geometry import PlatformGeometry, WheelMount
+
+FloatArray = NDArray[np.float64]
+
+# A roller axis within 0.06 deg of the wheel axis transmits no usable drive force.
+_MINIMUM_COS_GAMMA = 1e-3
+# Smallest over largest singular value of M, lengths scaled by the platform's radius.
+_MINIMUM_CONDITION = 1e-6
+
+
+class UnusablePlatformError(ConfigurationError):
+    """A wheel layout that cannot move in all three degrees of freedom."""
+
+
+class PlatformKinematics:
+    """Forward and inverse kinematics of N wheels with rollers at any angle.
+
+    Attributes:
+        geometry: positions and directions of the wheels.
+        matrix: ``M`` of Eq. (33), shape (N, 3): [1], [1], [m].
+
+    Raises:
+        UnusablePlatformError: a wheel has ``cos gamma = 0``, or ``rank M < 3``.
+    """
+
+    def __init__(self, wheels: Mapping[str, WheelMount]) -> None:
+        self.geometry = PlatformGeometry.from_wheels(wheels)
+        geometry = self.geometry
+        cos_gamma = np.cos(geometry.roller_angle)
+        for name, value in zip(geometry.names, cos_gamma, strict=True):
+            if abs(value) < _MINIMUM_COS_GAMMA:
+                raise UnusablePlatformError(
+                    f"wheels.{name}.roller_angle_deg",
+                    "the roller axis is parallel to the wheel axis (cos gamma = 0), so the wheel "
+                    "cannot generate movement; choose an angle away from +/-90 deg",
+                )
+        # Eq. (33)
+        lever = np.sum(geometry.position * geometry.passive, axis=1)
+        self.matrix: FloatArray = -np.column_stack((geometry.active, lever))
+        _require_rank_three(self.matrix, geometry)
+        # Eqs. (30), (32)
+        self._inverse: FloatArray = self.matrix / (geometry.radius * cos_gamma)[:, np.newaxis]
+        self._forward: FloatArray = np.linalg.pinv(self._inverse).astype(np.float64)
+
+    def wheel_speeds(self, twist: FloatArray) -> FloatArray:
+        """Return the wheel speeds of perfect rolling, Eqs. (28), (32).
+
+        Args:
+            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+
+        Returns:
+            Wheel speeds [rad/s], shape (..., N).
+        """
+        return twist @ self._inverse.T
+
+    def twist(self, wheel_speeds: FloatArray) -> FloatArray:
+        """Return the body twist that fits the wheel speeds best, in the least-squares sense.
+
+        Args:
+            wheel_speeds: [rad/s], shape (..., N).
+
+        Returns:
+            ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+        """
+        return wheel_speeds @ self._forward.T
+
+    def wheel_velocities(self, twist: FloatArray) -> FloatArray:
+        """Return the velocities of the wheel centres, Eqs. (23), (38).
+
+        Args:
+            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
+
+        Returns:
+            ``v_i = v_c + Omega k x r_i`` in the body frame [m/s], shape (N, 2).
+        """
+        r = self.geometry.position
+        velocities: FloatArray = twist[:2] + twist[2] * np.column_stack((-r[:, 1], r[:, 0]))
+        return velocities
+
+    def slip_velocities(self, twist: FloatArray, wheel_speeds: FloatArray) -> FloatArray:
+        """Return the contact points' sliding velocities along the active directions.
+
+        ``v_s = n_w . v_i - omega R (n_w . u_i)``, the projection meant by Eq. (22); zero is
+        perfect rolling, Eq. (28).
+
+        Args:
+            twist: body twist [m/s, m/s, rad/s], shape (3,).
+            wheel_speeds: [rad/s], shape (N,).
+
+        Returns:
+            Sliding velocities [m/s], shape (N,).
+        """
+        g = self.geometry
+        hub = np.sum(g.active * self.wheel_velocities(twist), axis=1)
+        rim = wheel_speeds * g.radius * np.sum(g.active * g.rolling, axis=1)
+        return np.asarray(hub - rim, dtype=np.float64)
+
+
+def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:
+    reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
+    singular_values = np.linalg.svd(matrix / scale, compute_uv=False)
+    rank = int(np.sum(singular_values > _MINIMUM_CONDITION * singular_values[0]))
+    if rank < 3:
+        raise UnusablePlatformError(
+            "wheels",
+            f"the kinematic matrix M of {len(geometry.names)} wheels has rank {rank} and must have "
+            "rank 3: some motion of the platform turns no wheel; move wheels apart or mirror "
+            "the rollers of neighbouring wheels",
+        )

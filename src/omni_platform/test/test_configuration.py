@@ -1,0 +1,100 @@
+"""Configurations refuse by name whatever does not fit, and survive a round trip."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    from_mapping,
+    parameter,
+    to_mapping,
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Spring(Configuration):
+    stiffness: float = parameter(description="Stiffness", unit="N/m", above=0.0)
+    coils: int = parameter(5, description="Coils", minimum=1, maximum=100)
+    material: str = parameter("steel", description="Wire", choices=("steel", "brass"))
+    tags: tuple[str, ...] = parameter((), description="Labels")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Machine(Configuration):
+    main: Spring = parameter(description="Main spring")
+    spares: Mapping[str, Spring] = parameter(default_factory=dict, description="Spares")
+    locked: bool = parameter(False, description="Locked")
+
+
+GOOD: dict[str, Any] = {
+    "main": {"stiffness": 10, "tags": ["a", "b"]},
+    "spares": {"left": {"stiffness": 1.0, "coils": 3}},
+}
+
+
+def test_round_trip_keeps_every_value() -> None:
+    machine = from_mapping(Machine, GOOD)
+    assert machine.main.stiffness == 10.0
+    assert machine.spares["left"].coils == 3
+    assert from_mapping(Machine, to_mapping(machine)) == machine
+
+
+@pytest.mark.parametrize(
+    ("mapping", "key", "words"),
+    [
+        ({"main": {"stiffness": 1.0}, "lokced": True}, "lokced", "did you mean 'locked'"),
+        ({"main": {"stifness": 1.0}}, "main.stifness", "did you mean 'stiffness'"),
+        ({"main": {}}, "main.stiffness", "required"),
+        ({"main": {"stiffness": 0.0}}, "main.stiffness", "must be above 0 N/m"),
+        ({"main": {"stiffness": "soft"}}, "main.stiffness", "must be a number"),
+        ({"main": {"stiffness": True}}, "main.stiffness", "must be a number"),
+        ({"main": {"stiffness": 1.0, "coils": 2.5}}, "main.coils", "must be a whole number"),
+        ({"main": {"stiffness": 1.0, "coils": 101}}, "main.coils", "at most 100"),
+        ({"main": {"stiffness": 1.0, "material": "tin"}}, "main.material", "steel, brass"),
+        ({"main": {"stiffness": 1.0, "tags": "a"}}, "main.tags", "not a list"),
+        ({"main": 3}, "main", "not a mapping"),
+        ({"main": {"stiffness": 1.0}, "spares": [1]}, "spares", "not a mapping"),
+        ({"main": {"stiffness": 1.0}, "spares": {"a.b": {"stiffness": 1.0}}}, "spares", "'a.b'"),
+        (
+            {"main": {"stiffness": 1.0}, "spares": {"a": {"stiffness": -1.0}}},
+            "spares.a.stiffness",
+            "out of range",
+        ),
+    ],
+)
+def test_bad_values_are_refused_by_name(mapping: dict[str, Any], key: str, words: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        from_mapping(Machine, mapping)
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_non_finite_numbers_are_refused(value: float) -> None:
+    with pytest.raises(ConfigurationError, match="not a finite number"):
+        Spring(stiffness=value)
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda children: (
+        st.lists(children, max_size=3) | st.dictionaries(st.text(max_size=9), children, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@given(JUNK, JUNK)
+def test_junk_never_escapes_as_another_error(main: Any, spares: Any) -> None:
+    with contextlib.suppress(ConfigurationError):
+        from_mapping(Machine, {"main": main, "spares": spares})

@@ -1,0 +1,27 @@
+"""The sensor matrix gives what a point on a moving rigid body does along an axis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omni_platform.sensors import LineSensor, sensor_matrix
+
+
+def test_rows_are_velocities_along_the_axes() -> None:
+    sensors = {
+        "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
+        "front": LineSensor(x=0.6, y=0.1, heading_deg=90.0),
+        "askew": LineSensor(x=-0.3, y=-0.4, heading_deg=210.0),
+    }
+    twist = np.array([3.0, -1.0, 0.8])
+    measured = sensor_matrix(sensors) @ twist
+    for value, sensor in zip(measured, sensors.values(), strict=True):
+        velocity = twist[:2] + twist[2] * np.array([-sensor.y, sensor.x])
+        angle = math.radians(sensor.heading_deg)
+        assert math.isclose(value, velocity @ np.array([math.cos(angle), math.sin(angle)]))
+
+
+def test_pixel_pitch_divides_the_field_of_view() -> None:
+    assert math.isclose(LineSensor(x=0.0, y=0.0, heading_deg=0.0).pixel_pitch * 1024, 0.05)

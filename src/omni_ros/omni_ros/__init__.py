@@ -1,0 +1,1 @@
+"""ROS plumbing shared by the nodes: parameters, QoS, spinning, stamps, diagnostics."""

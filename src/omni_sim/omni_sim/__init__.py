@@ -1,0 +1,1 @@
+"""Tyre, wheel, vehicle, ground and line-camera simulation and its ROS node."""
