@@ -124,7 +124,8 @@ def declared_parameters(
     cls: type[Configuration],
 ) -> tuple[tuple[str, Any, ParameterInfo], ...]:
     """Return (name, type, info) of every parameter of `cls`, in order of declaration."""
-    return _declared_parameters(cls)
+    hashable: Any = cls  # a class is hashable; its instances' __hash__ misleads the checker
+    return _declared_parameters(hashable)
 
 
 @functools.cache
