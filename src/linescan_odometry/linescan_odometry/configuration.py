@@ -1,0 +1,104 @@
+"""Parameters of the line-scan odometry."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from linescan_odometry.search import METRICS
+from linescan_odometry.subpixel import FEWEST_PIXELS
+from linescan_odometry.twist import check_placement
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.sensors import LineSensor
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OdometryConfiguration(Configuration):
+    """How displacements are found, filtered and turned into the body twist."""
+
+    sensors: Mapping[str, LineSensor] = parameter(
+        description="Line cameras on the platform, at least three"
+    )
+    metric: str = parameter(
+        "pearson",
+        description="Distance between lines (section 4.3.2)",
+        choices=tuple(METRICS),
+    )
+    shift_divisor: float = parameter(
+        2.0,
+        description="k: the shift search is limited to pixels / k",
+        minimum=1.1,
+        maximum=64.0,
+    )
+    minimum_correlation: float = parameter(
+        0.4,
+        description="Similarity at the peak below which a line pair is not used",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    median_lines: int = parameter(
+        10,
+        description="n: consecutive displacements whose median tells outliers (section 4.6)",
+        minimum=1,
+        maximum=10000,
+    )
+    median_tolerance: float = parameter(
+        1.5,
+        description="Distance from the median beyond which a displacement is an outlier",
+        unit="px",
+        above=0.0,
+        maximum=100.0,
+    )
+    minimum_inlier_share: float = parameter(
+        0.5,
+        description="Share of usable line pairs below which a sensor has not measured",
+        above=0.0,
+        maximum=1.0,
+    )
+    slow_displacement: float = parameter(
+        0.5,
+        description="Displacement per line below which the whole batch is spanned; 0 for never",
+        unit="px",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    maximum_skew: float = parameter(
+        0.005,
+        description="Age against the newest line at which another sensor's lines are stale",
+        unit="s",
+        above=0.0,
+        maximum=10.0,
+    )
+    minimum_lever: float = parameter(
+        0.02,
+        description="Smallest effective lever (RMS) by which the sensors see the yaw rate",
+        unit="m",
+        above=0.0,
+        maximum=10.0,
+    )
+
+    def shift_limit(self, sensor: LineSensor) -> int:
+        """Return the largest shift of the search, n / k rounded down [px]."""
+        return int(sensor.pixels / self.shift_divisor)
+
+    def check_consistency(self) -> None:
+        """Refuse placements and line lengths from which no twist can be measured.
+
+        Raises:
+            ConfigurationError: see the text; it names the sensors.
+        """
+        check_placement(self.sensors, self.minimum_lever)
+        for name, sensor in self.sensors.items():
+            overlap = sensor.pixels - self.shift_limit(sensor)
+            if overlap < FEWEST_PIXELS:
+                raise ConfigurationError(
+                    f"sensors.{name}.pixels",
+                    f"{sensor.pixels} px leave an overlap of {overlap} px at the shift limit, "
+                    f"must be at least {FEWEST_PIXELS} px",
+                )
+            if self.maximum_skew * sensor.line_rate < 1.0:
+                raise ConfigurationError(
+                    "maximum_skew",
+                    f"{self.maximum_skew:g} s is shorter than the line period of sensor {name}, "
+                    f"{1.0 / sensor.line_rate:g} s",
+                )

@@ -1,0 +1,100 @@
+"""What goes into the odometry and what comes out of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Lines = NDArray[np.uint8] | NDArray[np.uint16]
+
+UNMEASURED_VARIANCE = 1e6
+"""Variance of a velocity that was not measured, (1 km/s)^2: nobody can take it for a value."""
+
+
+class LineBatchError(ValueError):
+    """A batch of lines that is no batch of lines; the message says what is wrong."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LineBatch:
+    """Consecutive lines of one sensor.
+
+    Attributes:
+        stamp_ns: exposure of the newest line [ns].
+        lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
+
+    Raises:
+        LineBatchError: the lines have another type or shape.
+    """
+
+    stamp_ns: int
+    lines: Lines
+
+    def __post_init__(self) -> None:
+        if self.lines.ndim != 2 or self.lines.dtype not in (np.uint8, np.uint16):
+            raise LineBatchError(
+                "lines must be an array of uint8 or uint16 with one row per line, "
+                f"not of {self.lines.dtype} with shape {self.lines.shape}"
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorReading:
+    """What one line camera says about the motion along its axis, as a mean over a batch.
+
+    Attributes:
+        velocity: of the sensor's position along its axis [m/s], 0 if not measured.
+        variance: of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
+        correlation: mean similarity at the peak of the pairs that entered, 1 is perfect.
+        inlier_share: share of the line pairs that entered, 0..1.
+        measured: whether velocity and variance can be used.
+        reason: why they cannot; empty if they can.
+    """
+
+    velocity: float
+    variance: float
+    correlation: float
+    inlier_share: float
+    measured: bool
+    reason: str = ""
+
+    @classmethod
+    def unmeasured(
+        cls, reason: str, correlation: float = 0.0, inlier_share: float = 0.0
+    ) -> SensorReading:
+        """Make a reading that says why there is none."""
+        return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
+
+
+@dataclasses.dataclass(frozen=True)
+class TwistEstimate:
+    """Velocity of the platform.
+
+    Attributes:
+        stamp_ns: exposure of the newest line that entered [ns].
+        twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in base_link, shape (3,),
+            mean over the lines of the batches; zero if not measured.
+        covariance: of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity if not
+            measured.
+        measured: whether enough sensors saw the motion.
+        readings: what each sensor said, by name, all sensors in the order of the configuration.
+    """
+
+    stamp_ns: int
+    twist: FloatArray
+    covariance: FloatArray
+    measured: bool
+    readings: Mapping[str, SensorReading]
+
+    @property
+    def reason(self) -> str:
+        """Why sensors did not measure, such as ``front: no line; left: ...``; else empty."""
+        return "; ".join(
+            f"{name}: {reading.reason}"
+            for name, reading in self.readings.items()
+            if not reading.measured
+        )

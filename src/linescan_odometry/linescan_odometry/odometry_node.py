@@ -1,0 +1,100 @@
+"""The odometry as a ROS node: line batches in, body twist out.
+
+The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+from linescan_odometry.batching import BatchCollector
+from linescan_odometry.odometry import (
+    LineBatch,
+    LineScanOdometry,
+    OdometryConfiguration,
+    TwistEstimate,
+)
+from omni_ros.messages import (
+    diagnostics,
+    lines_of,
+    planar_twist_with_covariance,
+    to_nanoseconds,
+)
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
+from omni_ros.qos import RELIABLE
+from omni_ros.startup import StartupConfiguration
+
+_OK, _WARN = 0, 1
+
+
+class OdometryNode(Node):
+    """Collects one batch of every line camera and publishes the twist that they show."""
+
+    def __init__(self) -> None:
+        super().__init__("linescan_odometry")
+        self.startup = declare_configuration(self, StartupConfiguration)
+        configuration = declare_configuration(self, OdometryConfiguration)
+        self._odometry = LineScanOdometry(configuration)
+        self._odometry.warm_up()
+        self._collector = BatchCollector(configuration.sensors)
+        self._was_measured: bool | None = None
+        self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self.outputs = (self._twist,)
+        for sensor in configuration.sensors:
+            self.create_subscription(
+                Image, f"line_scan/{sensor}/lines", partial(self._on_lines, sensor), RELIABLE
+            )
+
+    def _on_lines(self, sensor: str, message: Image) -> None:
+        try:
+            batch = LineBatch(to_nanoseconds(message.header.stamp), lines_of(message))
+        except ValueError as error:
+            self.get_logger().error(f"line_scan/{sensor}/lines: {error}")
+            return
+        for batches in self._collector.add(sensor, batch):
+            self._publish(self._odometry.update(batches))
+
+    def _publish(self, estimate: TwistEstimate) -> None:
+        self._twist.publish(
+            planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
+        )
+        if estimate.measured == self._was_measured:
+            return
+        self._was_measured = estimate.measured
+        values = {
+            name: reading.reason or f"correlation {reading.correlation:.3f}"
+            for name, reading in estimate.readings.items()
+        }
+        self._diagnostics.publish(
+            diagnostics(
+                estimate.stamp_ns,
+                self.get_name(),
+                _OK if estimate.measured else _WARN,
+                "measuring" if estimate.measured else "the twist cannot be measured",
+                values,
+            )
+        )
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+
+    def run(node: OdometryNode, spinner: Spinner) -> None:
+        await_subscribers(
+            node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
+        )
+        spin_until_stopped(node, spinner)
+
+    sys.exit(run_process(OdometryNode, run))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Velocities along three or more sensor axes to the body twist, by weighted least squares.
+
+Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23): one row of `sensor_matrix`. Three rows
+give the twist if the axes neither are all parallel nor all pass through one point (a rotation
+about that point is not seen by any of them). How well the yaw rate is seen does not depend on
+where base_link lies: it is the part of the levers that no velocity can imitate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor, sensor_matrix
+
+FloatArray = NDArray[np.float64]
+
+_NARROWEST = math.sin(math.radians(5.0)) ** 2
+_WEAKEST_LEVER = 0.05  # effective lever over the spread of the sensors
+
+
+def check_placement(sensors: Mapping[str, LineSensor], minimum_lever: float) -> None:
+    """Refuse sensors that cannot tell the three components of the twist apart.
+
+    Args:
+        sensors: the line cameras by name.
+        minimum_lever: smallest effective lever for the yaw rate [m].
+
+    Raises:
+        ConfigurationError: fewer than three sensors, axes (nearly) parallel, or axes that
+            (nearly) pass through one point; the text names the sensors.
+    """
+    problem = _problem(sensors, minimum_lever)
+    if problem:
+        raise ConfigurationError("sensors", problem)
+
+
+class TwistSolver:
+    """Turns sensor velocities into the twist of base_link."""
+
+    def __init__(self, sensors: Mapping[str, LineSensor], minimum_lever: float) -> None:
+        """Lay out the sensors.
+
+        Raises:
+            ConfigurationError: the placement is singular or too weak, see `check_placement`.
+        """
+        check_placement(sensors, minimum_lever)
+        self._sensors = dict(sensors)
+        self._minimum_lever = minimum_lever
+        matrix = sensor_matrix(sensors)
+        # In units of this length the columns are alike, so that the inverse is well scaled.
+        self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
+        self._matrix = matrix * self._unit
+        self._verdicts: dict[tuple[bool, ...], str] = {}
+
+    def problem(self, measured: tuple[bool, ...]) -> str:
+        """Return why the sensors that measured do not suffice; empty if they do."""
+        verdict = self._verdicts.get(measured)
+        if verdict is None:
+            chosen = {
+                name: sensor
+                for (name, sensor), use in zip(self._sensors.items(), measured, strict=True)
+                if use
+            }
+            verdict = _problem(chosen, self._minimum_lever)
+            self._verdicts[measured] = verdict
+        return verdict
+
+    def solve(
+        self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Estimate the twist; `problem` must be empty for these sensors.
+
+        Args:
+            velocity: along each sensor's axis [m/s], shape (S,).
+            variance: of these velocities [m^2/s^2], positive, shape (S,).
+            measured: which of the S sensors to use.
+
+        Returns:
+            Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance.
+        """
+        use = np.array(measured)
+        rows = self._matrix[use]
+        weighted = rows / variance[use, None]
+        covariance = np.linalg.inv(rows.T @ weighted)
+        covariance = 0.5 * (covariance + covariance.T)
+        twist = covariance @ (weighted.T @ velocity[use])
+        return twist * self._unit, covariance * np.outer(self._unit, self._unit)
+
+
+def _problem(sensors: Mapping[str, LineSensor], minimum_lever: float) -> str:
+    """Return what makes a placement unusable, empty if it is usable."""
+    names = ", ".join(sensors) or "none"
+    if len(sensors) < 3:
+        return f"three sensors are needed to measure the twist, these are {len(sensors)}: {names}"
+    matrix = sensor_matrix(sensors)
+    axes, levers = matrix[:, :2], matrix[:, 2]
+    count = len(sensors)
+    if np.linalg.eigvalsh(axes.T @ axes)[0] / count < _NARROWEST:
+        return (
+            f"the axes of {names} are parallel within a few degrees: the velocity across them "
+            "cannot be measured; turn at least one of them"
+        )
+    velocity, *_ = np.linalg.lstsq(axes, levers, rcond=None)
+    lever = float(np.linalg.norm(levers - axes @ velocity)) / math.sqrt(count)
+    position = np.array([[sensor.x, sensor.y] for sensor in sensors.values()])
+    spread = float(np.sqrt(np.mean(np.sum((position - position.mean(axis=0)) ** 2, axis=1))))
+    if lever < max(minimum_lever, _WEAKEST_LEVER * spread):
+        # Axis i passes the point c at a distance cross(r_i - c, a_i); the fit gave c.
+        centre_x, centre_y = -velocity[1], velocity[0]
+        return (
+            f"the axes of {names} pass through one point, ({centre_x:.3g}, {centre_y:.3g}) m, "
+            f"within {lever:.2g} m: turning about it cannot be measured; set them tangentially"
+        )
+    return ""

@@ -1,0 +1,74 @@
+"""Point errors are left out and the rest is averaged without bias (section 4.6)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from linescan_odometry.median import average, mark_inliers
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def inliers(
+    displacement: FloatArray, usable: NDArray[np.bool_] | None = None, group: int = 10
+) -> NDArray[np.bool_]:
+    marks = np.empty(len(displacement), np.bool_)
+    if usable is None:
+        usable = np.ones(len(displacement), np.bool_)
+    mark_inliers(displacement, usable, group, 1.5, marks)
+    return marks
+
+
+def test_point_errors_are_told_from_a_changing_speed() -> None:
+    displacement = np.linspace(80.0, 60.0, 40)  # 0.5 px less with each line
+    wrong = np.array([3, 4, 17, 22, 39])
+    displacement[wrong] += np.array([-300.0, 12.0, 3.0, 90.0, -5.0])
+    marks = inliers(displacement, group=5)
+    assert np.flatnonzero(~marks).tolist() == wrong.tolist()
+    mean, _ = average(displacement, np.full(40, 1e-4), marks)
+    assert mean == pytest.approx(70.0, abs=1e-9)  # what is left out does not bias the mean
+
+
+def test_a_group_without_a_majority_is_left_out() -> None:
+    displacement = np.array([5.0, 5.1, 40.0, 5.0, -3.0, 30.0, 9.0, 77.0])
+    assert inliers(displacement, group=4).tolist() == [True, True, False, True] + 4 * [False]
+
+
+def test_unusable_pairs_neither_vote_nor_count_as_agreeing() -> None:
+    displacement = np.array([0.0, 0.0, 0.0, 8.0, 8.1, 8.0, 7.9])
+    usable = np.array([False, False, False, True, True, True, True])
+    assert inliers(displacement, usable).tolist() == usable.tolist()
+    usable[3] = False  # now 3 of 7
+    assert not inliers(displacement, usable).any()
+
+
+@pytest.mark.parametrize("count", [1, 9, 10, 11, 25, 29])
+def test_every_pair_belongs_to_one_group(count: int) -> None:
+    assert inliers(np.full(count, 3.0)).all()
+    assert not inliers(np.full(count, 3.0), np.zeros(count, np.bool_)).any()
+
+
+def test_errors_that_cancel_leave_the_first_and_the_last() -> None:
+    generator = np.random.default_rng(9)
+    line_error = 0.01 * generator.standard_normal((4000, 26))
+    displacement = 7.0 + np.diff(line_error)
+    means = np.empty(4000)
+    variances = np.empty(4000)
+    for i in range(4000):
+        means[i], variances[i] = average(
+            displacement[i], np.full(25, 2e-4), np.ones(25, np.bool_)
+        )
+    # Exactly (last - first) / 25 would be 2e-4 / 625; the detrending is not involved.
+    assert means.var() == pytest.approx(2e-4 / 25**2, rel=0.1)
+    assert np.mean(variances) > means.var()  # on the safe side
+
+
+def test_variance_follows_the_scatter_where_it_is_larger() -> None:
+    generator = np.random.default_rng(10)
+    means, variances = np.empty((2, 3000))
+    for i in range(3000):
+        displacement = 7.0 + 0.02 * np.arange(25) + 0.1 * generator.standard_normal(25)
+        means[i], variances[i] = average(displacement, np.full(25, 1e-4), np.ones(25, np.bool_))
+    assert means.mean() == pytest.approx(7.24, abs=0.002)
+    assert 1.0 < np.mean(variances) / means.var() < 2.2  # up to 2: errors may persist

@@ -1,0 +1,215 @@
+"""A run read back from its rosbag2 folder, without ROS.
+
+Only the small topics are decoded; the line batches, which make up nearly all of a bag, are
+skipped by its index. `ground_truth/odom` gives the control stamps; every other message belongs
+to the control stamp t_k with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its
+newest line, up to one line period older than the control stamp).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_analysis.run_history import RunHistory
+
+FloatArray = NDArray[np.float64]
+
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"
+_PEDAL, _ENABLE = "brake/pedal", "brake/enable"
+_ERROR, _ESTIMATE = "brake_assist/error", "odometry/twist"
+_TYPES = {
+    _TRUTH: "nav_msgs/msg/Odometry",
+    _WHEELS: _JOINT_STATE,
+    _PEDAL: _JOINT_STATE,
+    _ENABLE: _JOINT_STATE,
+    _ERROR: _JOINT_STATE,
+    _ESTIMATE: "geometry_msgs/msg/TwistWithCovarianceStamped",
+}
+# A run without odometry or without brake assistant is still a run: their values become NaN.
+_REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
+
+# Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
+_VARIANCES = [0, 7, 35]
+
+
+class BagError(ValueError):
+    """A recording that cannot be read as a run.
+
+    Attributes:
+        folder: the recording.
+        problem: what is wrong with it.
+    """
+
+    def __init__(self, folder: Path, problem: str) -> None:
+        super().__init__(f"{folder}: {problem}")
+        self.folder = folder
+        self.problem = problem
+
+
+@dataclasses.dataclass(frozen=True)
+class _Stream:
+    """Messages of one topic in the order of their stamps."""
+
+    stamp_ns: NDArray[np.int64]
+    messages: tuple[Any, ...]
+
+
+def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
+    """Read the history of a run from a rosbag2 folder.
+
+    Values without a message (no enable in the last period, say) are NaN.
+
+    Args:
+        bag_folder: folder with ``metadata.yaml`` and the recording.
+        namespace: namespace of the run's topics, root by default.
+
+    Raises:
+        BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
+    """
+    folder = Path(bag_folder)
+    _require_whole_bag(folder)
+    streams = _read_streams(folder, namespace)
+    try:
+        return _to_history(streams)
+    except (ValueError, IndexError) as error:
+        raise BagError(folder, f"does not hold one run: {error}") from error
+
+
+def _require_whole_bag(folder: Path) -> None:
+    if not folder.is_dir():
+        raise BagError(folder, "there is no such folder" if not folder.exists() else "not a folder")
+    if not (folder / "metadata.yaml").is_file():
+        raise BagError(folder, "not a rosbag2 recording, it has no metadata.yaml")
+    for path in sorted(folder.glob("*.mcap")):
+        try:
+            with path.open("rb") as stream:
+                head = stream.read(len(_MCAP_MAGIC))
+                stream.seek(-min(len(_MCAP_MAGIC), path.stat().st_size), 2)
+                tail = stream.read()
+        except OSError as error:
+            raise BagError(folder, f"{path.name} cannot be read: {error.strerror}") from error
+        if not head:
+            raise BagError(folder, f"{path.name} is empty")
+        if not _MCAP_MAGIC.startswith(head):
+            raise BagError(folder, f"{path.name} is not an MCAP file")
+        if tail != _MCAP_MAGIC or path.stat().st_size < 2 * len(_MCAP_MAGIC):
+            raise BagError(folder, f"{path.name} is cut off, its recording was not finished")
+
+
+def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
+    """Return the messages of the small topics by topic name below the namespace."""
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
+    names = {prefix + name: name for name in _TYPES}
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    # Damaged or foreign bytes make the library raise nearly anything (struct, zstd, assert).
+    try:
+        with Reader(folder) as reader:
+            chosen = [entry for entry in reader.connections if entry.topic in names]
+            _require_topics(folder, {names[c.topic]: c.msgtype for c in chosen}, prefix)
+            for connection, _, data in reader.messages(chosen):
+                message: Any = typestore.deserialize_cdr(data, connection.msgtype)
+                stamp = message.header.stamp
+                entry = stamp.sec * 1_000_000_000 + stamp.nanosec, message
+                messages.setdefault(names[connection.topic], []).append(entry)
+    except BagError:
+        raise
+    except Exception as error:
+        raise BagError(folder, f"the recording is damaged or foreign ({error})") from error
+    for name in _REQUIRED:
+        if name not in messages:
+            raise BagError(folder, f"there is no message on {prefix}{name}")
+    return {name: _in_order(entries) for name, entries in messages.items()}
+
+
+def _require_topics(folder: Path, types: Mapping[str, str], prefix: str) -> None:
+    missing = [prefix + name for name in _REQUIRED if name not in types]
+    if missing:
+        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
+    for name, kind in types.items():
+        if kind != _TYPES[name]:
+            raise BagError(folder, f"{prefix}{name} is of type {kind}, must be {_TYPES[name]}")
+
+
+def _in_order(entries: list[tuple[int, Any]]) -> _Stream:
+    entries.sort(key=lambda entry: entry[0])
+    stamps = np.array([stamp for stamp, _ in entries], dtype=np.int64)
+    return _Stream(stamps, tuple(message for _, message in entries))
+
+
+def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
+    truth = streams[_TRUTH]
+    stamps = truth.stamp_ns
+    if np.any(np.diff(stamps) == 0):
+        raise ValueError("stamps of the ground truth repeat, is it more than one run?")
+    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    wheels = len(wheel_names)
+
+    def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
+        return _sampled(stamps, streams.get(topic), width, values)
+
+    def by_wheel(topic: str, field: str) -> FloatArray:
+        return sampled(topic, wheels, lambda message: _ordered(message, field, wheel_names))
+
+    orientations = [message.pose.pose.orientation for message in truth.messages]
+    return RunHistory.from_quaternions(
+        wheel_names=wheel_names,
+        stamp_ns=stamps,
+        position=[(m.pose.pose.position.x, m.pose.pose.position.y) for m in truth.messages],
+        orientation=[(entry.z, entry.w) for entry in orientations],
+        twist=[_planar_twist(message.twist.twist) for message in truth.messages],
+        wheel_angle=by_wheel(_WHEELS, "position"),
+        wheel_speed=by_wheel(_WHEELS, "velocity"),
+        brake_torque=by_wheel(_WHEELS, "effort"),
+        enable=by_wheel(_ENABLE, "effort"),
+        error=by_wheel(_ERROR, "velocity"),
+        pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
+        estimate=sampled(_ESTIMATE, 3, lambda message: _planar_twist(message.twist.twist)),
+        estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
+    )
+
+
+def _sampled(
+    stamps: NDArray[np.int64],
+    stream: _Stream | None,
+    width: int,
+    values: Callable[[Any], Any],
+) -> FloatArray:
+    """Return one row of values per control stamp, NaN where there is no message."""
+    rows = np.full((len(stamps), width), np.nan)
+    if stream is None:
+        return rows
+    # t_{k-1} < stamp <= t_k; a later message of the same period replaces an earlier one.
+    places = np.searchsorted(stamps, stream.stamp_ns, side="left")
+    for place, message in zip(places.tolist(), stream.messages, strict=True):
+        if place < len(stamps):
+            rows[place] = values(message)
+    return rows
+
+
+def _ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
+    """Return a JointState field in the order of the wheels."""
+    values: FloatArray = getattr(message, field)
+    if list(message.name) == list(wheel_names):
+        if len(values) != len(wheel_names):
+            raise ValueError(f"{len(values)} values of {field} for {len(wheel_names)} wheels")
+        return values
+    if sorted(message.name) != sorted(wheel_names) or len(values) != len(wheel_names):
+        raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
+    order = [message.name.index(name) for name in wheel_names]
+    return values[order]
+
+
+def _planar_twist(twist: Any) -> tuple[float, float, float]:
+    return twist.linear.x, twist.linear.y, twist.angular.z

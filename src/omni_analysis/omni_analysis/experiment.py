@@ -1,0 +1,224 @@
+"""Experiments: one typed configuration for the whole loop, its variants, and overrides.
+
+An experiment file says only what differs from the defaults. Parts are named and found in
+``config/``: ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``; a
+vehicle names its tyre in the same way. A variant and a ``--set`` override are laid over the result
+in turn, so that every value of the tree can be reached by its dotted key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omni_sim.simulator import (
+    CameraConfiguration,
+    GroundConfiguration,
+    ManeuverConfiguration,
+    SimulationConfiguration,
+    SimulatorConfiguration,
+    VehicleConfiguration,
+    VelocitySensorConfiguration,
+)
+
+from linescan_odometry.odometry import OdometryConfiguration
+from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    from_mapping,
+    join_key,
+    parameter,
+)
+from omni_platform.sensors import LineSensor
+
+# Where the value of a dotted key may be the name of a file instead of a mapping.
+_PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_EXPERIMENTS = "experiments"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExperimentConfiguration(Configuration):
+    """Everything that one run of the loop depends on."""
+
+    description: str = parameter("", description="What the experiment shows")
+    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
+    feedback: str = parameter(
+        "optical",
+        description="What the brake assistant listens to: the line-scan odometry or the noisy "
+        "sampled velocity sensor (60), (61)",
+        choices=("optical", "velocity_sensor"),
+    )
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+    ground: GroundConfiguration = parameter(
+        default_factory=GroundConfiguration, description="Ground"
+    )
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+    camera: CameraConfiguration = parameter(
+        default_factory=CameraConfiguration, description="Exposure common to the line cameras"
+    )
+    maneuver: ManeuverConfiguration = parameter(
+        default_factory=ManeuverConfiguration, description="What the scripted driver does"
+    )
+    velocity_sensor: VelocitySensorConfiguration = parameter(
+        default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    )
+    simulation: SimulationConfiguration = parameter(
+        default_factory=SimulationConfiguration, description="Steps and end of the simulation"
+    )
+    odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
+    brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
+
+    def simulator(self) -> SimulatorConfiguration:
+        """Return the part that the simulator is configured with."""
+        return SimulatorConfiguration(
+            seed=self.seed,
+            vehicle=self.vehicle,
+            ground=self.ground,
+            sensors=self.sensors,
+            camera=self.camera,
+            maneuver=self.maneuver,
+            velocity_sensor=self.velocity_sensor,
+            simulation=self.simulation,
+        )
+
+
+class ExperimentLibrary:
+    """Reads experiments and their parts from a configuration folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def names(self) -> list[str]:
+        """Return the names of the experiments, sorted."""
+        return sorted(path.stem for path in (self._folder / _EXPERIMENTS).glob("*.yaml"))
+
+    def variants(self, experiment: str) -> list[str]:
+        """Return the names of an experiment's variants, in the order of its file."""
+        return list(_variants(self._read(_EXPERIMENTS, experiment, "experiment")))
+
+    def load(
+        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+    ) -> ExperimentConfiguration:
+        """Compose and check the configuration of one variant.
+
+        Args:
+            experiment: name of a file in ``experiments/``, or a path that ends in ``.yaml``.
+            variant: one of the experiment's variants.
+            overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+        Raises:
+            ConfigurationError: a name, key or value does not fit; the message names it.
+        """
+        document = self._read(_EXPERIMENTS, experiment, "experiment")
+        variants = _variants(document)
+        if variant not in variants:
+            raise ConfigurationError(
+                "variant",
+                f"{variant!r} is not a variant of {experiment}; known: {', '.join(variants)}",
+            )
+        tree = {key: value for key, value in document.items() if key != "variants"}
+        tree = self._resolve(tree)
+        for layer in (variants[variant] or {}, *(parse_override(text) for text in overrides)):
+            tree = _merge(tree, self._resolve(layer))
+        # The nodes are told where things are mounted, unless an experiment misleads them.
+        tree["odometry"] = _merge({"sensors": tree.get("sensors", {})}, tree.get("odometry") or {})
+        wheels = (tree.get("vehicle") or {}).get("wheels", {})
+        tree["brake_assist"] = _merge({"wheels": wheels}, tree.get("brake_assist") or {})
+        return from_mapping(ExperimentConfiguration, tree)
+
+    def _resolve(self, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+        """Replace the names of parts by the parts."""
+        resolved: dict[str, Any] = {}
+        for key, value in tree.items():
+            path = join_key(prefix, str(key))
+            kind = _PARTS.get(path)
+            if kind is not None and isinstance(value, str):
+                part = self._read(kind, value, path)
+                resolved[key] = _Part(self._resolve(part, path))
+            elif isinstance(value, Mapping):
+                resolved[key] = self._resolve(value, path)
+            else:
+                resolved[key] = value
+        return resolved
+
+    def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
+        if name.endswith(".yaml"):
+            path = Path(name)
+        else:
+            path = self._folder / kind / f"{name}.yaml"
+            known = sorted(file.stem for file in (self._folder / kind).glob("*.yaml"))
+            if name not in known:
+                close = difflib.get_close_matches(name, known, n=1)
+                hint = f"did you mean {close[0]!r}? " if close else ""
+                raise ConfigurationError(
+                    key, f"{name!r} is not known; {hint}known: {', '.join(known)}"
+                )
+        try:
+            document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            problem = " ".join(str(error).split())
+            raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
+        if not isinstance(document, dict):
+            raise ConfigurationError(key, f"{path} must contain a mapping of names to values")
+        return document
+
+
+class _Part(dict[str, Any]):
+    """A part read by its name: it replaces what was there instead of being laid over it."""
+
+
+def parse_override(text: str) -> dict[str, Any]:
+    """Return ``vehicle.load.mass=400`` as nested mappings.
+
+    Raises:
+        ConfigurationError: there is no ``=``, no key, or the value is not YAML.
+    """
+    key, equals, value_text = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigurationError(
+            "--set", f"{text!r} must have the form key=value, such as vehicle.load.mass=400"
+        )
+    try:
+        value = yaml.safe_load(value_text)
+    except yaml.YAMLError:
+        raise ConfigurationError(key, f"the value {value_text!r} is not valid YAML") from None
+    if isinstance(value, str):
+        value = _number_or_text(value)
+    for part in reversed(parts):
+        value = {part: value}
+    return dict(value)
+
+
+def _number_or_text(text: str) -> float | str:
+    # YAML 1.1 takes 1e-3, which has no point, for a text.
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    variants = document.get("variants")
+    if not isinstance(variants, Mapping) or not variants:
+        raise ConfigurationError("variants", "an experiment needs at least one named variant")
+    return variants
+
+
+def _merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one tree over another; mappings merge, anything else replaces."""
+    merged = dict(base)
+    for key, value in layer.items():
+        below = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(below, Mapping) and type(value) is dict:
+            merged[key] = _merge(below, value)
+        else:
+            merged[key] = value
+    return merged

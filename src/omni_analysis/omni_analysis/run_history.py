@@ -1,0 +1,264 @@
+"""What a run leaves for analysis, whether it comes from a bag or from one process.
+
+Every array has one row per control stamp. A value that was not there at a stamp is NaN. The
+same run gives the same bits by both ways, because both go through the same arithmetic: a bag
+carries the heading as the quaternion of `quaternion_from_yaw`, so the heading of a run in one
+process is taken through that quaternion too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# A component that the odometry could not measure carries this variance or more.
+UNMEASURED_VARIANCE = 1e6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunHistory:
+    """Time histories of one run, T control stamps and N wheels.
+
+    Make one with `from_samples` or `from_quaternions`. Arrays are read-only.
+
+    Attributes:
+        wheel_names: names of the wheels, in the order of the columns.
+        stamp_ns: control stamps from the start of the run [ns], strictly increasing, shape (T,).
+        pose: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw without jumps, shape (T, 3).
+        orientation: quaternion components (q_z, q_w) of the heading, shape (T, 2).
+        twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], (T, 3).
+        wheel_angle: [rad], shape (T, N).
+        wheel_speed: [rad/s], shape (T, N).
+        brake_torque: [N m], shape (T, N).
+        enable: 1 where brake pressure passes, 0 where the wheel rolls free, shape (T, N).
+        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
+        pedal: the driver's brake demand 0..1, shape (T,).
+        estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
+        estimate_variance: its variances [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
+        feedback: state of the brake assistant's feedback at each stamp; empty where unknown.
+        real_time_factor: simulated over elapsed time [1], NaN where unknown.
+
+    Raises:
+        ValueError: shapes do not fit together, or stamps do not increase.
+    """
+
+    wheel_names: tuple[str, ...]
+    stamp_ns: IntArray
+    pose: FloatArray
+    orientation: FloatArray
+    twist: FloatArray
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    enable: FloatArray
+    error: FloatArray
+    pedal: FloatArray
+    estimate: FloatArray
+    estimate_variance: FloatArray
+    feedback: tuple[str, ...] = ()
+    real_time_factor: float = math.nan
+
+    def __post_init__(self) -> None:
+        stamps, wheels = len(self.stamp_ns), len(self.wheel_names)
+        if stamps == 0:
+            raise ValueError("a history needs at least one stamp")
+        if np.any(np.diff(self.stamp_ns) <= 0):
+            raise ValueError("the stamps of a history must increase")
+        shapes = {name: (stamps, wheels) for name in _PER_WHEEL}
+        shapes |= {name: (stamps, 3) for name in ("pose", "twist", "estimate", "estimate_variance")}
+        shapes |= {"stamp_ns": (stamps,), "pedal": (stamps,), "orientation": (stamps, 2)}
+        for name, shape in shapes.items():
+            array: NDArray[Any] = getattr(self, name)
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
+            array.flags.writeable = False
+        if self.feedback and len(self.feedback) != stamps:
+            raise ValueError(f"feedback has {len(self.feedback)} entries, must be {stamps}")
+
+    @classmethod
+    def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
+        """Collect what a run in one process sampled at each control stamp.
+
+        Args:
+            pose: x, y, yaw of `base_link` in `odom` [m, m, rad], shape (T, 3).
+            **samples: the other arguments of `from_quaternions`.
+        """
+        rows = np.array(pose, dtype=np.float64).reshape(-1, 3)
+        orientation = [quaternion_from_yaw(float(yaw)) for yaw in rows[:, 2]]
+        return cls.from_quaternions(position=rows[:, :2], orientation=orientation, **samples)
+
+    @classmethod
+    def from_quaternions(
+        cls,
+        *,
+        wheel_names: Sequence[str],
+        stamp_ns: ArrayLike,
+        position: ArrayLike,
+        orientation: ArrayLike,
+        twist: ArrayLike,
+        wheel_angle: ArrayLike,
+        wheel_speed: ArrayLike,
+        brake_torque: ArrayLike,
+        enable: ArrayLike,
+        error: ArrayLike,
+        pedal: ArrayLike,
+        estimate: ArrayLike,
+        estimate_variance: ArrayLike,
+        feedback: Sequence[str] = (),
+        real_time_factor: float = math.nan,
+    ) -> RunHistory:
+        """Collect samples whose heading is given as (q_z, q_w), as a bag carries it.
+
+        Rows of the estimate that were not measured (a component that is not finite, or whose
+        variance is `UNMEASURED_VARIANCE` or more) become NaN.
+
+        Args:
+            wheel_names: names of the N wheels.
+            stamp_ns: control stamps [ns], shape (T,).
+            position: x, y of `base_link` in `odom` [m], shape (T, 2).
+            orientation: (q_z, q_w) of `quaternion_from_yaw`, shape (T, 2).
+            twist: true body twist [m/s, m/s, rad/s], shape (T, 3).
+            wheel_angle: [rad], shape (T, N).
+            wheel_speed: [rad/s], shape (T, N).
+            brake_torque: [N m], shape (T, N).
+            enable: brake enables 0..1, shape (T, N).
+            error: s_i [m/s], shape (T, N).
+            pedal: brake demand 0..1, shape (T,).
+            estimate: odometry's body twist [m/s, m/s, rad/s], shape (T, 3).
+            estimate_variance: diagonal of its covariance, shape (T, 3).
+            feedback: state of the feedback at each stamp, where known.
+            real_time_factor: simulated over elapsed time [1].
+
+        Raises:
+            ValueError: shapes do not fit together, or stamps do not increase.
+        """
+        place = np.array(position, dtype=np.float64).reshape(-1, 2)
+        quaternion = np.array(orientation, dtype=np.float64).reshape(-1, 2)
+        variance = np.array(estimate_variance, dtype=np.float64)
+        measured = np.array(estimate, dtype=np.float64)
+        usable = np.isfinite(measured) & np.isfinite(variance) & (variance < UNMEASURED_VARIANCE)
+        blind = ~np.all(usable, axis=-1)
+        measured[blind] = np.nan
+        variance[blind] = np.nan
+        return cls(
+            wheel_names=tuple(wheel_names),
+            stamp_ns=np.array(stamp_ns, dtype=np.int64),
+            pose=np.column_stack((place, continuous_yaw(quaternion))),
+            orientation=quaternion,
+            twist=np.array(twist, dtype=np.float64),
+            wheel_angle=np.array(wheel_angle, dtype=np.float64),
+            wheel_speed=np.array(wheel_speed, dtype=np.float64),
+            brake_torque=np.array(brake_torque, dtype=np.float64),
+            enable=np.array(enable, dtype=np.float64),
+            error=np.array(error, dtype=np.float64),
+            pedal=np.array(pedal, dtype=np.float64),
+            estimate=measured,
+            estimate_variance=variance,
+            feedback=tuple(feedback),
+            real_time_factor=real_time_factor,
+        )
+
+    @property
+    def time(self) -> FloatArray:
+        """Control stamps in seconds [s], shape (T,)."""
+        seconds: FloatArray = self.stamp_ns * 1e-9
+        return seconds
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Where the odometry measured all three components of the twist, shape (T,)."""
+        return np.asarray(np.all(np.isfinite(self.estimate), axis=1))
+
+    @property
+    def brake_start(self) -> int | None:
+        """Index of the first stamp with the pedal down, None if there is none."""
+        pressed = np.flatnonzero(self.pedal > 0.0)
+        return int(pressed[0]) if pressed.size else None
+
+    @property
+    def velocity_world(self) -> FloatArray:
+        """True velocity of `base_link` in `odom` [m/s], shape (T, 2)."""
+        cos, sin = np.cos(self.pose[:, 2]), np.sin(self.pose[:, 2])
+        v_x, v_y = self.twist[:, 0], self.twist[:, 1]
+        return np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
+
+
+def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
+    """Return (q_z, q_w) of a heading [rad]; the truth on a bag uses this formula to the bit.
+
+    `math` rather than numpy: numpy's vectorised sine may differ from it in the last bit.
+    """
+    return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
+def continuous_yaw(orientation: FloatArray) -> FloatArray:
+    """Return headings [rad] without jumps from (q_z, q_w).
+
+    Args:
+        orientation: (q_z, q_w), shape (T, 2); steps between rows turn by less than half a turn.
+
+    Returns:
+        Headings, the first in (-pi, pi], shape (T,).
+    """
+    half_turns = [math.atan2(q_z, q_w) for q_z, q_w in orientation.tolist()]
+    yaw = np.unwrap(2.0 * np.array(half_turns, dtype=np.float64))
+    if yaw.size:
+        yaw -= math.tau * math.ceil((float(yaw[0]) - math.pi) / math.tau)
+    return np.asarray(yaw, dtype=np.float64)
+
+
+# `pose` follows from position and orientation; in words a quaternion means little, a bit much.
+_PER_WHEEL = ("wheel_angle", "wheel_speed", "brake_torque", "enable", "error")
+_COMPONENTS = {
+    "pose": ("x", "y", "yaw"),
+    "orientation": ("q_z", "q_w"),
+    "twist": ("v_x", "v_y", "yaw rate"),
+    "estimate": ("v_x", "v_y", "yaw rate"),
+    "estimate_variance": ("v_x", "v_y", "yaw rate"),
+}
+
+
+def first_difference(a: RunHistory, b: RunHistory) -> str | None:
+    """Return the earliest difference of two histories in words, None if every bit is the same.
+
+    NaN equals NaN. The real-time factor and the feedback text are not part of the state.
+    """
+    if a.wheel_names != b.wheel_names:
+        return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"
+    common = min(len(a.stamp_ns), len(b.stamp_ns))
+    earliest: tuple[int, str] | None = None
+    for name in ("stamp_ns", *_COMPONENTS, *_PER_WHEEL, "pedal"):
+        left, right = getattr(a, name)[:common], getattr(b, name)[:common]
+        different = np.argwhere(_different_bits(left, right))
+        if different.size and (earliest is None or different[0][0] < earliest[0]):
+            place = tuple(int(index) for index in different[0])
+            what = f"{name}{_column_in_words(name, place, a.wheel_names)}"
+            values = f"{left[place]!r} against {right[place]!r}"
+            earliest = place[0], f"{what} at {a.stamp_ns[place[0]] * 1e-9:.3f} s is {values}"
+    if earliest is not None:
+        return earliest[1]
+    if len(a.stamp_ns) != len(b.stamp_ns):
+        return f"there are {len(a.stamp_ns)} stamps against {len(b.stamp_ns)}"
+    return None
+
+
+def _different_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    different: NDArray[np.bool_] = a.view(np.uint64) != b.view(np.uint64)
+    if a.dtype.kind == "f":
+        different &= ~(np.isnan(a) & np.isnan(b))
+    return different
+
+
+def _column_in_words(name: str, place: tuple[int, ...], wheel_names: tuple[str, ...]) -> str:
+    if len(place) == 1:
+        return ""
+    columns = wheel_names if name in _PER_WHEEL else _COMPONENTS[name]
+    return f" of {columns[place[1]]}"

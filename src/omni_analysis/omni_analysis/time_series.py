@@ -1,0 +1,197 @@
+"""What happened while braking, over time: velocities and errors, like Figures 31 and 32.
+
+One column per variant, the same scales along each row: linear velocity in the body frame, yaw
+rate, the sliding-manifold values s_i by wheel, and when each brake was on. Lines are the truth,
+thin dashed lines what the odometry measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from omni_analysis import figure_style as style
+from omni_analysis.run_history import RunHistory
+
+FloatArray = NDArray[np.float64]
+
+_WIDTH = 14.0  # [inch]
+_LEFT, _RIGHT, _GAP, _ROW_GAP, _BOTTOM = 1.15, 1.45, 0.22, 0.18, 0.6  # [inch]
+_ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
+_STRIP = 0.22  # height of one wheel's brake [inch]
+_V_X, _V_Y, _YAW_RATE = style.BLUE, style.VERMILLION, style.GREEN
+_ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+_BEFORE = 0.3  # shown before the start of braking [s]
+
+
+def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
+    """Draw velocities, errors and brake enables of every variant over time.
+
+    Args:
+        histories: runs by variant, in the order of the columns.
+        title: printed above the columns.
+
+    Raises:
+        ValueError: there is no history.
+    """
+    if not histories:
+        raise ValueError("time series need at least one history")
+    wheels = list(dict.fromkeys(name for h in histories.values() for name in h.wheel_names))
+    figure, columns = _lay_out(list(histories), len(wheels), title)
+    for panels, history in zip(columns, histories.values(), strict=True):
+        _draw_twist(panels, history)
+        _draw_errors(panels[2], history, wheels)
+        _draw_brakes(panels[3], history, wheels)
+        start = history.brake_start
+        for axes in panels if start is not None else ():
+            axes.axvline(
+                float(history.time[start]), color=style.BLACK, linestyle=":", linewidth=1.2
+            )
+    _share_scales(columns, list(histories.values()))
+    _label_rows(columns[0])
+    _add_legends(columns[-1], wheels)
+    return figure
+
+
+def _lay_out(names: Sequence[str], wheels: int, title: str) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure with one column of panels per name, placed in inches."""
+    heights = (*_ROWS, _STRIP * wheels)
+    top = 0.75 if title else 0.4
+    total = top + sum(heights) + (len(heights) - 1) * _ROW_GAP + _BOTTOM
+    width = (_WIDTH - _LEFT - _RIGHT - (len(names) - 1) * _GAP) / len(names)
+    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
+    columns = []
+    for place, name in enumerate(names):
+        panels: list[Axes] = []
+        left, lower = _LEFT + place * (width + _GAP), total - top
+        for row, height in enumerate(heights):
+            lower -= height
+            box = (left / _WIDTH, lower / total, width / _WIDTH, height / total)
+            axes = figure.add_axes(box)
+            style.style_axes(axes)
+            axes.tick_params(labelbottom=row == len(heights) - 1, labelleft=place == 0)
+            panels.append(axes)
+            lower -= _ROW_GAP
+        panels[0].set_title(name, fontsize=style.TITLE_SIZE)
+        panels[-1].set_xlabel("time [s]", fontsize=style.LABEL_SIZE)
+        columns.append(panels)
+    if title:
+        figure.suptitle(title, fontsize=style.TITLE_SIZE, y=1.0 - 0.12 / total, va="top")
+    return figure, columns
+
+
+def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
+    for row, component, colour in ((0, 0, _V_X), (0, 1, _V_Y), (1, 2, _YAW_RATE)):
+        axes = panels[row]
+        axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+        axes.plot(history.time, history.twist[:, component], color=colour, linewidth=2.2)
+        axes.plot(history.time, history.estimate[:, component], **_ODOMETRY)
+
+
+def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
+    """Return values with NaN before the start of braking, where they mean nothing."""
+    shown = values.copy()
+    shown[: history.brake_start] = np.nan
+    return shown
+
+
+def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
+    axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+    error = _while_braking(history, history.error)
+    for column, name in enumerate(history.wheel_names):
+        colour = style.wheel_colour(wheels.index(name))
+        axes.plot(history.time, error[:, column], color=colour, linewidth=1.4)
+
+
+def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
+    """Draw one strip per wheel, filled from the stamps at which its brake was on."""
+    axes.grid(False, axis="y")
+    axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
+    axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
+    edges = np.append(history.time, history.time[-1])  # an enable holds until the next stamp
+    pressed = history.pedal > 0.0
+    for column, name in enumerate(history.wheel_names):
+        row = wheels.index(name)
+        # A missing enable means that the brake is on, as on a vehicle.
+        on = pressed & ~(history.enable[:, column] < 0.5)
+        changes = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
+        spans = [(edges[a], edges[b] - edges[a]) for a, b in changes.reshape(-1, 2).tolist()]
+        axes.broken_barh(spans, (row - 0.35, 0.7), facecolors=style.wheel_colour(row))
+
+
+def _share_scales(columns: Sequence[Sequence[Axes]], histories: Sequence[RunHistory]) -> None:
+    """Give a row one scale in y, and all panels the same time."""
+    starts = [h.time[h.brake_start or 0] - _BEFORE for h in histories]
+    first = max(float(min(starts)), float(min(h.time[0] for h in histories)))
+    last = float(max(h.time[-1] for h in histories))
+    shown = [h.time >= first for h in histories]
+    pairs = list(zip(histories, shown, strict=True))
+    limits = (
+        _limits([h.twist[i, :2] for h, i in pairs], [h.estimate[i, :2] for h, i in pairs]),
+        _limits([h.twist[i, 2] for h, i in pairs], [h.estimate[i, 2] for h, i in pairs]),
+        _limits([_while_braking(h, h.error)[i] for h, i in pairs]),
+        None,
+    )
+    for panels in columns:
+        for axes, limit in zip(panels, limits, strict=True):
+            axes.set_xlim(first, max(last, first + 1e-3))
+            if limit is not None:
+                axes.set_ylim(limit)
+
+
+def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> tuple[float, float]:
+    """Return limits that show zero, all of `shown` and all but the outliers of `noisy`."""
+    values = [np.zeros(1), *(rows[np.isfinite(rows)] for rows in shown)]
+    for rows in noisy:
+        known = rows[np.isfinite(rows)]
+        if known.size:
+            values.append(np.percentile(known, (1.0, 99.0)))
+    everything = np.concatenate(values)
+    low, high = float(np.min(everything)), float(np.max(everything))
+    margin = 0.08 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _label_rows(panels: Sequence[Axes]) -> None:
+    labels = ("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]")
+    for axes, label in zip(panels, labels, strict=False):
+        axes.set_ylabel(label, fontsize=style.LABEL_SIZE)
+        inches = axes.get_position().width * _WIDTH
+        axes.yaxis.set_label_coords(-0.55 / inches, 0.5)
+
+
+def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
+    """Explain each row beside its last panel."""
+    pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
+    odometry = Line2D([], [], label="odometry", **_ODOMETRY)
+    by_wheel = [
+        Line2D([], [], color=style.wheel_colour(row), linewidth=2, label=name.replace("_", " "))
+        for row, name in enumerate(wheels)
+    ]
+    rows: tuple[list[Line2D | Patch], ...] = (
+        [_truth(_V_X, "$v_x$"), _truth(_V_Y, "$v_y$"), odometry, pedal],
+        [_truth(_YAW_RATE, "yaw rate"), odometry],
+        [*by_wheel],
+        [Patch(facecolor=style.GREY, label="brake on")],
+    )
+    for axes, handles in zip(panels, rows, strict=True):
+        axes.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.3,
+            fontsize=style.TICK_SIZE,
+            frameon=False,
+            handlelength=1.6,
+        )
+
+
+def _truth(colour: str, label: str) -> Line2D:
+    return Line2D([], [], color=colour, linewidth=2.2, label=label)

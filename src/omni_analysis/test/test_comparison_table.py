@@ -1,0 +1,54 @@
+"""The table says what the metrics say, on any terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from omni_analysis.comparison_table import comparison_table
+from omni_analysis.metrics import Metric
+
+METRICS = {
+    "unassisted": {
+        "stopping_distance": Metric(9.0909, "m"),
+        "orientation_change": Metric(80.04, "deg", reference=26.3, limit=4.0),
+        "brake_switchings": Metric(2.0, "1"),
+        "brake_switchings.front_left": Metric(2.0, "1"),
+        "twist_rmse": Metric(math.nan, "m/s", note="the odometry measured nothing"),
+    },
+    "assisted": {
+        "stopping_distance": Metric(10.25, "m"),
+        "orientation_change": Metric(1.96, "deg", limit=4.0),
+    },
+}
+
+
+def printed(metrics: dict[str, dict[str, Metric]], width: int = 80) -> list[str]:
+    stream = io.StringIO()
+    Console(file=stream, width=width, color_system=None).print(comparison_table(metrics))
+    return [" ".join(line.split()) for line in stream.getvalue().splitlines()]
+
+
+def test_values_stand_below_their_variants_in_order() -> None:
+    lines = printed(METRICS)
+    assert "unit unassisted assisted" in lines
+    assert "stopping distance m 9.09 10.25" in lines
+    assert "orientation change deg 80.0 ! (26.3) 2.0" in lines
+    assert "brake switchings 2 -" in lines
+    assert "front left 2 -" in lines
+    assert "twist RMSE m/s - -" in lines
+    assert "unassisted: the odometry measured nothing" in lines
+
+
+@pytest.mark.parametrize("variants", [1, 3, 5])
+def test_fits_a_narrow_terminal(variants: int) -> None:
+    names = [f"enhanced_k{index}" for index in range(variants)]
+    lines = printed({name: METRICS["assisted"] for name in names})
+    assert f"stopping distance m {' '.join(['10.25'] * variants)}" in lines
+
+
+def test_markup_in_names_is_printed_as_it_is() -> None:
+    assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))

@@ -1,0 +1,139 @@
+"""Parameters of the brake assistant."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrakeAssistConfiguration(Configuration):
+    """Everything that the brake assistant can be told."""
+
+    wheels: Mapping[str, WheelMount] = parameter(
+        description="Wheels of the platform by name; their order is that of the brake enables"
+    )
+    enabled: bool = parameter(
+        True, description="Whether brakes may be released; the errors are computed either way"
+    )
+    weighting: str = parameter(
+        "enhanced",
+        description="Weighting psi of the parallel component: zero keeps the orientation best, "
+        "cosine stops shortest, enhanced lies between by k",
+        choices=WEIGHTINGS,
+    )
+    k: int = parameter(
+        7,
+        description="Tuning constant of the enhanced weighting, odd; larger is closer to zero",
+        minimum=1,
+        maximum=999,
+    )
+    pedal_threshold: float = parameter(
+        0.05, description="Pedal position from which the driver brakes", above=0.0, maximum=1.0
+    )
+    speed_threshold: float = parameter(
+        0.3,
+        description="Speed of the fastest wheel centre below which all brakes are on",
+        unit="m/s",
+        minimum=0.0,
+    )
+    speed_hysteresis: float = parameter(
+        0.3,
+        description="How far the speed must rise above the threshold again to resume assisting",
+        unit="m/s",
+        minimum=0.0,
+    )
+    minimum_reference_speed: float = parameter(
+        0.1,
+        description="Speed at the start of braking below which there is no line to keep",
+        unit="m/s",
+        above=0.0,
+    )
+    feedback_timeout: float = parameter(
+        0.05, description="Age at which feedback is stale", unit="s", above=0.0, maximum=10.0
+    )
+    maximum_time_step: float = parameter(
+        0.25,
+        description="Longest step between demands; across a longer gap in the feedback the heading "
+        "is not carried on and the line to keep is taken anew",
+        unit="s",
+        above=0.0,
+        maximum=60.0,
+    )
+    recovery_count: int = parameter(
+        3,
+        description="Good feedbacks in a row before trust is given, at the start and after a fault",
+        minimum=1,
+        maximum=1000,
+    )
+    maximum_speed_deviation: float = parameter(
+        0.2,
+        description="Largest standard deviation of the velocity, in its worst direction",
+        unit="m/s",
+        above=0.0,
+    )
+    maximum_yaw_rate_deviation: float = parameter(
+        0.2, description="Largest standard deviation of the yaw rate", unit="rad/s", above=0.0
+    )
+    maximum_speed: float = parameter(
+        20.0, description="Largest plausible speed of the platform", unit="m/s", above=0.0
+    )
+    maximum_yaw_rate: float = parameter(
+        10.0, description="Largest plausible yaw rate", unit="rad/s", above=0.0
+    )
+    maximum_acceleration: float = parameter(
+        30.0,
+        description="Largest plausible acceleration between two feedbacks",
+        unit="m/s^2",
+        above=0.0,
+    )
+    maximum_yaw_acceleration: float = parameter(
+        60.0,
+        description="Largest plausible angular acceleration between two feedbacks",
+        unit="rad/s^2",
+        above=0.0,
+    )
+    speed_noise: float = parameter(
+        0.3,
+        description="Step in velocity that noise alone may cause between two feedbacks",
+        unit="m/s",
+        minimum=0.0,
+    )
+    yaw_rate_noise: float = parameter(
+        0.3,
+        description="Step in yaw rate that noise alone may cause between two feedbacks",
+        unit="rad/s",
+        minimum=0.0,
+    )
+    frozen_time: float = parameter(
+        0.2,
+        description="Time after which an identical twist is implausible while braking above the "
+        "speed threshold (0: never)",
+        unit="s",
+        minimum=0.0,
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a k that Eq. (58) does not allow and a platform that cannot be braked.
+
+        Raises:
+            ConfigurationError: k is even, or `feedback_timeout` exceeds `maximum_time_step`.
+            UnusablePlatformError: the wheels cannot move, and so not stop, the platform in all
+                three degrees of freedom, which section 3.3 requires.
+        """
+        try:
+            check_tuning_constant(self.k)
+        except ValueError as error:
+            raise ConfigurationError("k", str(error)) from None
+        if self.feedback_timeout > self.maximum_time_step:
+            raise ConfigurationError(
+                "feedback_timeout",
+                f"{self.feedback_timeout:g} s is longer than maximum_time_step = "
+                f"{self.maximum_time_step:g} s, must be at most that",
+            )
+        PlatformKinematics(self.wheels)

@@ -1,0 +1,131 @@
+"""What goes into the brake assistant and what comes out, and every state it can be in."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class AssistState(enum.Enum):
+    """What the assistant is doing. In every state but `ASSISTING` all brakes are on.
+
+    The value is the word for messages and logs.
+    """
+
+    INACTIVE = "inactive"  # pedal up
+    ASSISTING = "assisting"
+    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no brake would help: the rule of section 3.3
+    BELOW_SPEED_THRESHOLD = "below_speed_threshold"
+    DISABLED = "disabled"
+    # Faults
+    INVALID_DEMAND = "invalid_demand"
+    NO_DEMAND = "no_demand"
+    UNKNOWN_WHEEL = "unknown_wheel"
+    TIME_JUMP = "time_jump"
+    NO_FEEDBACK = "no_feedback"
+    STALE_FEEDBACK = "stale_feedback"
+    NON_FINITE_FEEDBACK = "non_finite_feedback"
+    LOW_CONFIDENCE = "low_confidence"
+    IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
+    INTERNAL_ERROR = "internal_error"
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether something is wrong, as opposed to a state of normal operation."""
+        return self not in _NORMAL_STATES
+
+    @property
+    def level(self) -> int:
+        """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
+
+        Bad feedback may pass by itself, so it is a warning; the rest needs somebody to act.
+        """
+        if not self.is_fault:
+            return 0
+        return 2 if self in _ERROR_STATES else 1
+
+
+_NORMAL_STATES = frozenset(
+    {
+        AssistState.INACTIVE,
+        AssistState.ASSISTING,
+        AssistState.ALL_ERRORS_POSITIVE,
+        AssistState.BELOW_SPEED_THRESHOLD,
+        AssistState.DISABLED,
+    }
+)
+_ERROR_STATES = frozenset(
+    {AssistState.INVALID_DEMAND, AssistState.UNKNOWN_WHEEL, AssistState.INTERNAL_ERROR}
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """Something that keeps the assistant from trusting what it is told.
+
+    Attributes:
+        state: the kind, one for which `AssistState.is_fault` holds.
+        reason: one line for people, with the value and the limit.
+    """
+
+    state: AssistState
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Feedback:
+    """An estimate of the body twist.
+
+    Attributes:
+        stamp_ns: time of validity [ns from the start of the run].
+        twist: ``(v_cx, v_cy, Omega)`` of `base_link` in `base_link` [m/s, m/s, rad/s], shape (3,).
+        covariance: of `twist`, shape (3, 3), in the squares of its units.
+    """
+
+    stamp_ns: int
+    twist: FloatArray
+    covariance: FloatArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BrakeDemand:
+    """What the driver wants and what is known of the vehicle's motion.
+
+    Attributes:
+        stamp_ns: time of the demand [ns from the start of the run].
+        pedal: driver's brake demand [1], 0 to 1.
+        feedback: latest twist received, again with every demand until a newer one has come;
+            None if there is none.
+    """
+
+    stamp_ns: int
+    pedal: float
+    feedback: Feedback | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Decision:
+    """Which brakes may act.
+
+    Attributes:
+        stamp_ns: stamp of the demand that it answers [ns].
+        enable: 1 lets brake pressure pass, 0 lets the wheel roll free [1], shape (N,).
+        error: ``s_i`` of Eq. (44) [m/s], shape (N,); zeros while the pedal is up and where the
+            feedback cannot be trusted.
+        state: what the assistant is doing.
+        reason: one line for people; in a fault it names the value and the limit.
+        fault: what is wrong, also while `state` is INACTIVE or DISABLED and it does not matter
+            yet; None if nothing is.
+    """
+
+    stamp_ns: int
+    enable: FloatArray
+    error: FloatArray
+    state: AssistState
+    reason: str
+    fault: Fault | None = None

@@ -1,0 +1,483 @@
+"""Every way to lose trust: all brakes on, a state, a reason with value and limit, recovery."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from omni_brake_assist.brake_assist import (
+    AssistState,
+    BrakeAssist,
+    BrakeAssistConfiguration,
+    BrakeDemand,
+    Decision,
+    Feedback,
+)
+from omni_platform.geometry import WheelMount
+
+FloatArray = NDArray[np.float64]
+Wheels = dict[str, WheelMount]
+PERIOD_NS = 10_000_000
+MS = 1_000_000
+
+
+def demand(step: int, *, pedal: float = 1.0, speed: float | None = None) -> BrakeDemand:
+    """A good demand of a step; the vehicle slows down by 5 m/s^2."""
+    stamp_ns = step * PERIOD_NS
+    twist = np.array([10.0 - 0.05 * step if speed is None else speed, 0.0, 0.3])
+    return BrakeDemand(stamp_ns, pedal, Feedback(stamp_ns, twist, 1e-5 * np.eye(3)))
+
+
+def assisting(wheels: Wheels, **changes: Any) -> BrakeAssist:
+    """An assistant that has earned trust and is assisting; the next step is number 5."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, **changes))
+    for step in range(5):
+        decision = assist.update(demand(step))
+    assert decision.state is AssistState.ASSISTING
+    assert 0.0 in decision.enable
+    return assist
+
+
+def with_feedback(good: BrakeDemand, **changes: Any) -> BrakeDemand:
+    assert good.feedback is not None
+    return dataclasses.replace(good, feedback=dataclasses.replace(good.feedback, **changes))
+
+
+def with_twist(*twist: Any) -> Callable[[BrakeDemand], BrakeDemand]:
+    return lambda good: with_feedback(good, twist=np.array(twist))
+
+
+def with_variance(row: int, value: float) -> Callable[[BrakeDemand], BrakeDemand]:
+    covariance = 1e-5 * np.eye(3)
+    covariance[row, row] = value
+    return lambda good: with_feedback(good, covariance=covariance)
+
+
+def aged(age_ns: int) -> Callable[[BrakeDemand], BrakeDemand]:
+    return lambda good: with_feedback(good, stamp_ns=good.stamp_ns - age_ns)
+
+
+def require_all_on(decision: Decision, state: AssistState) -> None:
+    assert decision.state is state
+    np.testing.assert_array_equal(decision.enable, 1.0)
+    assert np.all(np.isfinite(decision.error))
+    assert decision.fault is not None
+    assert decision.fault.state is state
+    assert decision.state.level > 0
+
+
+NAN, INF = math.nan, math.inf
+S = AssistState
+FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]] = [
+    ("none", lambda g: dataclasses.replace(g, feedback=None), S.NO_FEEDBACK, "no feedback"),
+    ("stale", aged(51 * MS), S.STALE_FEEDBACK, "0.051 s old, more than 0.05 s"),
+    ("future", aged(-51 * MS), S.TIME_JUMP, "0.051 s ahead of the demand, more than 0.05 s"),
+    ("older", aged(30 * MS), S.TIME_JUMP, "feedback went back by 0.02 s"),
+    ("nan", with_twist(9.7, NAN, 0.3), S.NON_FINITE_FEEDBACK, "twist holds nan"),
+    ("inf", with_twist(INF, 0.0, 0.3), S.NON_FINITE_FEEDBACK, "twist holds inf"),
+    ("nan variance", with_variance(2, NAN), S.NON_FINITE_FEEDBACK, "covariance holds nan"),
+    ("shape", with_twist(9.7, 0.0), S.NON_FINITE_FEEDBACK, "twist has shape (2,), must be (3,)"),
+    ("text", with_twist("a", "b", "c"), S.NON_FINITE_FEEDBACK, "twist is not made of real numbers"),
+    ("blind", with_variance(0, 1e6), S.LOW_CONFIDENCE, "velocity is 1000 m/s, more than 0.2"),
+    ("blind y", with_variance(1, 0.05), S.LOW_CONFIDENCE, "0.2236 m/s, more than 0.2 m/s"),
+    ("blind yaw", with_variance(2, 1e6), S.LOW_CONFIDENCE, "yaw rate is 1000 rad/s, more than"),
+    ("unknown", with_variance(0, -1.0), S.LOW_CONFIDENCE, "negative variance"),
+    ("fast", with_twist(0.0, 20.1, 0.3), S.IMPLAUSIBLE_FEEDBACK, "speed is 20.1 m/s, more than 20"),
+    ("huge", with_twist(1e200, 1e200, 0), S.IMPLAUSIBLE_FEEDBACK, "speed is"),
+    ("spin", with_twist(9.7, 0.0, -10.1), S.IMPLAUSIBLE_FEEDBACK, "yaw rate is 10.1 rad/s"),
+    # 0.7 m/s sideways, and the body has turned by 0.003 rad under 9.8 m/s.
+    ("jump", with_twist(9.8, 0.7, 0.3), S.IMPLAUSIBLE_FEEDBACK, "change of velocity is 0.7294 m/s"),
+    ("yaw jump", with_twist(9.8, 0.0, 1.3), S.IMPLAUSIBLE_FEEDBACK, "change of yaw rate is 1 rad"),
+    ("pedal nan", lambda g: dataclasses.replace(g, pedal=NAN), S.INVALID_DEMAND, "pedal is nan"),
+    ("pedal high", lambda g: dataclasses.replace(g, pedal=1.1), S.INVALID_DEMAND, "1.1, must be 0"),
+    ("pedal low", lambda g: dataclasses.replace(g, pedal=-0.1), S.INVALID_DEMAND, "-0.1, must be"),
+]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "state", "reason"), [row[1:] for row in FAULTS], ids=[row[0] for row in FAULTS]
+)
+def test_fault_has_all_brakes_on_and_passes(
+    mecanum: Wheels,
+    spoil: Callable[[BrakeDemand], BrakeDemand],
+    state: AssistState,
+    reason: str,
+) -> None:
+    assist = assisting(mecanum)
+    bad = assist.update(spoil(demand(5)))
+    require_all_on(bad, state)
+    assert reason in bad.reason
+    states = [assist.update(demand(step)).state for step in range(6, 12)]
+    if state is AssistState.INVALID_DEMAND:
+        assert states == [AssistState.ASSISTING] * 6  # the feedback was never in doubt
+    else:
+        assert states == [state] * 2 + [AssistState.ASSISTING] * 4
+
+
+@pytest.mark.parametrize(
+    "twist", [(9.8, 0.0, 0.3), (9.75, 0.2, 0.3), (9.75, 0.0, 0.9), (9.3, 0.0, 0.3)]
+)
+def test_changes_that_brakes_and_noise_may_cause_are_believed(
+    mecanum: Wheels, twist: tuple[float, float, float]
+) -> None:
+    decision = assisting(mecanum).update(with_twist(*twist)(demand(5)))
+    assert decision.fault is None
+
+
+@pytest.mark.parametrize("deviation", [0.0, 1e-3, 1e-2, 0.19])
+def test_good_optical_feedback_is_confident_enough(mecanum: Wheels, deviation: float) -> None:
+    good = with_feedback(demand(5), covariance=deviation**2 * np.eye(3))
+    assert assisting(mecanum).update(good).fault is None
+
+
+def test_confidence_looks_at_the_worst_direction(mecanum: Wheels) -> None:
+    # Each axis alone is within 0.2 m/s, the diagonal is not: sqrt(0.03 + 0.03) = 0.245.
+    covariance = np.array([[0.03, 0.03, 0.0], [0.03, 0.03, 0.0], [0.0, 0.0, 1e-5]])
+    decision = assisting(mecanum).update(with_feedback(demand(5), covariance=covariance))
+    require_all_on(decision, AssistState.LOW_CONFIDENCE)
+    assert "0.2449 m/s" in decision.reason
+
+
+def test_fast_turning_is_no_acceleration(mecanum: Wheels) -> None:
+    """Constant velocity in the world with 8 rad/s turns by 80 m/s^2 in the body frame."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, speed_noise=0.0))
+    for step in range(50):
+        heading = 8.0 * step * 0.01
+        twist = np.array([10.0 * math.cos(heading), -10.0 * math.sin(heading), 8.0])
+        good = Feedback(step * PERIOD_NS, twist, 1e-6 * np.eye(3))
+        decision = assist.update(BrakeDemand(step * PERIOD_NS, 0.0, good))
+        if step >= 2:
+            assert decision.fault is None
+
+
+def test_trust_is_earned_at_the_start(mecanum: Wheels) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, recovery_count=4))
+    for step in range(3):
+        decision = assist.update(demand(step))
+        require_all_on(decision, AssistState.NO_FEEDBACK)
+        assert f"{step + 1} of 4 good" in decision.reason
+    assert assist.update(demand(3)).state is AssistState.ASSISTING
+
+
+def test_one_bad_feedback_starts_recovery_again(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    assist.update(with_variance(0, 1e6)(demand(5)))
+    assist.update(demand(6))
+    assist.update(demand(7))
+    assist.update(with_twist(NAN, 0.0, 0.0)(demand(8)))
+    states = [assist.update(demand(step)).state for step in (9, 10, 11)]
+    assert states == [*[AssistState.NON_FINITE_FEEDBACK] * 2, AssistState.ASSISTING]
+
+
+def test_repeating_one_good_feedback_earns_no_trust(mecanum: Wheels) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    good = demand(0).feedback
+    for step in range(5):
+        decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
+        require_all_on(decision, AssistState.NO_FEEDBACK)
+        assert "1 of 3" in decision.reason
+
+
+def test_feedback_may_be_repeated_while_it_is_fresh(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    last = demand(4).feedback
+    for step in range(5, 10):
+        decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, last))
+        assert decision.state is AssistState.ASSISTING
+    decision = assist.update(BrakeDemand(10 * PERIOD_NS, 1.0, last))
+    require_all_on(decision, AssistState.STALE_FEEDBACK)
+
+
+def test_feedback_a_line_period_older_than_the_demand_is_good(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    assert assist.update(aged(400_000)(demand(5))).state is AssistState.ASSISTING
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "reason"),
+    [
+        (3 * PERIOD_NS, "demand went back by 0.01 s"),
+        (40 * PERIOD_NS, "demand leapt by 0.36 s, more than 0.25 s"),
+        (2**62, "demand leapt by 4.612e"),
+        (-(2**62), "demand went back by"),
+    ],
+)
+def test_time_that_jumps_has_all_brakes_on_and_goes_on_from_there(
+    mecanum: Wheels, stamp_ns: int, reason: str
+) -> None:
+    assist = assisting(mecanum)
+    states = []
+    for step in range(5):
+        now = stamp_ns + step * PERIOD_NS
+        good = Feedback(now, demand(5 + step).feedback.twist, 1e-5 * np.eye(3))  # type: ignore[union-attr]
+        decision = assist.update(BrakeDemand(now, 1.0, good))
+        states.append(decision.state)
+        if step == 0:
+            require_all_on(decision, AssistState.TIME_JUMP)
+            assert reason in decision.reason
+    assert states == [*[AssistState.TIME_JUMP] * 3, *[AssistState.ASSISTING] * 2]
+
+
+def test_same_stamp_twice_is_no_jump(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    first, second = assist.update(demand(5)), assist.update(demand(5))
+    assert second.state is AssistState.ASSISTING
+    np.testing.assert_array_equal(first.error, second.error)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda names: [*names, "spare"], "unknown spare"),
+        (lambda names: names[1:], "missing rear_left"),
+        (lambda names: [*names[:3], "rear_rite"], "unknown rear_rite; missing rear_right"),
+        (lambda names: [*names, names[0]], "repeated rear_left"),
+        (lambda _: [], "missing rear_left, front_left, front_right, rear_right"),
+    ],
+)
+def test_other_wheels_than_configured_have_all_brakes_on(
+    mecanum: Wheels, change: Callable[[list[str]], list[str]], problem: str
+) -> None:
+    assist = assisting(mecanum)
+    assert assist.check_wheel_names(change(list(mecanum))) is not None
+    decision = assist.update(demand(5))
+    require_all_on(decision, AssistState.UNKNOWN_WHEEL)
+    assert problem in decision.reason
+    assert assist.check_wheel_names(reversed(list(mecanum))) is None  # order is free
+    assert assist.update(demand(6)).state is AssistState.ASSISTING
+
+
+def test_silence_has_all_brakes_on_and_costs_trust(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    decision = assist.timeout(5 * PERIOD_NS, "no pedal for 0.2 s, more than 0.1 s")
+    require_all_on(decision, AssistState.NO_DEMAND)
+    assert decision.stamp_ns == 5 * PERIOD_NS
+    assert "no pedal for 0.2 s" in decision.reason
+    states = [assist.update(demand(step)).state for step in (6, 7, 8)]
+    assert states == [*[AssistState.NO_DEMAND] * 2, AssistState.ASSISTING]
+
+
+def test_twist_that_never_changes_while_braking_is_implausible(mecanum: Wheels) -> None:
+    assist = assisting(mecanum, frozen_time=0.2)
+    states = [assist.update(demand(step, speed=9.5)).state for step in range(5, 30)]
+    # Step 5 is the first with this twist; 0.2 s later is still believed.
+    assert states[:21] == [AssistState.ASSISTING] * 21
+    assert states[21:] == [AssistState.IMPLAUSIBLE_FEEDBACK] * 4
+    later = [assist.update(demand(step, speed=12.0 - 0.1 * step)).state for step in range(30, 33)]
+    assert later[-1] is AssistState.ASSISTING
+
+
+@pytest.mark.parametrize(
+    ("pedal", "speed", "changes"),
+    [
+        (1.0, 9.5, {"frozen_time": 0.0}),  # switched off
+        (0.0, 9.5, {}),  # rolling steadily
+        (1.0, 0.0, {}),  # standing
+    ],
+)
+def test_constant_twist_is_believed_where_nothing_must_change(
+    mecanum: Wheels, pedal: float, speed: float, changes: dict[str, float]
+) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, **changes))  # type: ignore[arg-type]
+    for step in range(100):
+        stamp_ns = step * PERIOD_NS
+        twist = np.array([speed, 0.0, 0.0])
+        still = BrakeDemand(stamp_ns, pedal, Feedback(stamp_ns, twist, 1e-5 * np.eye(3)))
+        decision = assist.update(still)
+    assert decision.fault is None
+
+
+def test_time_without_change_counts_from_the_pedal(mecanum: Wheels) -> None:
+    """A vehicle that rolled steadily for a second has not been frozen when braking starts."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, frozen_time=0.2))
+    for step in range(100):
+        assist.update(demand(step, pedal=0.0, speed=10.0))
+    for step in range(100, 105):  # brakes take a moment to act
+        assert assist.update(demand(step, speed=10.0)).fault is None
+
+
+def test_outlier_is_not_what_the_next_feedback_is_compared_with(mecanum: Wheels) -> None:
+    assist = assisting(mecanum)
+    assist.update(with_twist(3.0, 0.0, 0.3)(demand(5)))
+    assert "1 of 3" in assist.update(demand(6)).reason
+
+
+def test_lasting_step_is_believed_in_the_end(mecanum: Wheels) -> None:
+    """If the last good feedback was the wrong one, good data must not be locked out for ever."""
+    assist = assisting(mecanum)
+    states = [assist.update(demand(step, speed=2.0 - 0.01 * step)).state for step in range(5, 45)]
+    assert states[0] is AssistState.IMPLAUSIBLE_FEEDBACK
+    assert states[-1] is AssistState.ASSISTING
+
+
+def test_after_a_long_gap_nothing_is_left_to_compare_with(mecanum: Wheels) -> None:
+    # The body may have turned by any angle meanwhile: 9.8 m/s forward may have become sideways.
+    assist = assisting(mecanum, maximum_acceleration=10.0)
+    for step in range(5, 35):
+        assist.update(dataclasses.replace(demand(step), feedback=None))
+    sideways = with_twist(0.0, -9.0, 0.3)
+    reason = assist.update(sideways(demand(35))).reason
+    assert reason.startswith("1 of 3 good feedbacks since: no feedback")
+    assist.update(sideways(demand(36)))
+    assert assist.update(sideways(demand(37))).state is AssistState.ASSISTING
+
+
+def test_without_trust_at_the_pedal_the_line_is_that_of_the_first_trusted(mecanum: Wheels) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
+    for step, (v_x, v_y) in enumerate([(5.0, 0.0), (5.0, 0.1), (5.0, 0.2), (5.0, 0.2)]):
+        twist = np.array([v_x, v_y, 0.0])
+        good = Feedback(step * PERIOD_NS, twist, 1e-5 * np.eye(3))
+        decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
+        np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
+    assert decision.fault is None
+
+
+def test_heading_is_carried_across_a_short_fault(mecanum: Wheels) -> None:
+    """0.1 s of silence at 1 rad/s must not turn the line with the body."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
+    drift = []
+    for step in range(40):
+        heading, stamp_ns = 1.0 * step * 0.01, step * PERIOD_NS
+        twist = np.array([5.0 * math.cos(heading), -5.0 * math.sin(heading), 1.0])
+        good = None if 15 <= step < 25 else Feedback(stamp_ns, twist, 1e-5 * np.eye(3))
+        decision = assist.update(BrakeDemand(stamp_ns, 0.0 if step < 5 else 1.0, good))
+        if decision.fault is None and step >= 5:
+            moment = assist.manifold.errors(twist, None).total
+            drift.append(np.max(np.abs(decision.error - moment)))
+    assert len(drift) == 40 - 5 - 10 - 2
+    assert max(drift) < 1e-9
+
+
+def test_line_is_taken_anew_after_a_gap_too_long_to_know_the_heading(mecanum: Wheels) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
+    for step in range(60):
+        stamp_ns = step * PERIOD_NS
+        twist = np.array([5.0, 0.0 if step < 10 else 1.0, 0.0])
+        good = None if 10 <= step < 50 else Feedback(stamp_ns, twist, 1e-5 * np.eye(3))
+        decision = assist.update(BrakeDemand(stamp_ns, 1.0, good))
+    assert decision.fault is None
+    np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
+
+
+def test_fault_while_the_pedal_is_up_or_the_assistant_off_is_told(mecanum: Wheels) -> None:
+    for changes, pedal, state in (
+        ({}, 0.0, AssistState.INACTIVE),
+        ({"enabled": False}, 1.0, AssistState.DISABLED),
+    ):
+        assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, **changes))  # type: ignore[arg-type]
+        decision = assist.update(BrakeDemand(0, pedal, None))
+        assert decision.state is state
+        assert decision.fault is not None
+        assert decision.fault.state is AssistState.NO_FEEDBACK
+        np.testing.assert_array_equal(decision.enable, 1.0)
+
+
+def test_unreadable_pedal_starts_braking(mecanum: Wheels) -> None:
+    # A full braking request: the line is that of this moment, and it is kept afterwards.
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
+    for step in range(6):
+        stamp_ns, v_y = step * PERIOD_NS, 0.0 if step < 5 else 0.2
+        good = Feedback(stamp_ns, np.array([5.0, v_y, 0.0]), 1e-5 * np.eye(3))
+        pedal = {4: NAN, 5: 1.0}.get(step, 0.0)
+        decision = assist.update(BrakeDemand(stamp_ns, pedal, good))
+    assert decision.state is AssistState.ASSISTING
+    assert np.max(np.abs(decision.error)) == pytest.approx(0.2 * math.sqrt(0.5))
+
+
+# Whatever comes in
+
+numbers = st.one_of(
+    st.floats(), st.floats(-20.0, 20.0), st.sampled_from([NAN, INF, -INF, 1e308, -1e308, 5e-324])
+)
+garbage = st.one_of(
+    st.none(),
+    st.text(max_size=3),
+    st.integers(),
+    st.floats(),
+    st.lists(numbers, max_size=4),
+    st.just(np.zeros((3, 3))),
+    st.just(np.array(["a", "b", "c"])),
+    st.just(np.array([1j, 0, 0])),
+)
+twists = st.one_of(st.lists(numbers, min_size=3, max_size=3).map(np.array), garbage)
+covariances = st.one_of(
+    st.just(1e-6 * np.eye(3)),
+    st.lists(numbers, min_size=9, max_size=9).map(lambda v: np.array(v).reshape(3, 3)),
+    garbage,
+)
+stamps = st.one_of(
+    st.integers(0, 200 * MS), st.integers(), st.integers(-(2**70), 2**70), st.floats(), st.none()
+)
+feedbacks = st.one_of(st.none(), garbage, st.builds(Feedback, stamps, twists, covariances))
+demands = st.one_of(
+    garbage,
+    st.builds(BrakeDemand, stamps, st.one_of(st.just(1.0), numbers, garbage), feedbacks),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(stream=st.lists(demands, max_size=12), enabled=st.booleans())
+def test_any_input_has_a_decision_and_good_data_recover(
+    mecanum: Wheels, stream: list[Any], enabled: bool
+) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, enabled=enabled))
+    for item in stream:
+        with np.errstate(all="raise"):
+            decision = assist.update(item)
+        assert decision.enable.shape == decision.error.shape == (4,)
+        assert set(decision.enable.tolist()) <= {0.0, 1.0}
+        assert np.any(decision.enable == 1.0)
+        assert np.all(np.isfinite(decision.error))
+        assert decision.reason
+        if not enabled or decision.state is not AssistState.ASSISTING:
+            np.testing.assert_array_equal(decision.enable, 1.0)
+    for step in range(5):
+        decision = assist.update(demand(step))
+    assert decision.fault is None
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    stream=st.lists(
+        st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), max_size=30
+    ),
+    kind=st.sampled_from(["zero", "cosine", "enhanced"]),
+)
+def test_some_brake_is_always_on(
+    mecanum: Wheels, stream: list[tuple[float, float, float]], kind: str
+) -> None:
+    """The first condition of section 3.3 for a strictly dissipative system."""
+    assist = BrakeAssist(
+        BrakeAssistConfiguration(
+            wheels=mecanum, weighting=kind, speed_noise=5.0, yaw_rate_noise=5.0
+        )
+    )
+    for step, twist in enumerate(stream):
+        good = Feedback(step * PERIOD_NS, np.array(twist), 1e-6 * np.eye(3))
+        decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
+        assert np.any(decision.enable == 1.0)
+        if decision.state is AssistState.ASSISTING:
+            np.testing.assert_array_equal(decision.enable == 1.0, decision.error < 0.0)
+
+
+def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:
+    assist = assisting(mecanum)
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("by accident")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(assist.manifold, "errors", fail)
+        decision = assist.update(demand(5))
+    require_all_on(decision, AssistState.INTERNAL_ERROR)
+    assert "ZeroDivisionError: by accident" in decision.reason
+    states = [assist.update(demand(step)).state for step in (6, 7, 8)]
+    assert states == [*[AssistState.INTERNAL_ERROR] * 2, AssistState.ASSISTING]

@@ -1,0 +1,106 @@
+"""The command line: ``./omni COMMAND``.
+
+Every command that measures takes ``--json`` and then prints one document on standard output and
+nothing else there. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by
+Ctrl-C (143 by SIGTERM).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+EXIT_FAILED = 1
+EXIT_REFUSED = 2
+EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command and exit with its code."""
+    signal.signal(signal.SIGTERM, _terminate)
+    options = _parser().parse_args(arguments)
+    try:
+        code = _run(options)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as in `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_FAILED
+    sys.exit(code)
+
+
+def workspace() -> Path:
+    """Return the folder with `config` and `bags`: the launcher's, else the current one."""
+    return Path(os.environ.get("OMNI_WORKSPACE", "."))
+
+
+def _run(options: argparse.Namespace) -> int:
+    # Imported late: help and a mistyped option answer at once.
+    from omni_bringup.run_command import run
+
+    return run(options, workspace())
+
+
+def _terminate(*_: object) -> None:
+    raise SystemExit(EXIT_TERMINATED)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="omni",
+        description="Simulate, measure and tune the braking of omnidirectional vehicles.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser(
+        "run",
+        help="run an experiment over the ROS graph, record it and measure it",
+        description="Run every variant of an experiment over real ROS processes, record it to a "
+        "rosbag2 folder, print the results and draw the figures.",
+    )
+    run.add_argument(
+        "experiment",
+        nargs="?",
+        default="straight_line",
+        metavar="EXPERIMENT",
+        help="a file of config/experiments/, or a path that ends in .yaml (default: %(default)s)",
+    )
+    run.add_argument(
+        "--variant",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run only this variant; may be repeated",
+    )
+    run.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the recordings and figures (default: bags/EXPERIMENT/TIME)",
+    )
+    run.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
+    )
+    run.add_argument(
+        "--real-time",
+        action="store_true",
+        help="pace the simulation to the wall clock instead of waiting for every reply",
+    )
+    run.add_argument("--json", action="store_true", help="print the results as JSON")
+    commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
+    return parser
+
+
+if __name__ == "__main__":
+    main()

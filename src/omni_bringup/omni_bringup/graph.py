@@ -1,0 +1,107 @@
+"""The nodes of a run, what they are told, and what of theirs is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omni_analysis.experiment import ExperimentConfiguration
+from omni_bringup.process_group import NodeProcess
+from omni_platform.configuration import Configuration
+from omni_platform.flat_parameters import flatten
+
+_RECORDER = 1  # subscriptions that the recorder adds to every topic
+
+
+def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
+    """Return the message type of every topic of the graph, by absolute name."""
+    topics = {
+        "/clock": "rosgraph_msgs/msg/Clock",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        "/wheel_states": "sensor_msgs/msg/JointState",
+        "/brake/pedal": "sensor_msgs/msg/JointState",
+        "/brake/enable": "sensor_msgs/msg/JointState",
+        "/brake_assist/error": "sensor_msgs/msg/JointState",
+        "/cmd_vel": "geometry_msgs/msg/TwistStamped",
+        "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+        "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+        "/ground_truth/odom": "nav_msgs/msg/Odometry",
+        "/markers": "visualization_msgs/msg/MarkerArray",
+    }
+    for sensor in configuration.sensors:
+        topics[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
+        topics[f"/line_scan/{sensor}/camera_info"] = "sensor_msgs/msg/CameraInfo"
+    return topics
+
+
+def latched_topics(configuration: ExperimentConfiguration) -> list[str]:
+    """Return the topics that are said once and kept for whoever comes later."""
+    return [f"/line_scan/{sensor}/camera_info" for sensor in configuration.sensors]
+
+
+def recorder(configuration: ExperimentConfiguration, folder: Path, scratch: Path) -> NodeProcess:
+    """Return the process that records every topic into a rosbag2 folder."""
+    topics = recorded_topics(configuration)
+    parameters = {
+        "folder": str(folder),
+        "topics": list(topics),
+        "types": list(topics.values()),
+        "latched_topics": latched_topics(configuration),
+    }
+    return _node("recorder", "omni_bringup", "recorder", parameters, scratch)
+
+
+def odometry(configuration: ExperimentConfiguration, scratch: Path) -> NodeProcess:
+    """Return the process of the line-scan odometry."""
+    listeners = _RECORDER + 1 + (configuration.feedback == "optical")
+    parameters = _flat(configuration.odometry) | {"subscribers": listeners}
+    return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
+
+
+def brake_assist(
+    configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool
+) -> NodeProcess:
+    """Return the process of the brake assistant."""
+    parameters = _flat(configuration.brake_assist) | {
+        "subscribers": _RECORDER,
+        "lockstep": lockstep,
+    }
+    remaps = []
+    if configuration.feedback == "velocity_sensor":
+        remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
+    return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
+
+
+def simulator(
+    configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool
+) -> NodeProcess:
+    """Return the process of the simulator."""
+    parameters = _flat(configuration.simulator()) | {
+        "subscribers": _RECORDER + 1,
+        "mode": "lockstep" if lockstep else "real_time",
+        "progress": True,
+    }
+    return _node("simulator", "omni_sim", "simulator", parameters, scratch)
+
+
+def _flat(configuration: Configuration) -> dict[str, Any]:
+    # An empty list has no type in a parameter file; left out, the declared one holds.
+    return {key: value for key, value in flatten(configuration).items() if value != []}
+
+
+def _node(
+    name: str,
+    package: str,
+    executable: str,
+    parameters: Mapping[str, Any],
+    scratch: Path,
+    remaps: list[str] | None = None,
+) -> NodeProcess:
+    path = scratch / f"{name}.yaml"
+    document = {name: {"ros__parameters": dict(parameters)}}
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    arguments = ["--ros-args", "--params-file", str(path), *(remaps or [])]
+    return NodeProcess(name, package, executable, arguments)

@@ -1,0 +1,125 @@
+"""Message definitions as every ROS 2 installation ships them, for files that explain themselves.
+
+A message package installs ``share/<package>/msg/<Name>.msg`` and a description of the type in
+JSON beside it, with the official type hashes. Reading these two costs under a millisecond a type,
+knows exactly the types that the running system uses, and needs no parser of the message language.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+_TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
+_SEPARATOR = "=" * 80
+_NESTED_TYPE = 1  # type_description_interfaces/msg/FieldType; arrays of it have other numbers
+_TIME = "builtin_interfaces/msg/Time"
+
+
+class MessageDefinitionError(LookupError):
+    """A message type whose definition cannot be found; the message says where was looked."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MessageDefinition:
+    """What a recording tells its readers about a message type.
+
+    Attributes:
+        type_name: such as ``sensor_msgs/msg/Image``.
+        text: the type's ``.msg`` text followed by those of the types that it is made of, each
+            after a line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
+        type_hash: official hash of the type, ``RIHS01_...``.
+        stamped: whether every message begins with a time stamp, as in a leading header.
+    """
+
+    type_name: str
+    text: str
+    type_hash: str
+    stamped: bool
+
+
+def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+    """Return the folders into which message packages may be installed.
+
+    The folder of the running Python comes last: ROS from wheels installs there without saying so
+    in ``AMENT_PREFIX_PATH``.
+    """
+    named = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return tuple(Path(prefix) for prefix in (*filter(None, named), sys.prefix))
+
+
+def find_message_definition(
+    type_name: str, prefixes: Iterable[Path] | None = None
+) -> MessageDefinition:
+    """Return the definition of an installed message type.
+
+    Args:
+        type_name: such as ``sensor_msgs/msg/Image``.
+        prefixes: folders to search, `installation_prefixes()` if None.
+
+    Raises:
+        MessageDefinitionError: the name is malformed, or the type is not installed.
+    """
+    folders = installation_prefixes() if prefixes is None else tuple(prefixes)
+    description = _read_description(type_name, folders)
+    # The list of hashes names the type itself and everything that it is made of.
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
+    texts = [_read_text(type_name, folders)]
+    for dependency in sorted(hashes.keys() - {type_name}):
+        package, _, name = dependency.split("/")
+        texts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{_read_text(dependency, folders)}")
+    return MessageDefinition(
+        type_name, "".join(texts), hashes[type_name], _begins_with_time(description)
+    )
+
+
+def _begins_with_time(description: Mapping[str, Any]) -> bool:
+    """Follow the first fields down: are a message's first bytes a `builtin_interfaces/Time`?"""
+    whole = description["type_description_msg"]
+    nested = {entry["type_name"]: entry for entry in whole["referenced_type_descriptions"]}
+    current = whole["type_description"]
+    while current["type_name"] != _TIME:
+        first = current["fields"][0]["type"]
+        if first["type_id"] != _NESTED_TYPE:
+            return False
+        current = nested[first["nested_type_name"]]
+    return True
+
+
+def _read_description(type_name: str, prefixes: Iterable[Path]) -> Mapping[str, Any]:
+    path = _find(type_name, ".json", prefixes)
+    try:
+        description: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise MessageDefinitionError(f"{type_name}: {path} cannot be read: {error}") from None
+    return description
+
+
+def _read_text(type_name: str, prefixes: Iterable[Path]) -> str:
+    path = _find(type_name, ".msg", prefixes)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise MessageDefinitionError(f"{type_name}: {path} cannot be read: {error}") from None
+    return text if text.endswith("\n") else text + "\n"
+
+
+def _find(type_name: str, ending: str, prefixes: Iterable[Path]) -> Path:
+    match = _TYPE_NAME.fullmatch(type_name)
+    if match is None:
+        raise MessageDefinitionError(
+            f"{type_name!r} is not the name of a message type, such as sensor_msgs/msg/Image"
+        )
+    package, name = match.groups()
+    for prefix in prefixes:
+        path = prefix / "share" / package / "msg" / f"{name}{ending}"
+        if path.is_file():
+            return path
+    searched = ", ".join(str(prefix) for prefix in prefixes)
+    raise MessageDefinitionError(f"{type_name} is not installed below any of: {searched}")

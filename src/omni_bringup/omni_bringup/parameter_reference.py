@@ -1,0 +1,91 @@
+"""The reference of every parameter, made from the declarations themselves.
+
+``python -m omni_bringup.parameter_reference > docs/parameters.md`` writes it anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import typing
+from collections.abc import Iterator
+from typing import Any
+
+from omni_sim.simulator import SimulatorConfiguration
+
+from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.experiment import ExperimentConfiguration
+from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_platform.configuration import (
+    Configuration,
+    ParameterInfo,
+    declared_parameters,
+    element_configuration,
+    is_configuration,
+    join_key,
+)
+
+_HEAD = """\
+# Parameters
+
+Made from the declarations in the code by `python -m omni_bringup.parameter_reference`; do not edit.
+`<name>` stands for the name of a wheel, sensor or patch. As ROS parameters the names themselves
+are listed in `wheels.names`, `sensors.names` and so on.
+"""
+
+
+def reference() -> str:
+    """Return the reference as Markdown."""
+    parts = [_HEAD]
+    sections: list[tuple[str, str, type[Configuration]]] = [
+        (
+            "Experiment",
+            "The keys of `config/experiments/*.yaml` and of `--set`.",
+            ExperimentConfiguration,
+        ),
+        ("Node `simulator` (package `omni_sim`)", "", SimulatorConfiguration),
+        ("Node `linescan_odometry`", "", OdometryConfiguration),
+        ("Node `brake_assist` (package `omni_brake_assist`)", "", BrakeAssistConfiguration),
+    ]
+    for title, words, cls in sections:
+        rows = "\n".join(_rows(cls, ""))
+        table = f"| parameter | default | unit | range | meaning |\n|---|---|---|---|---|\n{rows}\n"
+        parts.append("\n".join(part for part in (f"## {title}\n", words and words + "\n", table)))
+    return "\n".join(parts)
+
+
+def _rows(cls: type[Configuration], prefix: str) -> Iterator[str]:
+    defaults = {field.name: field for field in dataclasses.fields(cls)}
+    for name, kind, info in declared_parameters(cls):
+        key = join_key(prefix, name)
+        element = element_configuration(kind)
+        if is_configuration(kind):
+            yield from _rows(kind, key)
+        elif element is not None:
+            yield from _rows(element, join_key(key, "<name>"))
+        else:
+            yield _row(key, kind, info, defaults[name].default)
+
+
+def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
+    shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
+    if info.choices is not None:
+        permitted = ", ".join(f"`{choice}`" for choice in info.choices)
+    else:
+        permitted = info.bounds_in_words().removesuffix(f" {info.unit}")
+    unit = info.unit or {bool: "", str: "", int: "1", float: "1"}.get(typing.cast(type, kind), "")
+    return f"| `{key}` | {shown} | {unit} | {permitted} | {info.description} |"
+
+
+def _in_yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(_in_yaml(entry) for entry in value)}]"
+    return str(value) if value != "" else "''"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())

@@ -1,0 +1,197 @@
+"""Operating-system processes that live and end together."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from omni_ros.environment import PARENT_PID_VARIABLE
+
+_STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
+_POLL = 0.02  # [s]
+
+
+class ProcessError(RuntimeError):
+    """A process could not be found, or ended when it should not."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeProcess:
+    """One node to start, as ``ros2 run PACKAGE EXECUTABLE`` would.
+
+    Attributes:
+        name: the node's name, for messages.
+        package: package in the ament index.
+        executable: name below ``lib/PACKAGE``.
+        arguments: command-line arguments.
+    """
+
+    name: str
+    package: str
+    executable: str
+    arguments: Sequence[str] = ()
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """Return an executable through the ament index, as ``ros2 run`` finds it.
+
+    Raises:
+        ProcessError: no prefix of ``AMENT_PREFIX_PATH`` has the package or the executable.
+    """
+    prefixes = [path for path in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if path]
+    for prefix in map(Path, prefixes):
+        marker = prefix / "share" / "ament_index" / "resource_index" / "packages" / package
+        path = prefix / "lib" / package / executable
+        if marker.exists() and os.access(path, os.X_OK):
+            return path
+    raise ProcessError(
+        f"package {package!r} with executable {executable!r} is in none of the "
+        f"{len(prefixes)} prefixes of AMENT_PREFIX_PATH; start through ./omni, or build the "
+        "workspace and source install/setup.bash"
+    )
+
+
+class RunningProcess:
+    """A started node: its exit, its standard output line by line, and what it complained of."""
+
+    def __init__(self, node: NodeProcess, environment: Mapping[str, str]) -> None:
+        self.node = node
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        command = [str(find_executable(node.package, node.executable)), *node.arguments]
+        # A session of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in order.
+        self.process = subprocess.Popen(
+            command,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._errors,
+            start_new_session=True,
+        )
+        self._read_until = 0
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, negative for a signal; None while it runs."""
+        return self.process.poll()
+
+    def new_lines(self) -> list[str]:
+        """Return the complete lines written to standard output since the last call."""
+        text = _read_from(self._output, self._read_until)
+        complete = text.rfind(b"\n") + 1
+        self._read_until += complete
+        return text[:complete].decode(errors="replace").splitlines()
+
+    def complaint(self) -> str:
+        """Return what the process wrote to standard error, stripped."""
+        return _read_from(self._errors, 0).decode(errors="replace").strip()
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal, if the process still runs."""
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(number)
+
+    def stop(self) -> int:
+        """Ask the process to end, insist after a while, and return its exit code."""
+        self.signal(signal.SIGTERM)
+        try:
+            return self.process.wait(_STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+
+def _read_from(file: IO[bytes], offset: int) -> bytes:
+    # pread leaves the position alone, which the writing process shares.
+    size = os.fstat(file.fileno()).st_size
+    return os.pread(file.fileno(), max(0, size - offset), offset)
+
+
+class ProcessGroup:
+    """Starts processes in order and ends them in the reverse order."""
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._environment = {**environment, PARENT_PID_VARIABLE: str(os.getpid())}
+        self.running: list[RunningProcess] = []
+
+    def start(self, node: NodeProcess) -> RunningProcess:
+        """Start one more process.
+
+        Raises:
+            ProcessError: its executable is not to be found.
+        """
+        with _interrupt_deferred():
+            process = RunningProcess(node, self._environment)
+            self.running.append(process)
+        return process
+
+    def stop(self) -> None:
+        """End every process, the last started first."""
+        for process in reversed(self.running):
+            process.stop()
+
+    def raise_if_ended(self) -> None:
+        """Raise `ProcessError` if a process has ended, with its own words."""
+        for process in self.running:
+            if process.returncode is not None:
+                raise ProcessError(describe_end(process))
+
+
+def describe_end(process: RunningProcess) -> str:
+    """Return in one sentence how a process ended."""
+    code = process.returncode
+    how = f"exit code {code}" if code is None or code >= 0 else f"signal {-code}"
+    complaint = process.complaint().splitlines()
+    words = complaint[-1] if complaint else "without a message"
+    return f"{process.node.name} ended ({how}): {words}"
+
+
+@contextlib.contextmanager
+def process_group(environment: Mapping[str, str]) -> Iterator[ProcessGroup]:
+    """Hold a group of processes that are all gone when the block is left, however it is left."""
+    group = ProcessGroup(environment)
+    try:
+        yield group
+    finally:
+        # A second Ctrl-C must not leave a node behind.
+        previous = _ignore(signal.SIGINT, signal.SIGTERM)
+        try:
+            group.stop()
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _interrupt_deferred() -> Iterator[None]:
+    """Hold a signal back until a started process is on the list of those to end."""
+    arrived: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = {n: signal.signal(n, lambda number, _: arrived.append(number)) for n in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if arrived:
+        signal.raise_signal(signal.Signals(arrived[0]))
+
+
+def _ignore(*numbers: signal.Signals) -> dict[signal.Signals, Any]:
+    return {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+
+
+def wait_for(process: RunningProcess, timeout: float) -> int | None:
+    """Wait up to `timeout` [s] for a process to end and return its exit code, None if it runs."""
+    deadline = time.monotonic() + timeout
+    while process.returncode is None and time.monotonic() < deadline:
+        time.sleep(_POLL)
+    return process.returncode

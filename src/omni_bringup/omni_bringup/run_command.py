@@ -1,0 +1,129 @@
+"""``./omni run``: every variant of an experiment, recorded, measured and drawn."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from omni_analysis.run_figures import draw_run_figures
+
+from omni_analysis.comparison_table import comparison_table
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.metrics import results_document
+from omni_bringup.process_group import ProcessError
+from omni_bringup.ros_domain import NoFreeDomainError
+from omni_bringup.run_folder import write_summary
+from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
+from omni_platform.configuration import ConfigurationError
+
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_REFUSED = 2
+
+
+def run(options: argparse.Namespace, workspace: Path) -> int:
+    """Run an experiment as the command line asks and return the exit code."""
+    library = ExperimentLibrary(workspace / "config")
+    try:
+        configurations = _compose(library, options)
+        folder = _result_folder(options, workspace)
+    except ConfigurationError as error:
+        print(f"omni run: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    results = []
+    try:
+        for variant, configuration in configurations.items():
+            with _progress(variant) as on_progress:
+                result = run_variant(
+                    configuration,
+                    variant,
+                    folder / variant,
+                    lockstep=not options.real_time,
+                    on_progress=on_progress,
+                )
+            write_summary(_document(options.experiment, [result]), result.folder)
+            results.append(result)
+    except (RunError, ProcessError, NoFreeDomainError) as error:
+        print(f"omni run: {error}", file=sys.stderr)
+        print(f"omni run: what was recorded is in {folder}", file=sys.stderr)
+        return EXIT_FAILED
+    histories = {result.variant: result.history for result in results}
+    pictures = draw_run_figures(configurations, histories, folder)
+    if options.json:
+        print(json.dumps(_document(options.experiment, results), indent=2, allow_nan=False))
+    else:
+        _print_results(results, pictures, folder)
+    return EXIT_OK
+
+
+def _compose(
+    library: ExperimentLibrary, options: argparse.Namespace
+) -> dict[str, ExperimentConfiguration]:
+    """Check the configuration of every variant before anything starts."""
+    variants = options.variant or library.variants(options.experiment)
+    return {
+        variant: library.load(options.experiment, variant, options.overrides)
+        for variant in variants
+    }
+
+
+def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:
+    if options.out is not None:
+        folder: Path = options.out
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ConfigurationError(
+                "--out", f"{folder} exists and is not an empty folder; choose another"
+            )
+    else:
+        time = datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
+        folder = workspace / "bags" / Path(options.experiment).stem / time
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError("--out", f"cannot make {folder}: {error.strerror}") from None
+    return folder.resolve()
+
+
+def _document(experiment: str, results: list[VariantResult]) -> dict[str, object]:
+    by_variant = {result.variant: result.metrics for result in results}
+    return results_document(Path(experiment).stem, by_variant)
+
+
+@contextmanager
+def _progress(variant: str) -> Iterator[Progress]:
+    """Show a progress bar on standard error where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description:<12}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("t = {task.fields[time]:.2f} s, {task.fields[speed]:.2f} m/s"),
+    )
+    with Bar(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(variant, total=1.0, time=0.0, speed=0.0)
+
+        def on_progress(report: Mapping[str, float]) -> None:
+            bar.update(task, completed=report["share"], time=report["time"], speed=report["speed"])
+
+        yield on_progress
+
+
+def _print_results(results: list[VariantResult], pictures: list[Path], folder: Path) -> None:
+    from rich.console import Console
+
+    console = Console()
+    console.print(comparison_table({result.variant: result.metrics for result in results}))
+    for picture in pictures:
+        console.print(f"figure     {picture}", soft_wrap=True, highlight=False)
+    console.print(f"recordings {folder}", soft_wrap=True, highlight=False)

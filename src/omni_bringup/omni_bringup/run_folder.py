@@ -1,0 +1,60 @@
+"""What stands beside the recording of a run: configuration, versions, seed, results."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omni_analysis.experiment import ExperimentConfiguration
+from omni_platform.configuration import to_mapping
+
+CONFIGURATION = "configuration.yaml"
+VERSIONS = "versions.yaml"
+SUMMARY = "summary.json"
+
+_DISTRIBUTIONS = (
+    "omni_sim",
+    "linescan_odometry",
+    "omni_brake_assist",
+    "numpy",
+    "numba",
+    "scipy",
+    "mcap",
+    "rosbags",
+    "ros-rclpy",
+    "ros-rmw-fastrtps-cpp",
+)
+
+
+def write_configuration(configuration: ExperimentConfiguration, folder: Path) -> None:
+    """Save the effective configuration (with the seed) and the versions that ran it."""
+    _write(folder / CONFIGURATION, yaml.safe_dump(to_mapping(configuration), sort_keys=False))
+    _write(folder / VERSIONS, yaml.safe_dump(versions(), sort_keys=False))
+
+
+def write_summary(document: Mapping[str, Any], folder: Path) -> None:
+    """Save the results of a run in the shape of `--json`."""
+    _write(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, the packages and the ROS middleware of this run."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # a sourced ROS installation brings rclpy without a Python distribution
+    found["ros_distro"] = os.environ.get("ROS_DISTRO", "jazzy")
+    return found
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,126 @@
+"""Processes start through the ament index, and none of them outlives its group."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from omni_bringup.process_group import (
+    NodeProcess,
+    ProcessError,
+    describe_end,
+    find_executable,
+    process_group,
+    wait_for,
+)
+
+
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An ament prefix with one package, `toys`, that has Python programs for executables."""
+    marker = tmp_path / "share/ament_index/resource_index/packages/toys"
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    (tmp_path / "lib/toys").mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere{os.pathsep}{tmp_path}")
+    return tmp_path
+
+
+def add_program(prefix: Path, name: str, body: str) -> NodeProcess:
+    path = prefix / "lib/toys" / name
+    path.write_text(f"#!{sys.executable}\n{body}\n")
+    path.chmod(0o755)
+    return NodeProcess(name, "toys", name)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_executables_are_found_as_ros2_run_finds_them(prefix: Path) -> None:
+    add_program(prefix, "sleeper", "")
+    assert find_executable("toys", "sleeper") == prefix / "lib/toys/sleeper"
+
+
+@pytest.mark.parametrize(("package", "executable"), [("toys", "nothing"), ("games", "sleeper")])
+def test_what_is_not_there_is_named(prefix: Path, package: str, executable: str) -> None:
+    add_program(prefix, "sleeper", "")
+    with pytest.raises(ProcessError, match=f"'{package}'.*'{executable}'.*2 prefixes"):
+        find_executable(package, executable)
+
+
+def test_stubborn_processes_are_killed_and_gone(
+    prefix: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("omni_bringup.process_group._STOP_TIMEOUT", 0.2)
+    body = (
+        "import signal, time\n"
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+        "print('ready', flush=True)\n"
+        "time.sleep(60)"
+    )
+    with process_group(os.environ) as group:
+        processes = [group.start(add_program(prefix, f"mule{i}", body)) for i in range(2)]
+        deadline = time.monotonic() + 20.0
+        for process in processes:
+            while not process.new_lines() and time.monotonic() < deadline:
+                wait_for(process, 0.02)
+    assert [process.returncode for process in processes] == [-signal.SIGKILL] * 2
+    assert not any(alive(process.process.pid) for process in processes)
+
+
+def test_processes_end_when_the_block_is_left_by_an_error(prefix: Path) -> None:
+    started = []
+    with pytest.raises(KeyboardInterrupt), process_group(os.environ) as group:  # noqa: PT012
+        started.append(group.start(add_program(prefix, "sleeper", "import time; time.sleep(60)")))
+        raise KeyboardInterrupt
+    assert started[0].returncode == -signal.SIGTERM
+
+
+def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
+    order = tmp_path / "order"
+    order.touch()
+    body = (
+        "import signal, sys, time\n"
+        "def end(*_):\n"
+        f"    open({str(order)!r}, 'a').write(sys.argv[0][-1])\n"
+        "    sys.exit()\n"
+        "signal.signal(signal.SIGTERM, end)\n"
+        "print('ready', flush=True)\n"
+        "time.sleep(60)"
+    )
+    with process_group(os.environ) as group:
+        for name in ("node1", "node2", "node3"):
+            process = group.start(add_program(prefix, name, body))
+            deadline = time.monotonic() + 20.0
+            while not process.new_lines() and time.monotonic() < deadline:
+                wait_for(process, 0.02)
+    assert order.read_text() == "321"
+
+
+def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:
+    body = "import sys\nprint('first', file=sys.stderr)\nsys.exit('the lens is covered')"
+    with process_group(os.environ) as group:
+        process = group.start(add_program(prefix, "eye", body))
+        assert wait_for(process, 20.0) == 1
+        assert describe_end(process) == "eye ended (exit code 1): the lens is covered"
+        with pytest.raises(ProcessError, match="the lens is covered"):
+            group.raise_if_ended()
+
+
+def test_lines_come_complete(prefix: Path) -> None:
+    body = "import sys\nsys.stdout.write('one\\ntwo\\nthr')\nsys.stdout.flush()"
+    with process_group(os.environ) as group:
+        process = group.start(add_program(prefix, "teller", body))
+        wait_for(process, 20.0)
+        assert process.new_lines() == ["one", "two"]
+        assert process.new_lines() == []

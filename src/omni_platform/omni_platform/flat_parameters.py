@@ -1,0 +1,107 @@
+"""Configurations as flat, dotted parameters, the form that ROS 2 parameters take.
+
+A nested configuration becomes ``parent.child``; a mapping of named entries becomes a list
+``wheels.names`` beside ``wheels.front_left.x`` and so on, because ROS parameters must be known by
+name before they can be read.
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    ParameterInfo,
+    declared_parameters,
+    element_configuration,
+    from_mapping,
+    is_configuration,
+    join_key,
+)
+
+NAMES = "names"
+
+C = TypeVar("C", bound=Configuration)
+ReadParameter = Callable[[str, Any, Any, ParameterInfo], Any]
+
+
+def flatten(configuration: Configuration, prefix: str = "") -> dict[str, Any]:
+    """Return every value of a configuration by its dotted parameter name.
+
+    Args:
+        configuration: what to flatten.
+        prefix: dotted path put before every name.
+
+    Returns:
+        bool, int, float, str, or list of float or str, by parameter name.
+    """
+    flat: dict[str, Any] = {}
+    for name, kind, _ in declared_parameters(type(configuration)):
+        value = getattr(configuration, name)
+        key = join_key(prefix, name)
+        if is_configuration(kind):
+            flat.update(flatten(value, key))
+        elif element_configuration(kind) is not None:
+            flat[join_key(key, NAMES)] = list(value)
+            for entry in value:
+                if entry == NAMES:
+                    raise ConfigurationError(key, f"{NAMES!r} is reserved and names no entry")
+                flat.update(flatten(value[entry], join_key(key, entry)))
+        else:
+            flat[key] = list(value) if isinstance(value, tuple) else value
+    return flat
+
+
+def unflatten(cls: type[C], read: ReadParameter) -> C:
+    """Build a configuration by reading one parameter after the other.
+
+    Args:
+        cls: the configuration to build.
+        read: called with (dotted name, type, default or None where required, info) for each
+            plain parameter; returns its value.
+
+    Raises:
+        ConfigurationError: a value is missing or does not fit.
+    """
+    return from_mapping(cls, _read_mapping(cls, None, read, ""))
+
+
+def _read_mapping(
+    cls: type[Configuration], default: Any, read: ReadParameter, prefix: str
+) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, kind, info in declared_parameters(cls):
+        key = join_key(prefix, name)
+        preset = getattr(default, name) if default is not None else _default_of(cls, name)
+        element = element_configuration(kind)
+        if is_configuration(kind):
+            values[name] = _read_mapping(kind, preset, read, key)
+        elif element is not None:
+            names_info = ParameterInfo(f"Names of: {info.description}", "", None, None, None, None)
+            known = tuple(preset) if preset else ()
+            names = read(join_key(key, NAMES), tuple[str, ...], known, names_info)
+            values[name] = {
+                entry: _read_mapping(element, (preset or {}).get(entry), read, join_key(key, entry))
+                for entry in names
+            }
+        else:
+            value = read(key, kind, preset, info)
+            if value is None:
+                raise ConfigurationError(key, "is required and has no value")
+            values[name] = list(value) if typing.get_origin(kind) is tuple else value
+    return values
+
+
+def _default_of(cls: type[Configuration], name: str) -> Any:
+    """Return a field's default, or None where a value is required."""
+    field = cls.__dataclass_fields__[name]
+    if callable(field.default_factory):
+        return field.default_factory()
+    return (
+        field.default
+        if isinstance(field.default, bool | int | float | str | tuple)
+        else (field.default if isinstance(field.default, Configuration) else None)
+    )

@@ -1,0 +1,162 @@
+"""Conversions between the cores' arrays and the standard messages."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image, JointState
+from std_msgs.msg import Header
+
+FloatArray = NDArray[np.float64]
+LineArray = NDArray[Any]  # uint8 or uint16
+
+BASE_FRAME = "base_link"
+WORLD_FRAME = "odom"
+
+_SECOND = 1_000_000_000
+_ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
+# Places of (v_x, v_y, yaw rate) in the twist of six components.
+_PLANAR = (0, 1, 5)
+
+
+def to_time(stamp_ns: int) -> Time:
+    """Return the message form of a stamp [ns]."""
+    return Time(sec=stamp_ns // _SECOND, nanosec=stamp_ns % _SECOND)
+
+
+def to_nanoseconds(stamp: Time) -> int:
+    """Return a message stamp in [ns]."""
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+
+
+def header(stamp_ns: int, frame: str = "") -> Header:
+    """Return a header with a stamp [ns] and a frame."""
+    return Header(stamp=to_time(stamp_ns), frame_id=frame)
+
+
+def joint_state(
+    stamp_ns: int,
+    names: Sequence[str],
+    *,
+    position: FloatArray | None = None,
+    velocity: FloatArray | None = None,
+    effort: FloatArray | None = None,
+) -> JointState:
+    """Return values by name; quantities that are None stay empty."""
+    message = JointState(header=header(stamp_ns), name=names)
+    if position is not None:
+        message.position = _doubles(position)
+    if velocity is not None:
+        message.velocity = _doubles(velocity)
+    if effort is not None:
+        message.effort = _doubles(effort)
+    return message
+
+
+def planar_twist(stamp_ns: int, twist: FloatArray) -> TwistStamped:
+    """Return a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] in `base_link`."""
+    message = TwistStamped(header=header(stamp_ns, BASE_FRAME))
+    _set_planar(message.twist, twist)
+    return message
+
+
+def planar_twist_with_covariance(
+    stamp_ns: int, twist: FloatArray, covariance: FloatArray
+) -> TwistWithCovarianceStamped:
+    """Return a body twist and its covariance in `base_link`.
+
+    Args:
+        stamp_ns: stamp [ns].
+        twist: (v_x, v_y, yaw rate) [m/s, m/s, rad/s], shape (3,).
+        covariance: of the twist, in the squares of its units, shape (3, 3).
+    """
+    message = TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
+    _set_planar(message.twist.twist, twist)
+    matrix = np.zeros((6, 6))
+    matrix[np.ix_(_PLANAR, _PLANAR)] = covariance
+    message.twist.covariance = matrix.ravel()
+    return message
+
+
+def planar_twist_of(message: TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
+    """Return the body twist, shape (3,), and its covariance, shape (3, 3), of a message."""
+    twist = message.twist.twist
+    values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+    matrix = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)
+    return values, matrix[np.ix_(_PLANAR, _PLANAR)]
+
+
+def line_image(stamp_ns: int, frame: str, lines: LineArray) -> Image:
+    """Return a batch of lines as an image, one row a line, oldest first.
+
+    Args:
+        stamp_ns: stamp of the newest line [ns].
+        frame: frame of the sensor.
+        lines: grey values, shape (m, pixels), 8 or 16 bit.
+    """
+    encoding = "mono8" if lines.dtype == np.uint8 else "mono16"
+    little = np.ascontiguousarray(lines, dtype=_ENCODINGS[encoding])
+    # An array.array is copied at once; rclpy would check an ndarray element by element.
+    return Image(
+        header=header(stamp_ns, frame),
+        height=lines.shape[0],
+        width=lines.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=lines.shape[1] * little.itemsize,
+        data=array("B", little.tobytes()),
+    )
+
+
+def lines_of(message: Image) -> LineArray:
+    """Return the lines of an image, shape (height, width), without copying where possible.
+
+    Raises:
+        ValueError: the encoding is not mono8 or mono16, or the size does not fit the data.
+    """
+    dtype = _ENCODINGS.get(message.encoding)
+    if dtype is None:
+        raise ValueError(f"the encoding {message.encoding!r} must be mono8 or mono16")
+    if message.is_bigendian:
+        dtype = dtype.newbyteorder(">")
+    row = message.width * dtype.itemsize
+    if message.step < row or len(message.data) < message.step * message.height:
+        raise ValueError(
+            f"an image of {message.height} lines of {message.step} bytes needs at least {row} "
+            f"bytes a line and has {len(message.data)} bytes in all"
+        )
+    rows = np.frombuffer(message.data, np.uint8, message.step * message.height)
+    pixels = rows.reshape(message.height, message.step)[:, :row].view(dtype)
+    return np.ascontiguousarray(pixels).astype(dtype.newbyteorder("="), copy=False)
+
+
+def diagnostics(
+    stamp_ns: int, name: str, level: int, message: str, values: Mapping[str, str]
+) -> DiagnosticArray:
+    """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale."""
+    status = DiagnosticStatus(
+        level=bytes([level]),
+        name=name,
+        hardware_id=name,
+        message=message,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+    return DiagnosticArray(header=header(stamp_ns), status=[status])
+
+
+def _doubles(values: FloatArray) -> array[float]:
+    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def _set_planar(twist: object, values: FloatArray) -> None:
+    v_x, v_y, yaw_rate = (float(value) for value in values)
+    twist.linear.x = v_x  # type: ignore[attr-defined]
+    twist.linear.y = v_y  # type: ignore[attr-defined]
+    twist.angular.z = yaw_rate  # type: ignore[attr-defined]

@@ -1,0 +1,101 @@
+"""A component's configuration as ROS parameters: one declaration serves both."""
+
+from __future__ import annotations
+
+import sys
+import typing
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from omni_platform.configuration import Configuration, ConfigurationError, ParameterInfo
+from omni_platform.flat_parameters import unflatten
+
+C = TypeVar("C", bound=Configuration)
+
+_LARGEST_INTEGER = 2**63 - 1
+
+
+def declare_configuration(node: Node, cls: type[C]) -> C:
+    """Declare every field of a configuration as a parameter of the node and read it.
+
+    The parameters carry descriptors (description, unit, range) and are read-only: a node is
+    configured when it starts.
+
+    Args:
+        node: the node that gets the parameters.
+        cls: the configuration; nested fields become dotted names, see
+            `omni_platform.flat_parameters`.
+
+    Raises:
+        ConfigurationError: a parameter is missing, of the wrong type or out of range.
+    """
+
+    def read(key: str, kind: Any, default: Any, info: ParameterInfo) -> Any:
+        return _declare(node, key, kind, default, info)
+
+    return unflatten(cls, read)
+
+
+def _declare(node: Node, key: str, kind: Any, default: Any, info: ParameterInfo) -> Any:
+    descriptor = _descriptor(kind, info)
+    try:
+        if default is None or isinstance(default, tuple):
+            # Arrays are declared by type, or an empty one would become an array of bytes.
+            node.declare_parameter(key, _parameter_type(kind), descriptor)
+        else:
+            node.declare_parameter(key, default, descriptor)
+        value = node.get_parameter(key).value
+    except ParameterUninitializedException:
+        value = None
+    except InvalidParameterTypeException as error:
+        raise ConfigurationError(key, f"has the wrong type: {error}") from None
+    except InvalidParameterValueException as error:
+        raise ConfigurationError(key, f"is out of range: {error}") from None
+    return default if value is None else value
+
+
+def _parameter_type(kind: Any) -> Parameter.Type:
+    plain = {
+        bool: Parameter.Type.BOOL,
+        int: Parameter.Type.INTEGER,
+        float: Parameter.Type.DOUBLE,
+        str: Parameter.Type.STRING,
+    }
+    if typing.get_origin(kind) is tuple:
+        arrays = {float: Parameter.Type.DOUBLE_ARRAY, str: Parameter.Type.STRING_ARRAY}
+        return arrays[typing.get_args(kind)[0]]
+    return plain[kind]
+
+
+def _descriptor(kind: Any, info: ParameterInfo) -> ParameterDescriptor:
+    unit = f" [{info.unit}]" if info.unit else ""
+    descriptor = ParameterDescriptor(description=info.description + unit, read_only=True)
+    if info.choices is not None:
+        descriptor.additional_constraints = "one of: " + ", ".join(info.choices)
+    lower = info.minimum if info.minimum is not None else info.above
+    if lower is None and info.maximum is None:
+        return descriptor
+    descriptor.additional_constraints = info.bounds_in_words()
+    if kind is float:
+        descriptor.floating_point_range = [
+            FloatingPointRange(
+                from_value=float(lower) if lower is not None else -sys.float_info.max,
+                to_value=float(info.maximum) if info.maximum is not None else sys.float_info.max,
+            )
+        ]
+    elif kind is int:
+        descriptor.integer_range = [
+            IntegerRange(
+                from_value=int(lower) if lower is not None else -_LARGEST_INTEGER,
+                to_value=int(info.maximum) if info.maximum is not None else _LARGEST_INTEGER,
+            )
+        ]
+    return descriptor

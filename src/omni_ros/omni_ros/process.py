@@ -1,0 +1,171 @@
+"""A node's life as an operating-system process: start, spin, stop, exit code.
+
+Signals only set a flag that the spin loop watches, so that a node that is told to stop can still
+publish, drain its queues and close its files. (rclpy's own handlers would invalidate the context
+at once.)
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+
+from omni_platform.configuration import ConfigurationError
+from omni_ros.environment import PARENT_PID_VARIABLE
+
+EXIT_OK = 0
+EXIT_FAILED = 1
+EXIT_BAD_CONFIGURATION = 2
+
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+_POLL = 0.1  # [s] how soon a signal is seen while nothing arrives
+
+
+class NodeError(Exception):
+    """A node cannot go on; the message says why in one sentence."""
+
+
+class MatchTimeoutError(NodeError):
+    """Somebody who should listen or speak has not appeared in time."""
+
+
+class StopFlag:
+    """Becomes true when the process is asked to stop by SIGINT or SIGTERM."""
+
+    def __init__(self) -> None:
+        self._requested = False
+
+    def __bool__(self) -> bool:
+        return self._requested
+
+    def request(self, *_: object) -> None:
+        """Ask for the stop; usable as a signal handler."""
+        self._requested = True
+
+
+def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], None]) -> int:
+    """Run one node until its work is done or a signal asks it to stop.
+
+    Args:
+        make_node: builds the node; `ConfigurationError` there ends the process with one sentence.
+        run: the node's work, usually `spin_until_stopped`.
+
+    Returns:
+        Exit code: 0 done or stopped, 1 failed, 2 bad configuration.
+    """
+    _end_with_parent()
+    stop = StopFlag()
+    signal.signal(signal.SIGINT, stop.request)
+    signal.signal(signal.SIGTERM, stop.request)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node: Node | None = None
+    try:
+        node = make_node()
+        run(node, Spinner(node, stop))
+    except ConfigurationError as error:
+        print(error, file=sys.stderr, flush=True)
+        return EXIT_BAD_CONFIGURATION
+    except NodeError as error:
+        print(error, file=sys.stderr, flush=True)
+        return EXIT_FAILED
+    finally:
+        if node is not None:
+            _flush_publishers(node)
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return EXIT_OK
+
+
+class Spinner:
+    """Runs a node's callbacks on the events executor.
+
+    `EventsExecutor.spin()` and ``spin_once(None)`` of rclpy 7 do not return on signals; short
+    waits in a loop do.
+    """
+
+    def __init__(self, node: Node, stop: StopFlag) -> None:
+        self._executor = EventsExecutor()
+        self._executor.add_node(node)
+        self.stop = stop
+
+    def spin_once(self, timeout: float = _POLL) -> None:
+        """Run one callback, waiting for it at most `timeout` [s]."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Run callbacks until `condition()`, a stop request, or `timeout` [s] passed.
+
+        Returns:
+            Whether the condition holds.
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            remaining = deadline - time.monotonic()
+            if self.stop or remaining <= 0.0:
+                return False
+            self._executor.spin_once(timeout_sec=min(remaining, _POLL))
+        return True
+
+
+def spin_until_stopped(_node: Node, spinner: Spinner) -> None:
+    """Run a node's callbacks until a signal asks it to stop."""
+    while not spinner.stop:
+        spinner.spin_once()
+
+
+def await_subscribers(
+    publishers: Iterable[Publisher], count: int, spinner: Spinner, timeout: float
+) -> None:
+    """Wait until every publisher is matched with `count` subscriptions, so that none misses any.
+
+    Args:
+        publishers: publishers to wait for.
+        count: subscriptions that each must have.
+        spinner: runs callbacks meanwhile and tells of a stop request.
+        timeout: longest wait [s].
+
+    Raises:
+        MatchTimeoutError: names the topic that nobody listens to.
+    """
+    for publisher in publishers:
+        deadline = time.monotonic() + timeout
+        # Discovery runs in DDS threads and wakes no executor, so this polls.
+        while publisher.get_subscription_count() < count and not spinner.stop:
+            if time.monotonic() > deadline:
+                raise MatchTimeoutError(
+                    f"{publisher.topic_name} has {publisher.get_subscription_count()} of {count} "
+                    f"expected subscribers after {timeout:g} s; is the node that should listen "
+                    "running in the same ROS domain?"
+                )
+            time.sleep(0.005)
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel for SIGTERM when the process that started the graph dies.
+
+    Acts only where `PARENT_PID_VARIABLE` names that process, as the bring-up does; a node started
+    by hand outlives its shell as usual.
+    """
+    parent = os.environ.get(PARENT_PID_VARIABLE)
+    if parent is None:
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(parent):  # it died before the request was made
+        sys.exit(EXIT_FAILED)
+
+
+def _flush_publishers(node: Node) -> None:
+    """Let reliable data reach its readers before the process exits."""
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=8))

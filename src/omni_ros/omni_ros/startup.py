@@ -1,0 +1,22 @@
+"""How a node waits for its listeners before it speaks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from omni_platform.configuration import Configuration, parameter
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StartupConfiguration(Configuration):
+    """Waiting for matches instead of for time: without it the first messages are lost."""
+
+    subscribers: int = parameter(
+        0,
+        description="Subscriptions that each output must have before the node starts to work",
+        minimum=0,
+        maximum=100,
+    )
+    match_timeout: float = parameter(
+        20.0, description="Longest wait for these subscriptions", unit="s", above=0.0
+    )

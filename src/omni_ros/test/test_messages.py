@@ -1,0 +1,86 @@
+"""What goes into a message comes out of it, to the bit and after the wire."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Image, JointState
+
+from omni_ros.messages import (
+    joint_state,
+    line_image,
+    lines_of,
+    planar_twist_of,
+    planar_twist_with_covariance,
+    to_nanoseconds,
+    to_time,
+)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1))
+def test_stamps_survive(stamp_ns: int) -> None:
+    assert to_nanoseconds(to_time(stamp_ns)) == stamp_ns
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_lines_survive_the_wire(dtype: Any) -> None:
+    lines = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (25, 335)).astype(dtype)
+    sent = serialize_message(line_image(123_456_789, "left", lines))
+    received = deserialize_message(sent, Image)
+    assert to_nanoseconds(received.header.stamp) == 123_456_789
+    assert received.header.frame_id == "left"
+    recovered = lines_of(received)
+    assert recovered.dtype == lines.dtype
+    np.testing.assert_array_equal(recovered, lines)
+
+
+def test_big_endian_and_padded_rows_are_understood() -> None:
+    lines = np.array([[1, 2, 300], [4, 5, 60000]], dtype=np.uint16)
+    padded: NDArray[np.uint8] = np.zeros((2, 10), dtype=np.uint8)
+    padded[:, :6] = lines.astype(">u2").view(np.uint8).reshape(2, 6)
+    message = Image(height=2, width=3, encoding="mono16", is_bigendian=1, step=10)
+    message.data = padded.tobytes()
+    np.testing.assert_array_equal(lines_of(message), lines)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"encoding": "rgb8"}, "'rgb8' must be mono8 or mono16"),
+        ({"height": 3}, "has 8 bytes in all"),
+        ({"step": 3}, "needs at least 4 bytes"),
+    ],
+)
+def test_an_image_that_lies_about_its_size_is_refused(change: dict[str, Any], words: str) -> None:
+    message = line_image(0, "left", np.zeros((2, 4), dtype=np.uint8))
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(ValueError, match=words):
+        lines_of(message)
+
+
+def test_twist_and_covariance_survive() -> None:
+    twist = np.array([1.5, -0.25, 0.125])
+    covariance = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.25], [0.5, -0.25, 2.0]])
+    message = planar_twist_with_covariance(7, twist, covariance)
+    recovered, recovered_covariance = planar_twist_of(message)
+    np.testing.assert_array_equal(recovered, twist)
+    np.testing.assert_array_equal(recovered_covariance, covariance)
+    assert message.twist.covariance[35] == 2.0  # yaw rate is the sixth component
+    assert message.twist.covariance[14] == 0.0  # nothing is said of the vertical
+
+
+def test_joint_state_keeps_what_is_not_given_empty() -> None:
+    names = ("a", "b")
+    state = joint_state(1, names, effort=np.array([1.0, 0.0]))
+    received = deserialize_message(serialize_message(state), JointState)
+    assert list(received.name) == ["a", "b"]
+    assert list(received.effort) == [1.0, 0.0]
+    assert not received.position
+    assert not received.velocity

@@ -1,0 +1,312 @@
+"""Planar motion of a vehicle on omni-wheels: one compiled kernel that advances many steps.
+
+The rigid body moves about its centre of gravity, Eqs. (39), (40) read as
+``m v_dot = sum f_i`` and ``J Omega_dot = sum cross(r_i - r_g, f_i)``, with the wheels of
+`drivetrain`. Everything is taken at the middle of the step but velocities, which are implicit:
+each wheel's force is solved at the velocity that its hub will have at the end of the step. That
+velocity is predicted from all forces of the step before, and corrected by ``W (F - F_before)``
+with the sum of absolute mobilities that couple the wheel to any other as ``W``, which makes the
+pass over the wheels stable for any tyre stiffness without iteration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_sim.characteristic import curve_at_load
+from omni_sim.drivetrain import wheel_step
+from omni_sim.friction import friction_at
+from omni_sim.loads import GRAVITY, wheel_loads
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Entries of the body state: position of the centre of gravity and its velocity in the world
+# frame, and the low-passed acceleration by the tyres in the body frame.
+X, Y, YAW, V_X, V_Y, YAW_RATE, A_X, A_Y = range(8)
+BODY_SIZE = 8
+
+# Columns of the wheel state; those from LOAD on are results of the last step.
+SPEED, ANGLE, DEFLECTION, FORCE, SLIDING, LOAD, BRAKE, SLIP, LIMIT = range(9)
+WHEEL_SIZE = 9
+
+# Columns of the wheel constants: contact relative to the centre of gravity, active direction,
+# cross(r_i - r_g, n_w), n_w . u, radius, mobility W.
+R_X, R_Y, N_X, N_Y, MOMENT, RIM, RADIUS, MOBILITY = range(8)
+
+# Entries of the counters.
+TIPPING_STEPS, OVERLOADED_STEPS = range(2)
+
+
+class Plant(NamedTuple):
+    """What never changes during a run.
+
+    Attributes:
+        dt: physics step [s].
+        mass: m [kg].
+        yaw_inertia: J about the centre of gravity [kg m^2].
+        centre_x: centre of gravity in the body frame [m].
+        centre_y: likewise in y [m].
+        height: of the centre of gravity [m].
+        filter_share: weight of the newest acceleration in the low-pass [1].
+        wheel: constants of the wheels by column, shape (N, 8).
+        rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
+        plane: from `loads.load_plane`.
+        hull: from `loads.support_polygon`.
+        wheel_inertia: I of a wheel about its axis [kg m^2].
+        drive_limit: largest torque of a clutch [N m].
+        curve: from `tmeasy.curve_coefficients`, shape (10,).
+        largest_load: at which the tyre's load is clamped [N].
+        stiffness: c_x [N/m].
+        damping: d_x [N s/m].
+        vertical_stiffness: c_z [N/m].
+        slip_speed: v_num [m/s].
+        friction: factor of the ground outside the patches [1].
+        patches: from `friction.FrictionMap`, shape (P, 7).
+    """
+
+    dt: float
+    mass: float
+    yaw_inertia: float
+    centre_x: float
+    centre_y: float
+    height: float
+    filter_share: float
+    wheel: FloatArray
+    rolling: FloatArray
+    plane: FloatArray
+    hull: IntArray
+    wheel_inertia: float
+    drive_limit: float
+    curve: FloatArray
+    largest_load: float
+    stiffness: float
+    damping: float
+    vertical_stiffness: float
+    slip_speed: float
+    friction: float
+    patches: FloatArray
+
+
+class Control(NamedTuple):
+    """What acts on the vehicle during a call.
+
+    Attributes:
+        brake: torque that each brake can exert [N m], shape (N,).
+        drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
+        twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
+        hold_world: whether its linear part keeps its direction in the world while the body turns.
+        force_x: constant force at the centre of gravity, world frame [N].
+        force_y: likewise in y [N].
+    """
+
+    brake: FloatArray
+    drive_stiffness: float
+    twist: FloatArray
+    hold_world: bool
+    force_x: float
+    force_y: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
+    """Write pose and velocity of base_link in the world frame, shape (6,)."""
+    cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
+    g_x = cos * plant.centre_x - sin * plant.centre_y
+    g_y = sin * plant.centre_x + cos * plant.centre_y
+    row[0] = body[X] - g_x
+    row[1] = body[Y] - g_y
+    row[2] = body[YAW]
+    row[3] = body[V_X] + body[YAW_RATE] * g_y
+    row[4] = body[V_Y] - body[YAW_RATE] * g_x
+    row[5] = body[YAW_RATE]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_log(
+    plant: Plant, body: FloatArray, wheels: FloatArray, row: FloatArray, energy: FloatArray
+) -> None:
+    """Write wheel states and the energies: translation, rotation, wheel spin, elastic [J]."""
+    row[:, :] = wheels
+    energy[0] = 0.5 * plant.mass * (body[V_X] ** 2 + body[V_Y] ** 2)
+    energy[1] = 0.5 * plant.yaw_inertia * body[YAW_RATE] ** 2
+    energy[2] = 0.5 * plant.wheel_inertia * np.sum(wheels[:, SPEED] ** 2)
+    energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
+    """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
+    pull_x, pull_y, turn = 0.0, 0.0, 0.0
+    for i in range(wheels.shape[0]):
+        pull_x += wheels[i, FORCE] * plant.wheel[i, N_X]
+        pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
+        turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
+    return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_wheels(
+    plant: Plant,
+    control: Control,
+    body: FloatArray,
+    heading: tuple[float, float],
+    ahead: tuple[float, float, float],
+    drive: tuple[float, float, float],
+    loads: FloatArray,
+    wheels: FloatArray,
+    counters: IntArray,
+) -> None:
+    """Advance all wheels by one step.
+
+    Args:
+        plant: constants.
+        control: inputs.
+        body: body state at the start of the step.
+        heading: cosine and sine of the yaw at the middle of the step.
+        ahead: velocity of the centre of gravity and yaw rate at the end of the step if the
+            forces did not change, in the body frame.
+        drive: commanded twist in the body frame.
+        loads: wheel loads [N].
+        wheels: wheel states, changed in place.
+        counters: counts overloaded wheels.
+    """
+    dt = plant.dt
+    cos, sin = heading
+    middle_x = body[X] + 0.5 * dt * body[V_X]
+    middle_y = body[Y] + 0.5 * dt * body[V_Y]
+    for i in range(wheels.shape[0]):
+        constants = plant.wheel[i]
+        wheel = wheels[i]
+        n_x, n_y, moment = constants[N_X], constants[N_Y], constants[MOMENT]
+        r_x, r_y = constants[R_X], constants[R_Y]
+        friction = friction_at(
+            plant.friction,
+            plant.patches,
+            middle_x + cos * r_x - sin * r_y,
+            middle_y + sin * r_x + cos * r_y,
+        )
+        load = loads[i]
+        if load > plant.largest_load:
+            counters[OVERLOADED_STEPS] += 1
+        curve = curve_at_load(plant.curve, min(load, plant.largest_load), friction)
+        radius = constants[RADIUS] - load / plant.vertical_stiffness  # r_D of Eq. (1)
+        omega = wheel[SPEED]
+        speed = radius * abs(omega) + plant.slip_speed  # denominator of Eq. (20)
+        mobility = dt * constants[MOBILITY]
+        hub = n_x * ahead[0] + n_y * ahead[1] + moment * ahead[2] - mobility * wheel[FORCE]
+        rolling = plant.rolling[i]
+        force, deflection, new_omega, brake_torque, patch, sliding = wheel_step(
+            omega,
+            plant.wheel_inertia,
+            control.brake[i],
+            control.drive_stiffness,
+            rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
+            plant.drive_limit,
+            radius * constants[RIM],
+            wheel[DEFLECTION],
+            hub,
+            mobility,
+            speed,
+            curve,
+            plant.stiffness,
+            plant.damping,
+            dt,
+            wheel[SLIDING] != 0.0,
+        )
+        wheel[SPEED] = new_omega
+        wheel[ANGLE] += 0.5 * dt * (omega + new_omega)
+        wheel[DEFLECTION] = deflection
+        wheel[FORCE] = force
+        wheel[SLIDING] = 1.0 if sliding else 0.0
+        wheel[LOAD] = load
+        wheel[BRAKE] = brake_torque
+        wheel[SLIP] = patch / speed
+        wheel[LIMIT] = curve[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    plant: Plant,
+    control: Control,
+    body: FloatArray,
+    wheels: FloatArray,
+    counters: IntArray,
+    trajectory: FloatArray,
+    wheel_log: FloatArray,
+    energy_log: FloatArray,
+) -> None:
+    """Advance the vehicle in place by ``n`` steps.
+
+    Args:
+        plant: constants.
+        control: inputs, constant over the call.
+        body: body state, shape (8,).
+        wheels: wheel states, shape (N, 9).
+        counters: counts steps with tipping and wheel-steps with overload, shape (2,).
+        trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
+            in the world frame at the start and after each step, shape (n + 1, 6).
+        wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
+        energy_log: receives the energies [J] after each step, shape (n, 4); or (0, 4).
+    """
+    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
+    loads = np.empty(wheels.shape[0])
+    start_yaw = body[YAW]
+    pull_x, pull_y, turn = _resultant(plant, wheels)
+    drive_x, drive_y = control.twist[0], control.twist[1]
+    reach = -plant.height / GRAVITY
+    _write_pose(plant, body, trajectory[0])
+
+    for k in range(trajectory.shape[0] - 1):
+        yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        if control.hold_world:
+            cos_turned, sin_turned = math.cos(yaw - start_yaw), math.sin(yaw - start_yaw)
+            drive_x = cos_turned * control.twist[0] + sin_turned * control.twist[1]
+            drive_y = cos_turned * control.twist[1] - sin_turned * control.twist[0]
+
+        z_x, z_y = reach * body[A_X], reach * body[A_Y]
+        if wheel_loads(plant.wheel, plant.plane, plant.hull, mass * GRAVITY, z_x, z_y, loads):
+            counters[TIPPING_STEPS] += 1
+
+        ahead_x = body[V_X] + dt * control.force_x / mass
+        ahead_y = body[V_Y] + dt * control.force_y / mass
+        ahead = (
+            cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
+            cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
+            body[YAW_RATE] + dt * turn / yaw_inertia,
+        )
+        _step_wheels(
+            plant,
+            control,
+            body,
+            (cos, sin),
+            ahead,
+            (drive_x, drive_y, control.twist[2]),
+            loads,
+            wheels,
+            counters,
+        )
+        pull_x, pull_y, turn = _resultant(plant, wheels)
+        body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
+        body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
+
+        # Eqs. (39), (40); positions by the trapezoidal rule.
+        gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
+        gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
+        gain_turn = dt * turn / yaw_inertia
+        body[X] += dt * (body[V_X] + 0.5 * gain_x)
+        body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
+        body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
+        body[V_X] += gain_x
+        body[V_Y] += gain_y
+        body[YAW_RATE] += gain_turn
+
+        _write_pose(plant, body, trajectory[k + 1])
+        if wheel_log.shape[0] > 0:
+            _write_log(plant, body, wheels, wheel_log[k], energy_log[k])

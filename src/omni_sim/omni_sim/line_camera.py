@@ -1,0 +1,271 @@
+"""Line cameras that look at a ground texture from a moving vehicle (sections 4.3.2 and 4.4).
+
+Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
+the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
+noise, quantised to 8 or 16 bits. The exposure is instantaneous.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.sensors import LineSensor
+
+from omni_sim.footprint_integral import PaddedTexture, halved, integrate_lines
+from omni_sim.ground_texture import GroundTexture
+from omni_sim.line_exposure import expose, noise_key
+
+FloatArray = NDArray[np.float64]
+LineArray = NDArray[np.uint8] | NDArray[np.uint16]
+
+_TEXELS_PER_PIXEL = 4  # a coarser level of the texture must still have that many
+_TEXELS_ACROSS = 128  # and that many across the footprint
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraConfiguration(Configuration):
+    """Exposure of the line cameras."""
+
+    noise: float = parameter(
+        1.0,
+        description="Standard deviation of white noise, in grey levels of an 8-bit scale",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    bit_depth: int = parameter(
+        8, description="Bits of a pixel, 8 or 16", unit="bit", minimum=8, maximum=16
+    )
+    gain: float = parameter(
+        1.0, description="Factor from the ground's grey level to the camera's", above=0.0
+    )
+    offset: float = parameter(
+        0.0, description="Brightness added to every pixel, in grey levels of an 8-bit scale"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a bit depth that has no image encoding.
+
+        Raises:
+            ConfigurationError: names the bit depth.
+        """
+        if self.bit_depth not in {8, 16}:
+            raise ConfigurationError("bit_depth", f"{self.bit_depth} bit is neither 8 nor 16 bit")
+
+
+class LineCamera:
+    """One line camera.
+
+    Attributes:
+        sensor: where it sits and what it sees.
+    """
+
+    def __init__(
+        self,
+        sensor: LineSensor,
+        texture: PaddedTexture,
+        configuration: CameraConfiguration,
+        key: np.uint64,
+    ) -> None:
+        """Place a camera over a ground.
+
+        Args:
+            sensor: where it sits and what it sees.
+            texture: the ground.
+            configuration: its exposure.
+            key: of its noise, see `line_exposure.noise_key`.
+        """
+        self.sensor = sensor
+        self._texture = texture
+        self._configuration = configuration
+        self._key = key
+
+    def footprints(self, poses: FloatArray) -> FloatArray:
+        """Return centre x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
+        """
+        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return np.column_stack(
+            (
+                poses[:, 0] + cosine * self.sensor.x - sine * self.sensor.y,
+                poses[:, 1] + sine * self.sensor.x + cosine * self.sensor.y,
+                poses[:, 2] + self.sensor.heading,
+            )
+        )
+
+    def greys(self, poses: FloatArray) -> NDArray[np.float32]:
+        """Return the mean grey level of every footprint, without noise or quantisation.
+
+        Args:
+            poses: as in `lines`.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        sensor = self.sensor
+        return integrate_lines(
+            self._texture, self.footprints(poses), sensor.length, sensor.width, sensor.pixels
+        )
+
+    def lines(self, poses: FloatArray, first_line: int) -> LineArray:
+        """Return exposed lines of shape (m, pixels), uint8 or uint16.
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
+            first_line: index of the first line since the start of the run; chooses the noise.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        exposure = self._configuration
+        return expose(
+            self.greys(poses),
+            exposure.gain,
+            exposure.offset,
+            exposure.noise,
+            exposure.bit_depth,
+            self._key,
+            first_line,
+        )
+
+
+class LineCameraArray:
+    """All line cameras of a vehicle, over one ground.
+
+    It counts the lines of each camera: the noise of a line depends on seed, sensor name and
+    line number, and on nothing else, neither on batches nor on threads.
+
+    Attributes:
+        cameras: the cameras by name.
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, LineSensor],
+        texture: GroundTexture,
+        configuration: CameraConfiguration,
+        seed: np.random.SeedSequence,
+        threads: int = 2,
+    ) -> None:
+        """Prepare the ground and place the cameras.
+
+        Args:
+            sensors: where the cameras sit, by name.
+            texture: the ground.
+            configuration: exposure of all cameras.
+            seed: of the noise.
+            threads: number of threads that share the work; no influence on the result.
+
+        Raises:
+            ConfigurationError: a footprint is longer or wider than the period of the ground, or
+                narrower than 1.5 texels.
+            ValueError: fewer than one thread.
+        """
+        if threads < 1:
+            raise ValueError(f"rendering takes at least one thread, not {threads}")
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
+        levels = {name: _level(name, sensor, texture) for name, sensor in sensors.items()}
+        padded = _padded_levels(sensors, levels, texture)
+        self.cameras: dict[str, LineCamera] = {
+            name: LineCamera(sensor, padded[levels[name]], configuration, noise_key(seed, name))
+            for name, sensor in sensors.items()
+        }
+        self._next_line = dict.fromkeys(self.cameras, 0)
+
+    def render(self, poses: Mapping[str, FloatArray]) -> dict[str, LineArray]:
+        """Return the next lines of each camera, shape (m, pixels), oldest first.
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world [m, m, rad] at the exposure of each
+                line, by camera, shape (m, 3); m may differ between cameras and may be 0.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        parts = self._parts(poses)
+        if self._pool is None:
+            rendered = [self._render(part, poses) for part in parts]
+        else:
+            waiting = [self._pool.submit(self._render, part, poses) for part in parts[1:]]
+            rendered = [self._render(part, poses) for part in parts[:1]]
+            rendered += [future.result() for future in waiting]
+        pieces: dict[str, list[LineArray]] = {name: [] for name in poses}
+        for part in rendered:
+            for name, lines in part:
+                pieces[name].append(lines)
+        for name, entry in poses.items():
+            self._next_line[name] += len(entry)
+        return {
+            name: entry[0] if len(entry) == 1 else np.concatenate(entry)
+            for name, entry in pieces.items()
+        }
+
+    def _parts(self, poses: Mapping[str, FloatArray]) -> list[list[tuple[str, int, int]]]:
+        """Divide all lines evenly: for each thread the (camera, start, end) of what it renders."""
+        total = sum(len(entry) for entry in poses.values())
+        bounds = [total * i // self._threads for i in range(self._threads + 1)]
+        parts: list[list[tuple[str, int, int]]] = [[] for _ in range(self._threads)]
+        before = 0
+        for name, entry in poses.items():
+            if len(entry) == 0:
+                parts[0].append((name, 0, 0))
+            for part, low, high in zip(parts, bounds[:-1], bounds[1:], strict=True):
+                start, end = max(low - before, 0), min(high - before, len(entry))
+                if start < end:
+                    part.append((name, start, end))
+            before += len(entry)
+        return parts
+
+    def _render(
+        self, part: list[tuple[str, int, int]], poses: Mapping[str, FloatArray]
+    ) -> list[tuple[str, LineArray]]:
+        return [
+            (
+                name,
+                self.cameras[name].lines(poses[name][start:end], self._next_line[name] + start),
+            )
+            for name, start, end in part
+        ]
+
+
+def _level(name: str, sensor: LineSensor, texture: GroundTexture) -> int:
+    """Return how often the texture may be halved for a sensor without changing what it sees."""
+    for field in ("length", "width"):
+        if getattr(sensor, field) > texture.size:
+            raise ConfigurationError(
+                f"sensors.{name}.{field}",
+                f"{getattr(sensor, field):g} m is more than the ground's period of "
+                f"{texture.size:g} m",
+            )
+    if sensor.width < 1.5 * texture.texel:
+        raise ConfigurationError(
+            f"sensors.{name}.width",
+            f"{sensor.width:g} m is less than 1.5 texels of the ground ({texture.texel:g} m each)",
+        )
+    finest = min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS)
+    level = max(0, math.floor(math.log2(finest / texture.texel) + 1e-9))
+    while len(texture.grey) % 2**level:
+        level -= 1
+    return level
+
+
+def _padded_levels(
+    sensors: Mapping[str, LineSensor], levels: Mapping[str, int], texture: GroundTexture
+) -> dict[int, PaddedTexture]:
+    """Return the levels of the texture that sensors use, each long enough for its sensors."""
+    padded: dict[int, PaddedTexture] = {}
+    grey = texture.grey
+    for level in range(max(levels.values(), default=-1) + 1):
+        lengths = [sensors[name].length for name in sensors if levels[name] == level]
+        if lengths:
+            padded[level] = PaddedTexture.build(grey, texture.size, max(lengths))
+        grey = halved(grey) if level < max(levels.values()) else grey
+    return padded

@@ -1,0 +1,60 @@
+"""When a line camera exposes its lines, exactly.
+
+Line j is exposed at j / rate. The comparison with control stamps, which are whole nanoseconds,
+is done in whole numbers, so that no line is lost or doubled at the seam of two control periods.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SECOND = 1_000_000_000
+
+
+class LineClock:
+    """The line times of one camera.
+
+    Attributes:
+        period_ns: time between two lines, exact [ns].
+    """
+
+    def __init__(self, line_rate: float) -> None:
+        """Set the rate.
+
+        Args:
+            line_rate: lines per second; taken as the exact value of the float [1/s].
+
+        Raises:
+            ValueError: the rate is not finite or not above zero.
+        """
+        if not (math.isfinite(line_rate) and line_rate > 0.0):
+            raise ValueError(f"a line rate must be above 0 1/s, not {line_rate}")
+        self.period_ns = Fraction(_SECOND) / Fraction(line_rate)
+
+    def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
+        """Return the lines with ``after < time <= until`` as (first, end), end not included.
+
+        Args:
+            after_ns: open end of the interval [ns]; -1 includes line 0.
+            until_ns: closed end of the interval [ns].
+        """
+        return self._count_until(after_ns), self._count_until(until_ns)
+
+    def stamp_ns(self, line: int) -> int:
+        """Return the time of a line, rounded to whole nanoseconds [ns]."""
+        return round(line * self.period_ns)
+
+    def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
+        """Return the times of lines ``first <= j < end`` [ns], not rounded to whole ones."""
+        period, divisor = self.period_ns.numerator, self.period_ns.denominator
+        return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)
+
+    def _count_until(self, stamp_ns: int) -> int:
+        """Return how many lines there are with ``time <= stamp``."""
+        if stamp_ns < 0:
+            return 0
+        return stamp_ns * self.period_ns.denominator // self.period_ns.numerator + 1

@@ -1,0 +1,107 @@
+"""Sensor noise and quantisation of rendered lines.
+
+The noise is a function of (key, line index, pixel) alone, a counter-based generator: the same
+line gets the same noise however lines are grouped into batches or spread over threads. A 64-bit
+SplitMix hash of the counter gives four 12-bit numbers, and a pixel's noise is the sum of two of
+them looked up in a table of normal quantiles: 2^24 different values, exact standard deviation,
+excess kurtosis under 0.01, cut off at 5.1 standard deviations, and many times faster than drawing
+normal variates.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import statistics
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_TABLE_BITS = 12
+
+
+def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
+    """Return the key of a sensor's noise, independent of which other sensors there are.
+
+    Args:
+        seed: common to all sensors of a run.
+        name: the sensor's name.
+    """
+    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *name.encode()))
+    return np.uint64(child.generate_state(1, np.uint64)[0])
+
+
+def expose(
+    greys: NDArray[np.float32],
+    gain: float,
+    offset: float,
+    noise: float,
+    bit_depth: int,
+    key: np.uint64,
+    first_line: int,
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return what the camera delivers: ``gain grey + offset + noise``, rounded and clipped.
+
+    Args:
+        greys: grey levels on the ground on the 8-bit scale, shape (m, pixels).
+        gain: contrast [1].
+        offset: brightness [grey levels].
+        noise: standard deviation [grey levels].
+        bit_depth: 8 for 0..255, 16 for the same range as 0..65535.
+        key: of the sensor's noise, see `noise_key`.
+        first_line: index of the first of these lines since the start of the run.
+    """
+    lines: NDArray[np.uint8] | NDArray[np.uint16]
+    lines = np.empty(greys.shape, np.uint8 if bit_depth == 8 else np.uint16)
+    scale = 1.0 if bit_depth == 8 else 257.0
+    _expose(
+        greys,
+        np.float32(gain * scale),
+        np.float32(offset * scale),
+        _quantiles() * np.float32(noise * scale),
+        np.float32(255.0 * scale),
+        key,
+        np.uint64(first_line),
+        lines,
+    )
+    return lines
+
+
+@functools.cache
+def _quantiles() -> NDArray[np.float32]:
+    """Return equally probable values of a normal distribution of variance 1/2."""
+    count = 1 << _TABLE_BITS
+    normal = statistics.NormalDist()
+    upper = np.array([normal.inv_cdf((i + 0.5) / count) for i in range(count // 2, count)])
+    values = np.concatenate((-upper[::-1], upper))
+    values *= math.sqrt(0.5 / np.mean(values**2))
+    return values.astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _expose(greys, gain, offset, table, white, key, first_line, lines):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    pixels = greys.shape[1]
+    mask = np.uint64((1 << _TABLE_BITS) - 1)
+    pairs = np.uint64((pixels + 1) // 2)
+    half = np.float32(0.5)
+    black = np.float32(0.0)
+    for row in range(len(greys)):
+        grey = greys[row]
+        line = lines[row]
+        counter = (first_line + np.uint64(row)) * pairs
+        for pair in range((pixels + 1) // 2):
+            # SplitMix64: a Weyl sequence through a finaliser with full avalanche.
+            bits = key + (counter + np.uint64(pair)) * np.uint64(0x9E3779B97F4A7C15)
+            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            bits ^= bits >> np.uint64(31)
+            pixel = 2 * pair
+            value = gain * grey[pixel] + offset
+            value += table[bits & mask] + table[(bits >> np.uint64(12)) & mask]
+            line[pixel] = int(min(max(value, black), white) + half)
+            if pixel + 1 < pixels:
+                value = gain * grey[pixel + 1] + offset
+                value += table[(bits >> np.uint64(24)) & mask]
+                value += table[(bits >> np.uint64(36)) & mask]
+                line[pixel + 1] = int(min(max(value, black), white) + half)

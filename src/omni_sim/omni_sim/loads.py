@@ -1,0 +1,259 @@
+"""Masses of the vehicle and the vertical loads of its wheels.
+
+Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
+chassis, so their loads lie on a plane ``a + b x + c y`` over the wheel positions that balances
+the weight and its moments, including those of inertia at the height of the centre of gravity:
+the loads balance about the zero-moment point ``z = r_g - h a / g``. A wheel never pulls: those
+that the plane would pull are lifted, and the rest carry the weight. Where no such balance exists
+(the zero-moment point leaves the support polygon) the vehicle would tip over; then the nearest
+edge of the polygon carries it and `tipping` is reported, since the planar model ends there.
+Neglected: the product of inertia of masses at different heights under yaw acceleration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.geometry import cross
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2]."""
+
+MAXIMUM_WHEELS = 32
+"""Wheels that the contact set of the load equilibrium can hold."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MassConfiguration(Configuration):
+    """A rigid mass on the platform, in the body frame."""
+
+    mass: float = parameter(description="Mass", unit="kg", minimum=0.0, maximum=1.0e5)
+    x: float = parameter(
+        0.0, description="Centre of gravity, forward of the platform centre", unit="m"
+    )
+    y: float = parameter(
+        0.0, description="Centre of gravity, left of the platform centre", unit="m"
+    )
+    height: float = parameter(
+        description="Centre of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
+    )
+    yaw_inertia: float = parameter(
+        0.0,
+        description="Moment of inertia about the vertical through its own centre of gravity",
+        unit="kg m^2",
+        minimum=0.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class MassProperties:
+    """What the planar dynamics need of all masses together.
+
+    Attributes:
+        mass: m [kg].
+        centre: ``r_g``, centre of gravity in the body frame [m], shape (2,).
+        height: of the centre of gravity above the ground [m].
+        yaw_inertia: J about the vertical through the centre of gravity [kg m^2].
+    """
+
+    mass: float
+    centre: FloatArray
+    height: float
+    yaw_inertia: float
+
+    @classmethod
+    def of(cls, *masses: MassConfiguration) -> MassProperties:
+        """Combine masses by Steiner's rule; their sum must not be zero."""
+        mass = np.array([part.mass for part in masses])
+        position = np.array([[part.x, part.y] for part in masses])
+        total = float(mass.sum())
+        centre = mass @ position / total
+        offset = np.sum((position - centre) ** 2, axis=1)
+        inertia = sum(part.yaw_inertia for part in masses) + float(mass @ offset)
+        height = float(mass @ np.array([part.height for part in masses])) / total
+        return cls(total, centre, height, inertia)
+
+
+def support_polygon(position: FloatArray) -> IntArray:
+    """Return the indices of the wheels on the convex hull, counter-clockwise.
+
+    Args:
+        position: wheel contacts [m], shape (N, 2).
+    """
+    order = np.lexsort((position[:, 1], position[:, 0]))
+    chains = []
+    for indices in (order, order[::-1]):
+        chain: list[int] = []
+        for index in indices:
+            while len(chain) >= 2:
+                edge = position[chain[-1]] - position[chain[-2]]
+                if cross(edge, position[index] - position[chain[-1]]) > 0.0:
+                    break
+                chain.pop()
+            chain.append(int(index))
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1], dtype=np.int64)
+
+
+def load_plane(position: FloatArray) -> FloatArray:
+    """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while all wheels stand.
+
+    Args:
+        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+
+    Returns:
+        [1], [1/m], [1/m], shape (N, 3).
+    """
+    basis = np.column_stack((np.ones(len(position)), position))
+    rows = np.linalg.solve(basis.T @ basis, basis.T).T
+    return np.ascontiguousarray(rows, dtype=np.float64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def wheel_loads(
+    position: FloatArray,
+    plane: FloatArray,
+    hull: IntArray,
+    weight: float,
+    z_x: float,
+    z_y: float,
+    loads: FloatArray,
+) -> bool:
+    """Distribute the weight over the wheels.
+
+    Args:
+        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+        plane: from `load_plane`.
+        hull: from `support_polygon`.
+        weight: m g [N].
+        z_x: zero-moment point relative to the centre of gravity, ``-h a_x / g`` [m].
+        z_y: likewise in y [m].
+        loads: receives the loads [N], shape (N,).
+
+    Returns:
+        Whether the vehicle would tip: fewer than three wheels carry it.
+    """
+    n = position.shape[0]
+    lifted = False
+    for i in range(n):
+        loads[i] = weight * (plane[i, 0] + plane[i, 1] * z_x + plane[i, 2] * z_y)
+        lifted = lifted or loads[i] < 0.0
+    if not lifted:
+        return False
+    if _stand_on_edge(position, hull, weight, z_x, z_y, loads):
+        return True
+    carrying: int = _stand_on_some(position, weight, z_x, z_y, loads)
+    if carrying == 0:
+        _stand_on_triangle(position, hull, weight, z_x, z_y, loads)
+    return 0 < carrying < 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stand_on_edge(
+    position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> bool:
+    """If the zero-moment point is outside, put the weight on the nearest point of the polygon."""
+    outside = False
+    nearest = np.inf
+    first, second, share = 0, 0, 0.0
+    for k in range(hull.size):
+        a, b = hull[k], hull[(k + 1) % hull.size]
+        edge_x, edge_y = position[b, 0] - position[a, 0], position[b, 1] - position[a, 1]
+        to_x, to_y = z_x - position[a, 0], z_y - position[a, 1]
+        outside = outside or edge_x * to_y - edge_y * to_x < 0.0
+        along = (to_x * edge_x + to_y * edge_y) / (edge_x * edge_x + edge_y * edge_y)
+        along = min(max(along, 0.0), 1.0)
+        distance = (to_x - along * edge_x) ** 2 + (to_y - along * edge_y) ** 2
+        if distance < nearest:
+            nearest, first, second, share = distance, a, b, along
+    if outside:
+        loads[:] = 0.0
+        loads[first] = weight * (1.0 - share)
+        loads[second] = weight * share
+    return outside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stand_on_some(
+    position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> int:
+    """Find the wheels that carry; return their number, 0 if the iteration finds none.
+
+    A wheel is in contact iff the plane through the others in contact presses it down; starting
+    from the loads given, the set is corrected until it agrees with its own plane.
+    """
+    n = position.shape[0]
+    contact = 0
+    for i in range(n):
+        if loads[i] > 0.0:
+            contact |= 1 << i
+    for _ in range(4 * n):
+        s, s_x, s_y, s_xx, s_xy, s_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            if contact & (1 << i):
+                x, y = position[i, 0], position[i, 1]
+                s += 1.0
+                s_x += x
+                s_y += y
+                s_xx += x * x
+                s_xy += x * y
+                s_yy += y * y
+        # Cramer's rule on the symmetric normal equations.
+        m_a = s_xx * s_yy - s_xy * s_xy
+        m_b = s_xy * s_y - s_x * s_yy
+        m_c = s_x * s_xy - s_xx * s_y
+        determinant = s * m_a + s_x * m_b + s_y * m_c
+        if determinant <= 1e-9 * (s * s_xx * s_yy):
+            return 0
+        scale = weight / determinant
+        a = scale * (m_a + m_b * z_x + m_c * z_y)
+        b = scale * (m_b + (s * s_yy - s_y * s_y) * z_x + (s_x * s_y - s * s_xy) * z_y)
+        c = scale * (m_c + (s_x * s_y - s * s_xy) * z_x + (s * s_xx - s_x * s_x) * z_y)
+        agreed = 0
+        carrying = 0
+        for i in range(n):
+            loads[i] = a + b * position[i, 0] + c * position[i, 1]
+            if loads[i] > 0.0:
+                agreed |= 1 << i
+                carrying += 1
+            else:
+                loads[i] = 0.0
+        if agreed == contact:
+            return carrying
+        contact = agreed
+    return 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stand_on_triangle(
+    position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> None:
+    """Balance the weight on three wheels of the polygon around the zero-moment point."""
+    loads[:] = 0.0
+    o = hull[0]
+    best = -np.inf
+    for k in range(1, hull.size - 1):
+        p, q = hull[k], hull[k + 1]
+        p_x, p_y = position[p, 0] - position[o, 0], position[p, 1] - position[o, 1]
+        q_x, q_y = position[q, 0] - position[o, 0], position[q, 1] - position[o, 1]
+        t_x, t_y = z_x - position[o, 0], z_y - position[o, 1]
+        area = p_x * q_y - p_y * q_x
+        at_p = (t_x * q_y - t_y * q_x) / area
+        at_q = (p_x * t_y - p_y * t_x) / area
+        least = min(at_p, at_q, 1.0 - at_p - at_q)
+        if least > best:
+            best = least
+            at_p, at_q = max(at_p, 0.0), max(at_q, 0.0)
+            total = max(at_p + at_q, 1.0)
+            loads[:] = 0.0
+            loads[o] = weight * (1.0 - (at_p + at_q) / total)
+            loads[p] = weight * at_p / total
+            loads[q] = weight * at_q / total

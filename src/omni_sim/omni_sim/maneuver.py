@@ -1,0 +1,133 @@
+"""The scripted driver: sets off at a constant velocity and brakes at a given time."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ManeuverConfiguration(Configuration):
+    """What the driver does during a run."""
+
+    x: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
+    y: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
+    heading_deg: float = parameter(
+        0.0,
+        description="Heading of the body at the start, counter-clockwise from the x axis",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    speed: float = parameter(
+        10.0, description="Speed before braking", unit="m/s", minimum=0.0, maximum=50.0
+    )
+    direction_deg: float = parameter(
+        0.0,
+        description="Direction of motion, counter-clockwise from the body's forward axis",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    yaw_rate_deg: float = parameter(
+        0.0,
+        description="Yaw rate before braking, counter-clockwise",
+        unit="deg/s",
+        minimum=-720.0,
+        maximum=720.0,
+    )
+    hold_world_direction: bool = parameter(
+        False,
+        description="Keep the direction of motion in the world while the body turns "
+        "(turn-while-translate); otherwise it turns with the body",
+    )
+    brake_time: float = parameter(
+        1.0,
+        description="Time at which the brake pedal goes down",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    pedal: float = parameter(
+        1.0, description="Position of the pedal while braking", minimum=0.0, maximum=1.0
+    )
+    pedal_ramp_time: float = parameter(
+        0.0,
+        description="Time that the pedal takes to go down",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
+
+
+class ScriptedDriver:
+    """Pedal and velocity command as functions of time; keeps no state.
+
+    Attributes:
+        configuration: the maneuver.
+    """
+
+    def __init__(self, configuration: ManeuverConfiguration) -> None:
+        self.configuration = configuration
+        self._brake_ns = round(configuration.brake_time * 1e9)
+        self._ramp_ns = round(configuration.pedal_ramp_time * 1e9)
+
+    @property
+    def start_pose(self) -> FloatArray:
+        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
+        c = self.configuration
+        return np.array([c.x, c.y, math.radians(c.heading_deg)])
+
+    @property
+    def start_twist(self) -> FloatArray:
+        """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
+        c = self.configuration
+        direction = math.radians(c.direction_deg)
+        return np.array(
+            [
+                c.speed * math.cos(direction),
+                c.speed * math.sin(direction),
+                math.radians(c.yaw_rate_deg),
+            ]
+        )
+
+    def pedal(self, stamp_ns: int) -> float:
+        """Return the position of the brake pedal, 0..1.
+
+        Args:
+            stamp_ns: time since the start of the run [ns].
+        """
+        elapsed = stamp_ns - self._brake_ns
+        if elapsed < 0:
+            return 0.0
+        share = 1.0 if elapsed >= self._ramp_ns else elapsed / self._ramp_ns
+        return self.configuration.pedal * share
+
+    def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
+        """Return the commanded twist of base_link, zero once the pedal is fully down.
+
+        Until then it stays, so that the drive does not brake before its clutch opens.
+
+        Args:
+            stamp_ns: time since the start of the run [ns].
+            yaw: of the body in the world frame [rad].
+
+        Returns:
+            In the body frame [m/s, m/s, rad/s], shape (3,).
+        """
+        if stamp_ns - self._brake_ns >= self._ramp_ns:
+            return np.zeros(3)
+        twist = self.start_twist
+        if self.configuration.hold_world_direction:
+            turned = yaw - math.radians(self.configuration.heading_deg)
+            cos, sin = math.cos(turned), math.sin(turned)
+            v_x, v_y = twist[:2]
+            twist[:2] = cos * v_x + sin * v_y, cos * v_y - sin * v_x
+        return twist

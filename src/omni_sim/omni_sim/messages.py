@@ -1,0 +1,159 @@
+"""The simulator's own messages: truth, camera scale and the scene for viewers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from nav_msgs.msg import Odometry
+from omni_platform.sensors import LineSensor
+from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from omni_sim.simulator import Observation, SimulatorConfiguration
+
+# Colours that colour-blind readers can tell apart (Okabe and Ito).
+_BLUE = (0.0, 0.447, 0.698)
+_ORANGE = (0.902, 0.624, 0.0)
+_VERMILION = (0.835, 0.369, 0.0)
+_GREEN = (0.0, 0.620, 0.451)
+_SKY = (0.337, 0.706, 0.914)
+_GREY = (0.6, 0.6, 0.6)
+_METRES_PER_NEWTON = 1e-4
+_SECONDS_PER_ARROW = 0.1
+
+
+def camera_info(name: str, sensor: LineSensor) -> CameraInfo:
+    """Return a line camera's size and scale.
+
+    A line has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` that
+    across it (one pixel per width of the field of view), ``k[2]`` the centre [px].
+    """
+    along = sensor.pixels / sensor.length
+    across = 1.0 / sensor.width
+    centre = (sensor.pixels - 1) / 2.0
+    return CameraInfo(
+        header=header(0, name),
+        height=1,
+        width=sensor.pixels,
+        distortion_model="plumb_bob",
+        d=[0.0] * 5,
+        k=[along, 0.0, centre, 0.0, across, 0.0, 0.0, 0.0, 1.0],
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[along, 0.0, centre, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def ground_truth(observation: Observation) -> Odometry:
+    """Return the simulator's true pose in `odom` and twist in `base_link`."""
+    x, y, yaw = (float(value) for value in observation.pose)
+    message = Odometry(header=header(observation.stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
+    message.pose.pose = Pose(position=Point(x=x, y=y), orientation=_about_z(yaw))
+    message.twist.twist.linear.x = float(observation.twist[0])
+    message.twist.twist.linear.y = float(observation.twist[1])
+    message.twist.twist.angular.z = float(observation.twist[2])
+    return message
+
+
+def scene_markers(configuration: SimulatorConfiguration, observation: Observation) -> MarkerArray:
+    """Return platform, load, wheels, wheel forces, velocity and friction patches for a viewer."""
+    vehicle = configuration.vehicle
+    x, y, yaw = (float(value) for value in observation.pose)
+    to_world = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    origin = np.array([x, y])
+    stamp_ns = observation.stamp_ns
+    markers = [
+        _box(stamp_ns, "platform", 0, (x, y, 0.3), yaw, (vehicle.chassis_length, vehicle.chassis_width, 0.2), _GREY)
+    ]
+    load = origin + to_world @ np.array([vehicle.load.x, vehicle.load.y])
+    markers.append(_sphere(stamp_ns, "load", (*load, vehicle.load.height), 0.3, _GREEN))
+    for index, mount in enumerate(vehicle.wheels.values()):
+        hub = origin + to_world @ np.array([mount.x, mount.y])
+        locked = observation.brake_torque[index] > 0.0
+        heading = yaw + math.radians(mount.heading_deg)
+        size = (2.0 * mount.radius, 0.5 * mount.radius, 2.0 * mount.radius)
+        colour = _VERMILION if locked else _SKY
+        markers.append(_box(stamp_ns, "wheels", index, (*hub, mount.radius), heading, size, colour))
+        force = to_world @ observation.wheel_force_body[index] * _METRES_PER_NEWTON
+        markers.append(_arrow(stamp_ns, "wheel_forces", index, hub, force, _BLUE))
+    velocity = to_world @ observation.twist[:2] * _SECONDS_PER_ARROW
+    markers.append(_arrow(stamp_ns, "velocity", 0, origin, velocity, _ORANGE))
+    for index, patch in enumerate(configuration.ground.patches.values()):
+        heading = math.radians(patch.heading_deg)
+        centre = (patch.x, patch.y, -0.01)
+        size = (patch.length, patch.width, 0.01)
+        markers.append(_box(stamp_ns, "friction_patches", index, centre, heading, size, _SKY))
+    return MarkerArray(markers=markers)
+
+
+def _marker(
+    stamp_ns: int, namespace: str, index: int, kind: int, colour: tuple[float, float, float]
+) -> Marker:
+    red, green, blue = colour
+    return Marker(
+        header=header(stamp_ns, WORLD_FRAME),
+        ns=namespace,
+        id=index,
+        type=kind,
+        action=Marker.ADD,
+        color=ColorRGBA(r=red, g=green, b=blue, a=0.9),
+        lifetime=Duration(),
+    )
+
+
+def _box(
+    stamp_ns: int,
+    namespace: str,
+    index: int,
+    centre: tuple[float, float, float],
+    yaw: float,
+    size: tuple[float, float, float],
+    colour: tuple[float, float, float],
+) -> Marker:
+    marker = _marker(stamp_ns, namespace, index, Marker.CUBE, colour)
+    marker.pose = Pose(position=_point(centre), orientation=_about_z(yaw))
+    marker.scale = Vector3(x=float(size[0]), y=float(size[1]), z=float(size[2]))
+    return marker
+
+
+def _sphere(
+    stamp_ns: int,
+    namespace: str,
+    centre: tuple[float, float, float],
+    diameter: float,
+    colour: tuple[float, float, float],
+) -> Marker:
+    marker = _marker(stamp_ns, namespace, 0, Marker.SPHERE, colour)
+    marker.pose = Pose(position=_point(centre), orientation=_about_z(0.0))
+    marker.scale = Vector3(x=diameter, y=diameter, z=diameter)
+    return marker
+
+
+def _arrow(
+    stamp_ns: int,
+    namespace: str,
+    index: int,
+    tail: np.ndarray,
+    vector: np.ndarray,
+    colour: tuple[float, float, float],
+) -> Marker:
+    marker = _marker(stamp_ns, namespace, index, Marker.ARROW, colour)
+    height = 0.45
+    marker.pose.orientation = _about_z(0.0)
+    head = tail + vector
+    marker.points = [_point((*tail, height)), _point((*head, height))]
+    marker.scale = Vector3(x=0.03, y=0.08, z=0.1)
+    return marker
+
+
+def _point(coordinates: tuple[float, ...]) -> Point:
+    x, y, z = (float(value) for value in coordinates)
+    return Point(x=x, y=y, z=z)
+
+
+def _about_z(yaw: float) -> Quaternion:
+    return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))

@@ -1,0 +1,89 @@
+"""Turns a vehicle's configuration into the constants of the dynamics kernel."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.geometry import WheelMount, cross
+from omni_platform.kinematics import PlatformKinematics
+from omni_sim import dynamics
+from omni_sim.friction import FrictionMap
+from omni_sim.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_sim.tmeasy import curve_coefficients
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+FloatArray = NDArray[np.float64]
+
+
+def build_plant(
+    configuration: VehicleConfiguration,
+    kinematics: PlatformKinematics,
+    masses: MassProperties,
+    friction: FrictionMap,
+    physics_step: float,
+) -> dynamics.Plant:
+    """Lay out the constants of a vehicle for the kernel.
+
+    Args:
+        configuration: what the vehicle is made of.
+        kinematics: of its wheels.
+        masses: body and load together.
+        friction: of the ground.
+        physics_step: [s].
+    """
+    geometry = kinematics.geometry
+    tire = configuration.tire
+    lever = geometry.position - masses.centre
+    moment = cross(lever, geometry.active)
+    mobility = geometry.active @ geometry.active.T / masses.mass
+    mobility += np.outer(moment, moment) / masses.yaw_inertia
+    plant = dynamics.Plant(
+        dt=float(physics_step),
+        mass=masses.mass,
+        yaw_inertia=masses.yaw_inertia,
+        centre_x=float(masses.centre[0]),
+        centre_y=float(masses.centre[1]),
+        height=masses.height,
+        filter_share=physics_step / (physics_step + configuration.load_transfer_time),
+        wheel=np.column_stack(
+            (
+                lever,
+                geometry.active,
+                moment,
+                np.sum(geometry.active * geometry.rolling, axis=1),
+                geometry.radius,
+                np.sum(np.abs(mobility), axis=1),
+            )
+        ),
+        rolling=np.zeros((len(lever), 3)),
+        plane=load_plane(lever),
+        hull=support_polygon(lever),
+        wheel_inertia=configuration.wheel_inertia,
+        drive_limit=configuration.drive.max_torque,
+        curve=curve_coefficients(tire.x, tire.nominal_load_1, tire.nominal_load_2),
+        largest_load=tire.nominal_load_2,
+        stiffness=tire.stiffness,
+        damping=tire.damping,
+        vertical_stiffness=tire.vertical_stiffness,
+        slip_speed=tire.slip_speed,
+        friction=float(friction.base),
+        patches=friction.table,
+    )
+    radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
+    mounts: Mapping[str, WheelMount] = {
+        name: dataclasses.replace(mount, radius=float(rolling_radius))
+        for (name, mount), rolling_radius in zip(configuration.wheels.items(), radius, strict=True)
+    }
+    return plant._replace(rolling=PlatformKinematics(mounts).wheel_speeds(np.eye(3)).T.copy())
+
+
+def static_loads(plant: dynamics.Plant) -> FloatArray:
+    """Return the wheel loads at rest [N], shape (N,)."""
+    loads = np.empty(len(plant.wheel))
+    weight = plant.mass * GRAVITY
+    wheel_loads(plant.wheel, plant.plane, plant.hull, weight, 0.0, 0.0, loads)
+    return loads

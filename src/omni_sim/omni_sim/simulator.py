@@ -1,0 +1,321 @@
+"""The simulated machine: vehicle, driver and sensors, advanced by one control period at a time.
+
+`observe` tells what the sensors see at the current stamp, `advance` applies brake enables for one
+control period. Nothing here knows of ROS, of clocks or of who decides the enables.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.sensors import LineSensor
+
+from omni_sim.friction import FrictionMap, FrictionPatch
+from omni_sim.ground_texture import TextureConfiguration
+from omni_sim.line_camera import CameraConfiguration, LineCameraArray
+from omni_sim.line_clock import LineClock
+from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
+from omni_sim.pose_interpolation import interpolate_poses
+from omni_sim.texture_cache import TextureCache
+from omni_sim.vehicle import Vehicle
+from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
+
+__all__ = [
+    "CameraConfiguration",
+    "GroundConfiguration",
+    "LineBatch",
+    "ManeuverConfiguration",
+    "Observation",
+    "SimulationConfiguration",
+    "Simulator",
+    "SimulatorConfiguration",
+    "VehicleConfiguration",
+    "VelocitySensorConfiguration",
+]
+
+FloatArray = NDArray[np.float64]
+LineArray = NDArray[np.uint8] | NDArray[np.uint16]
+
+_SECOND = 1_000_000_000
+# A sensor that is read without noise is still not known better than this [m/s], [rad/s].
+_SMALLEST_DEVIATION = 1e-4
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GroundConfiguration(Configuration):
+    """What the vehicle drives on and what its line cameras look at."""
+
+    texture: TextureConfiguration = parameter(
+        default_factory=TextureConfiguration, description="Look of the ground"
+    )
+    friction: float = parameter(
+        1.0,
+        description="Friction factor mu/mu_0 of the ground, relative to the tyre's own data",
+        minimum=0.0,
+        maximum=2.0,
+    )
+    patches: Mapping[str, FrictionPatch] = parameter(
+        default_factory=dict, description="Patches with another friction"
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulationConfiguration(Configuration):
+    """Steps and end of a simulation."""
+
+    physics_step: float = parameter(
+        0.0005, description="Fixed step of the physics", unit="s", minimum=1e-6, maximum=0.01
+    )
+    control_period: float = parameter(
+        0.01, description="Time between two control steps", unit="s", minimum=1e-4, maximum=1.0
+    )
+    duration_limit: float = parameter(
+        30.0, description="Time at which a run ends at the latest", unit="s", above=0.0
+    )
+    settling_time: float = parameter(
+        0.5,
+        description="Time that the vehicle must stand still before the run ends",
+        unit="s",
+        minimum=0.0,
+    )
+    rest_speed: float = parameter(
+        0.05, description="Speed below which the vehicle stands still", unit="m/s", above=0.0
+    )
+    render_lines: bool = parameter(
+        True, description="Render the line cameras; without, there is no optical odometry"
+    )
+
+    @property
+    def control_period_ns(self) -> int:
+        """Control period [ns]."""
+        return round(self.control_period * _SECOND)
+
+    @property
+    def steps_per_period(self) -> int:
+        """Physics steps in a control period."""
+        return round(self.control_period / self.physics_step)
+
+    def check_consistency(self) -> None:
+        """Refuse a control period that is no multiple of the physics step.
+
+        Raises:
+            ConfigurationError: names both.
+        """
+        if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
+            raise ConfigurationError(
+                "control_period",
+                f"{self.control_period:g} s is no multiple of the physics step of "
+                f"{self.physics_step:g} s",
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulatorConfiguration(Configuration):
+    """Everything that the simulated machine depends on."""
+
+    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+    ground: GroundConfiguration = parameter(
+        default_factory=GroundConfiguration, description="Ground"
+    )
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+    camera: CameraConfiguration = parameter(
+        default_factory=CameraConfiguration, description="Exposure common to the line cameras"
+    )
+    maneuver: ManeuverConfiguration = parameter(
+        default_factory=ManeuverConfiguration, description="What the scripted driver does"
+    )
+    velocity_sensor: VelocitySensorConfiguration = parameter(
+        default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    )
+    simulation: SimulationConfiguration = parameter(
+        default_factory=SimulationConfiguration, description="Steps and end of the simulation"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a camera that is too slow to deliver a pair of lines in every control period.
+
+        Raises:
+            ConfigurationError: names the sensor.
+        """
+        for name, sensor in self.sensors.items():
+            if sensor.line_rate * self.simulation.control_period < 2.0:
+                raise ConfigurationError(
+                    f"sensors.{name}.line_rate",
+                    f"{sensor.line_rate:g} 1/s gives fewer than two lines in a control period of "
+                    f"{self.simulation.control_period:g} s",
+                )
+
+
+@dataclasses.dataclass(frozen=True)
+class LineBatch:
+    """Consecutive lines of one camera.
+
+    Attributes:
+        stamp_ns: exposure of the newest line [ns].
+        lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
+    """
+
+    stamp_ns: int
+    lines: LineArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Observation:
+    """The state of the machine at a control stamp, and what its sensors say of it.
+
+    Attributes:
+        stamp_ns: time since the start of the run [ns].
+        wheel_angle: [rad], shape (N,).
+        wheel_speed: [rad/s], shape (N,).
+        brake_torque: acting on each wheel [N m], shape (N,).
+        pedal: the driver's brake demand 0..1.
+        command: the driver's drive demand in the body frame [m/s, m/s, rad/s], shape (3,).
+        pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
+        twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
+        velocity_sensor: reading of the noisy sampled sensor, as `twist`, shape (3,).
+        velocity_sensor_covariance: of that reading, shape (3, 3).
+        wheel_load: [N], shape (N,).
+        wheel_force: along the active directions [N], shape (N,).
+        wheel_force_body: the same as vectors in the body frame [N], shape (N, 2).
+        slip: of the contact patches, Eq. (20) [1], shape (N,).
+        line_batches: lines since the last stamp, by camera.
+    """
+
+    stamp_ns: int
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    pedal: float
+    command: FloatArray
+    pose: FloatArray
+    twist: FloatArray
+    velocity_sensor: FloatArray
+    velocity_sensor_covariance: FloatArray
+    wheel_load: FloatArray
+    wheel_force: FloatArray
+    wheel_force_body: FloatArray
+    slip: FloatArray
+    line_batches: Mapping[str, LineBatch]
+
+
+class Simulator:
+    """A vehicle with its driver and sensors.
+
+    Attributes:
+        configuration: everything that it depends on.
+        vehicle: the vehicle, to look into.
+        control_period_ns: time that one `advance` takes [ns].
+    """
+
+    def __init__(
+        self, configuration: SimulatorConfiguration, textures: TextureCache | None = None
+    ) -> None:
+        """Place the vehicle at the start of its maneuver.
+
+        Args:
+            configuration: everything that the machine depends on.
+            textures: where the ground comes from; the user's cache by default.
+        """
+        self.configuration = configuration
+        simulation = configuration.simulation
+        self.control_period_ns = simulation.control_period_ns
+        self._driver = ScriptedDriver(configuration.maneuver)
+        ground = configuration.ground
+        self.vehicle = Vehicle(
+            configuration.vehicle,
+            FrictionMap(ground.friction, ground.patches),
+            simulation.physics_step,
+            self._driver.start_pose,
+            self._driver.start_twist,
+        )
+        self._stamp_ns = 0
+        # Streams of their own, so that one draw more of one does not change the other.
+        sensor_seed, camera_seed = np.random.SeedSequence(configuration.seed).spawn(2)
+        self._velocity_sensor = VelocitySensor(
+            configuration.velocity_sensor, np.random.default_rng(sensor_seed)
+        )
+        self._cameras: LineCameraArray | None = None
+        self._batches: Mapping[str, LineBatch] = {}
+        if simulation.render_lines:
+            texture = (textures or TextureCache.of_user()).texture(ground.texture)
+            self._cameras = LineCameraArray(
+                configuration.sensors, texture, configuration.camera, camera_seed
+            )
+            self._clocks = {
+                name: LineClock(sensor.line_rate) for name, sensor in configuration.sensors.items()
+            }
+            start = np.zeros((1, 6))
+            start[0, :3] = self._driver.start_pose
+            self._batches = self._expose(start, -1, 0)
+
+    def observe(self) -> Observation:
+        """Return state and measurements at the current stamp; repeated calls return the same."""
+        vehicle = self.vehicle
+        twist = vehicle.twist
+        pose = vehicle.pose
+        reading = self._velocity_sensor.measure(self._stamp_ns, twist)
+        force = vehicle.wheel_force
+        return Observation(
+            stamp_ns=self._stamp_ns,
+            wheel_angle=vehicle.wheel_angle,
+            wheel_speed=vehicle.wheel_speed,
+            brake_torque=vehicle.brake_torque,
+            pedal=self._driver.pedal(self._stamp_ns),
+            command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
+            pose=pose,
+            twist=twist,
+            velocity_sensor=reading,
+            velocity_sensor_covariance=self._reading_covariance(reading),
+            wheel_load=vehicle.wheel_load,
+            wheel_force=force,
+            wheel_force_body=force[:, np.newaxis] * vehicle.kinematics.geometry.active,
+            slip=vehicle.slip,
+            line_batches=self._batches,
+        )
+
+    def advance(self, brake_enable: FloatArray) -> None:
+        """Go on by one control period.
+
+        Args:
+            brake_enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
+        """
+        start_ns = self._stamp_ns
+        trajectory = self.vehicle.advance(
+            self.configuration.simulation.steps_per_period,
+            self._driver.pedal(start_ns),
+            brake_enable,
+            self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
+            hold_world_direction=self.configuration.maneuver.hold_world_direction,
+        )
+        self._stamp_ns = start_ns + self.control_period_ns
+        if self._cameras is not None:
+            self._batches = self._expose(trajectory, start_ns, self._stamp_ns)
+
+    def _expose(
+        self, trajectory: FloatArray, start_ns: int, end_ns: int
+    ) -> Mapping[str, LineBatch]:
+        """Return the lines of every camera with times in (start, end]."""
+        if self._cameras is None:
+            return {}
+        step_ns = self.control_period_ns / self.configuration.simulation.steps_per_period
+        poses, stamps = {}, {}
+        for name, clock in self._clocks.items():
+            first, last = clock.lines_in(start_ns, end_ns)
+            times = clock.times_ns(first, last)
+            poses[name] = interpolate_poses(trajectory, max(start_ns, 0), step_ns, times)
+            stamps[name] = clock.stamp_ns(last - 1)
+        lines = self._cameras.render(poses)
+        return {name: LineBatch(stamps[name], lines[name]) for name in lines}
+
+    def _reading_covariance(self, reading: FloatArray) -> FloatArray:
+        """Return the covariance of uniform noise of half a width proportional to the value."""
+        sensor = self.configuration.velocity_sensor
+        share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
+        variance = (share * reading) ** 2 / 3.0
+        return np.diag(np.maximum(variance, _SMALLEST_DEVIATION**2))

@@ -1,0 +1,88 @@
+"""The dissertation's velocity sensor: sampled, noisy, with an offset, Eqs. (60), (61)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VelocitySensorConfiguration(Configuration):
+    """Sampling and errors of the velocity sensor; without noise or offset by default."""
+
+    sample_time: float = parameter(
+        0.01,
+        description="Time between samples; the last one is held in between",
+        unit="s",
+        minimum=1.0e-6,
+        maximum=10.0,
+    )
+    linear_noise: float = parameter(
+        0.0,
+        description="Half width of the uniform noise on v_x and v_y, as a share of the true value",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    yaw_rate_noise: float = parameter(
+        0.0,
+        description="Half width of the uniform noise on the yaw rate, as a share of the true value",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    offset_x: float = parameter(0.0, description="Constant error of v_x", unit="m/s")
+    offset_y: float = parameter(0.0, description="Constant error of v_y", unit="m/s")
+    yaw_rate_offset: float = parameter(
+        0.0, description="Constant error of the yaw rate", unit="rad/s"
+    )
+
+
+class VelocitySensor:
+    """A sensor of the body twist with zero-order hold.
+
+    Attributes:
+        configuration: sampling and errors.
+    """
+
+    def __init__(
+        self, configuration: VelocitySensorConfiguration, random: np.random.Generator
+    ) -> None:
+        """Make a sensor that has not sampled yet.
+
+        Args:
+            configuration: sampling and errors.
+            random: source of the noise.
+        """
+        self.configuration = configuration
+        self._random = random
+        self._period_ns = round(configuration.sample_time * 1e9)
+        self._sample = -1
+        self._held: FloatArray = np.zeros(3)
+
+    def measure(self, stamp_ns: int, twist: FloatArray) -> FloatArray:
+        """Return what the sensor reads.
+
+        Samples are due at multiples of the sample time; one is taken at the first call at or
+        after that time, so repeated calls with one stamp return the same reading.
+
+        Args:
+            stamp_ns: time since the start of the run [ns], not decreasing.
+            twist: true body twist [m/s, m/s, rad/s], shape (3,).
+
+        Returns:
+            Measured body twist [m/s, m/s, rad/s], shape (3,).
+        """
+        sample = stamp_ns // self._period_ns
+        if sample > self._sample:
+            self._sample = sample
+            c = self.configuration
+            share = np.array([c.linear_noise, c.linear_noise, c.yaw_rate_noise])
+            offset = np.array([c.offset_x, c.offset_y, c.yaw_rate_offset])
+            noise = share * self._random.uniform(-1.0, 1.0, 3)
+            self._held = twist * (1.0 + noise) + offset  # Eqs. (60), (61)
+        return self._held.copy()

@@ -1,0 +1,148 @@
+"""What is wrong is refused by name before anything starts; Ctrl-C leaves nothing running."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from conftest import RUN_TIMEOUT, omni, omni_command, omni_environment
+from rosbags.highlevel import AnyReader
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "vehicle.load.mas=400"], "vehicle.load.mas: is not a known key; did you mean"),
+        (["--set", "vehicle.load.mass=heavy"], "vehicle.load.mass: 'heavy' is a text"),
+        (["--set", "vehicle.load.mass=-1"], "vehicle.load.mass: -1 kg is out of range"),
+        (["--set", "vehicle.load.mass=.nan"], "vehicle.load.mass: nan kg is not a finite"),
+        (["--set", "vehicle.load.mass"], "must have the form key=value"),
+        (["--set", "vehicle=bicycle"], "vehicle: 'bicycle' is not known"),
+        (["--set", "ground=ice", "--variant", "assisted"], "ground: 'ice' is not known"),
+        (["--set", "brake_assist.k=4"], "brake_assist.k: 4"),
+        (["--set", "simulation.control_period=0.0123"], "simulation.control_period"),
+        (["--set", "sensors.front.heading_deg=0.0"], "odometry.sensors"),
+        (["--variant", "half_assisted"], "'half_assisted' is not a variant"),
+        (["strait_line"], "did you mean 'straight_line'"),
+        (["--out", "/proc/omni"], "--out: cannot make /proc/omni"),
+    ],
+)
+def test_bad_input_is_refused_by_name(arguments: list[str], words: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    chosen = [] if "--out" in arguments else ["--out", str(out)]
+    finished = omni(["run", *arguments, *chosen])
+    assert finished.returncode == 2
+    assert words in finished.stderr
+    assert len(finished.stderr.strip().splitlines()) == 1
+    assert not finished.stdout
+    assert not out.exists()
+
+
+def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    finished = omni(["run", "--out", str(tmp_path)])
+    assert finished.returncode == 2
+    assert "not an empty folder" in finished.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def node_processes(session_of: int) -> list[int]:
+    """Return the processes that carry the mark of a bring-up process."""
+    mark = f"OMNI_PARENT_PID={session_of}".encode()
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(b"\0"):
+                found.append(int(entry.name))
+        except OSError:
+            continue  # it has just ended, or is not ours
+    return found
+
+
+def wait_until(condition: object, timeout: float = RUN_TIMEOUT) -> None:
+    deadline = time.monotonic() + timeout
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline, "timed out"
+        time.sleep(0.01)
+
+
+def recorded_bytes(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("moment", "number", "code"),
+    [
+        ("first node", signal.SIGINT, 130),
+        ("all nodes", signal.SIGINT, 130),
+        ("recording", signal.SIGINT, 130),
+        ("recording", signal.SIGTERM, 143),
+    ],
+)
+def test_interrupt_ends_every_process(
+    moment: str, number: signal.Signals, code: int, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    arguments = ["run", "--variant", "assisted", "--out", str(folder)]
+    process = subprocess.Popen(
+        omni_command(arguments), env=omni_environment(), stderr=subprocess.PIPE, text=True
+    )
+    try:
+        if moment == "recording":
+            wait_until(lambda: recorded_bytes(folder) > 2_000_000)
+        else:
+            wanted = 1 if moment == "first node" else 4
+            wait_until(lambda: len(node_processes(process.pid)) >= wanted)
+        process.send_signal(number)
+        assert process.wait(RUN_TIMEOUT) == code
+        assert not node_processes(process.pid)
+        assert "Traceback" not in (process.stderr.read() if process.stderr else "")
+    finally:
+        process.kill()
+        process.wait()
+    if moment == "recording":
+        with AnyReader([folder / "assisted"]) as reader:
+            assert reader.topics["/clock"].msgcount > 10
+            assert (folder / "assisted/configuration.yaml").is_file()
+
+
+def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        omni_command(["run", "--out", str(tmp_path / "out")]),
+        env=omni_environment(),
+        stderr=subprocess.DEVNULL,
+    )
+    wait_until(lambda: recorded_bytes(tmp_path / "out") > 0)
+    nodes = node_processes(process.pid)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert len(nodes) == 4
+    wait_until(lambda: not node_processes(process.pid))
+
+
+@pytest.mark.parametrize(
+    ("package", "name"),
+    [("linescan_odometry", "linescan_odometry"), ("omni_brake_assist", "brake_assist")],
+)
+def test_a_node_that_dies_ends_the_run_by_name(package: str, name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        omni_command(["run", "--variant", "assisted", "--out", str(folder)]),
+        env=omni_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until(lambda: recorded_bytes(folder) > 1_000_000)
+    for pid in node_processes(process.pid):
+        if f"/lib/{package}/" in Path(f"/proc/{pid}/cmdline").read_text():
+            os.kill(pid, signal.SIGKILL)
+    assert process.wait(RUN_TIMEOUT) == 1
+    words = process.stderr.read() if process.stderr else ""
+    assert f"{name} ended (signal 9)" in words
+    assert not node_processes(process.pid)
+    with AnyReader([folder / "assisted"]) as reader:
+        assert reader.topics["/clock"].msgcount > 0

@@ -1,0 +1,140 @@
+"""The standard experiment over real processes: what it shows and what it leaves behind."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+import yaml
+from omni_analysis.bag_reader import read_run
+from omni_analysis.closed_loop import run_closed_loop
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.run_history import first_difference
+from omni_platform.configuration import from_mapping
+from rosbags.highlevel import AnyReader
+
+if TYPE_CHECKING:
+    from conftest import FinishedRun, RunExperiment
+
+VARIANTS = ("unassisted", "assisted")
+
+
+def test_unassisted_swerves(straight_line: FinishedRun) -> None:
+    assert straight_line.value("orientation_change.unassisted") > 25.0
+
+
+@pytest.mark.parametrize("quantity", ["orientation_change", "lateral_deviation"])
+def test_assisted_keeps_its_line(straight_line: FinishedRun, quantity: str) -> None:
+    limit = {"orientation_change": 4.0, "lateral_deviation": 0.3}[quantity]
+    assert straight_line.value(f"{quantity}.assisted") < limit
+
+
+def test_weighting_zero_keeps_its_line_too(run_experiment: RunExperiment) -> None:
+    run = run_experiment(
+        "straight_line", "--variant", "assisted", "--set", "brake_assist.weighting=zero"
+    )
+    assert run.value("orientation_change.assisted") < 4.0
+    assert run.value("lateral_deviation.assisted") < 0.3
+
+
+def test_assisted_errors_are_an_order_of_magnitude_smaller(straight_line: FinishedRun) -> None:
+    """Section 3.6.1: the distance from the sliding manifold, Figures 31 and 32."""
+    largest = {}
+    for variant in VARIANTS:
+        error = read_run(straight_line.folder / variant).error
+        largest[variant] = float(abs(error).max())
+    assert largest["assisted"] < 0.2 * largest["unassisted"]
+
+
+def test_optical_feedback_follows_the_truth(straight_line: FinishedRun) -> None:
+    # The mean over the last 10 ms lags by 5 ms: 0.03 m/s while braking with 6 m/s^2.
+    assert straight_line.value("twist_rmse.assisted") < 0.1
+    assert straight_line.value("yaw_rate_rmse.assisted") < 0.05
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_one_process_gives_the_same_bits(
+    straight_line: FinishedRun, library: ExperimentLibrary, variant: str
+) -> None:
+    in_one_process = run_closed_loop(library.load("straight_line", variant))
+    over_topics = read_run(straight_line.folder / variant)
+    assert first_difference(over_topics, in_one_process) is None
+
+
+def test_repeated_runs_give_the_same_bits(
+    straight_line: FinishedRun, run_experiment: RunExperiment
+) -> None:
+    first = read_run(straight_line.folder / "assisted")
+    for _ in range(2):
+        again = run_experiment("straight_line", "--variant", "assisted")
+        assert first_difference(first, read_run(again.folder / "assisted")) is None
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, variant: str) -> None:
+    folder = straight_line.folder / variant
+    configuration = from_mapping(
+        ExperimentConfiguration, yaml.safe_load((folder / "configuration.yaml").read_text())
+    )
+    with AnyReader([folder]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+        images = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages(
+                [c for c in reader.connections if c.topic == "/line_scan/left/lines"]
+            )
+        ]
+    steps = counts["/clock"]
+    history = read_run(folder)
+    assert steps == len(history.stamp_ns)
+    each_step = ["/wheel_states", "/brake/pedal", "/brake/enable", "/brake_assist/error"]
+    each_step += ["/cmd_vel", "/odometry/twist", "/velocity_sensor/twist", "/ground_truth/odom"]
+    each_step += [f"/line_scan/{sensor}/lines" for sensor in configuration.sensors]
+    assert {topic: counts[topic] for topic in each_step} == dict.fromkeys(each_step, steps)
+    assert counts["/markers"] == math.ceil(steps / 5)
+    assert counts["/diagnostics"] > 0
+    assert counts["/line_scan/left/camera_info"] == 1
+    # 2500 lines a second and not one missing: line 0, then 25 in every step.
+    assert [image.height for image in images] == [1] + [25] * (steps - 1)
+    assert all(image.width == 1024 for image in images)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_configuration_versions_and_summary_lie_beside_the_bag(
+    straight_line: FinishedRun, library: ExperimentLibrary, variant: str
+) -> None:
+    folder = straight_line.folder / variant
+    saved = yaml.safe_load((folder / "configuration.yaml").read_text())
+    assert from_mapping(ExperimentConfiguration, saved) == library.load("straight_line", variant)
+    versions = yaml.safe_load((folder / "versions.yaml").read_text())
+    assert {"python", "numpy", "omni_sim"} <= set(versions)
+    summary = json.loads((folder / "summary.json").read_text())
+    name = f"stopping_distance.{variant}"
+    assert summary["metrics"][name] == straight_line.metrics[name]
+
+
+def test_figures_are_drawn(straight_line: FinishedRun) -> None:
+    for name in ("top_view.png", "time_series.png"):
+        assert (straight_line.folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_results_have_the_agreed_shape(straight_line: FinishedRun) -> None:
+    quantities = {
+        "stopping_distance": "m",
+        "path_length": "m",
+        "orientation_change": "deg",
+        "lateral_deviation": "m",
+        "stopping_time": "s",
+        "peak_yaw_rate": "rad/s",
+        "brake_switchings": "1",
+        "twist_rmse": "m/s",
+        "yaw_rate_rmse": "rad/s",
+        "real_time_factor": "1",
+    }
+    for variant in VARIANTS:
+        for quantity, unit in quantities.items():
+            metric = straight_line.metrics[f"{quantity}.{variant}"]
+            assert metric["unit"] == unit
+            assert math.isfinite(metric["value"])
