@@ -17,7 +17,7 @@ class LineChain:
         self._period_ns = 1e9 / sensor.line_rate
         self._buffer: Lines = np.empty((0, sensor.pixels), np.uint8)
         self._last_row = -1
-        self._last_ns = 0.0
+        self._last_ns = 0
 
     def reset(self) -> None:
         """Forget the last line."""
@@ -46,10 +46,9 @@ class LineChain:
             self._buffer = grown
         elif self._last_row > 0:
             self._buffer[0] = self._buffer[self._last_row]
-        oldest_ns = batch.stamp_ns - (count - 1) * self._period_ns
-        late_ns = oldest_ns - (self._last_ns + self._period_ns)
+        late_ns = batch.stamp_ns - self._last_ns - count * self._period_ns
         joined = self._last_row >= 0 and abs(late_ns) < 0.5 * self._period_ns
         self._buffer[1 : count + 1] = lines
         self._last_row = count
-        self._last_ns = float(batch.stamp_ns)
+        self._last_ns = batch.stamp_ns
         return self._buffer[0 if joined else 1 : count + 1]

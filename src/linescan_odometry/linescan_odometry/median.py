@@ -98,9 +98,10 @@ def average(
     middle = s_t / count
     single = s_v / count
     spread_t = s_tt - s_t * middle
-    slope = 0.0
+    slope, leverage = 0.0, 1.0 / count
     if 2 * count > total and count >= 3:
         slope = (s_td - s_t * mean) / spread_t
+        leverage += middle * middle / spread_t
     scatter, product, neighbours = 0.0, 0.0, 0
     before = 0.0
     for i in range(total):
@@ -116,4 +117,4 @@ def average(
         single = max(single, scatter / (count - 2))
         correlation = (product / neighbours) / (scatter / count)
         persistence = min(max(2.0 + 4.0 * correlation, 1.0), 2.0)
-    return mean - slope * middle, persistence * single / count
+    return mean - slope * middle, persistence * single * leverage

@@ -9,7 +9,6 @@ duration of a batch, 5 ms at 100 batches per second (0.05 m/s at 10 m/s^2).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -105,6 +104,4 @@ class LineScanOdometry:
                 np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()]),
                 measured,
             )
-        return TwistEstimate(
-            self._stamp_ns, twist, covariance, sufficient, MappingProxyType(readings)
-        )
+        return TwistEstimate(self._stamp_ns, twist, covariance, sufficient, readings)

@@ -8,7 +8,6 @@ ground features moved towards smaller pixel indices (sections 4.3.2 and 4.4).
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -35,19 +34,7 @@ class ShiftSearch(Protocol):
         """
 
 
-@dataclasses.dataclass(frozen=True)
-class Metric:
-    """A distance measure of section 4.3.2.
-
-    Attributes:
-        equation: its number in the dissertation.
-        search: makes the search for a number of pixels and a shift limit [px].
-    """
-
-    equation: str
-    search: Callable[[int, int], ShiftSearch]
-
-
-METRICS: Mapping[str, Metric] = {
-    "pearson": Metric("(81)", PearsonSearch),
+METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {
+    "pearson": PearsonSearch,  # Eq. (81)
 }
+"""Searches by the name of their metric; each is made for n pixels and a shift limit [px]."""

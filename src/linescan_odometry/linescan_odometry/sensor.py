@@ -44,7 +44,7 @@ class SensorOdometry:
         self._configuration = configuration
         self._limit = configuration.shift_limit(sensor)
         self._chain = LineChain(sensor)
-        self._search = METRICS[configuration.metric].search(sensor.pixels, self._limit)
+        self._search = METRICS[configuration.metric](sensor.pixels, self._limit)
         self._refiner = SubpixelRefiner(sensor.pixels)
 
     def update(self, batch: LineBatch) -> SensorReading:
@@ -99,7 +99,7 @@ class SensorOdometry:
             return SensorReading.unmeasured(self._describe(lines, pairs), inlier_share=share)
         displacement, variance = average(pairs.displacement, pairs.variance, inlier)
         correlation = float(np.mean(pairs.similarity, where=inlier))
-        if abs(displacement) < settings.slow_displacement:
+        if abs(displacement) < settings.slow_displacement and len(inlier) > 1:
             displacement, variance = self._span(lines, displacement, variance)
         scale = self._sensor.pixel_pitch * self._sensor.line_rate
         return SensorReading(
@@ -110,9 +110,7 @@ class SensorOdometry:
             measured=True,
         )
 
-    def _span(
-        self, lines: Lines, displacement: float, variance: float
-    ) -> tuple[float, float]:
+    def _span(self, lines: Lines, displacement: float, variance: float) -> tuple[float, float]:
         """Compare the newest line with the oldest, if that tells the mean displacement better.
 
         Every estimator of a shift is drawn a little towards whole pixels. At a fraction of a

@@ -110,10 +110,10 @@ def _problem(sensors: Mapping[str, LineSensor], minimum_lever: float) -> str:
     position = np.array([[sensor.x, sensor.y] for sensor in sensors.values()])
     spread = float(np.sqrt(np.mean(np.sum((position - position.mean(axis=0)) ** 2, axis=1))))
     if lever < max(minimum_lever, _WEAKEST_LEVER * spread):
-        # Axis i passes the point c at a distance cross(r_i - c, a_i); the fit gave c.
-        centre_x, centre_y = -velocity[1], velocity[0]
+        # Axis i passes the point c at the distance cross(r_i, a_i) - cross(c, a_i).
+        centre_x, centre_y = velocity[1], -velocity[0]
         return (
-            f"the axes of {names} pass through one point, ({centre_x:.3g}, {centre_y:.3g}) m, "
+            f"the axes of {names} pass through one point, ({centre_x:.2f}, {centre_y:.2f}) m, "
             f"within {lever:.2g} m: turning about it cannot be measured; set them tangentially"
         )
     return ""

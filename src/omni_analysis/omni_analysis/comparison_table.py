@@ -11,7 +11,7 @@ from rich.text import Text
 
 from omni_analysis.metrics import Metric
 
-_DECIMALS = {"m": 2, "deg": 1, "s": 2, "rad/s": 2, "m/s": 3}
+_DECIMALS = {"m": 2, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 
 
 def comparison_table(

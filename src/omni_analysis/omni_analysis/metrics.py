@@ -80,7 +80,8 @@ class RestCriterion:
 
     The tyres are springs: a vehicle that stops rocks back and forth on them for a moment. It
     comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
-    that from then on it never again exceeds the larger `rocking` limits.
+    that from then on it never again exceeds the larger `rocking` limits. A vehicle that slows down
+    at a reaches this `speed` / a early (20 ms at 5 m/s^2).
 
     Attributes:
         speed: of `base_link` [m/s].
@@ -89,10 +90,10 @@ class RestCriterion:
         rocking_yaw_rate: yaw rate that it may still reach [rad/s].
     """
 
-    speed: float = 0.05
-    yaw_rate: float = 0.05
-    rocking_speed: float = 0.3
-    rocking_yaw_rate: float = 0.3
+    speed: float = 0.1
+    yaw_rate: float = 0.1
+    rocking_speed: float = 0.4
+    rocking_yaw_rate: float = 0.4
 
     def first_stamp(self, twist: FloatArray, start: int = 0) -> int | None:
         """Return the index of the first stamp at rest, None if it moves to the end.

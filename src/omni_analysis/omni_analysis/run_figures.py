@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from omni_analysis.experiment import ExperimentConfiguration
+from omni_analysis.figure_style import save_figure
 from omni_analysis.run_history import RunHistory
 from omni_analysis.scene import GroundPatch, Scene
 from omni_analysis.time_series import time_series
@@ -36,11 +37,7 @@ def draw_run_figures(
         TOP_VIEW: top_view(scene_of(first), histories, title=first.description),
         TIME_SERIES: time_series(histories, title=first.description),
     }
-    paths = []
-    for name, figure in figures.items():
-        figure.savefig(folder / name)
-        paths.append(folder / name)
-    return paths
+    return [save_figure(figure, folder / name) for name, figure in figures.items()]
 
 
 def scene_of(configuration: ExperimentConfiguration) -> Scene:

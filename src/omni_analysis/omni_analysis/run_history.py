@@ -72,9 +72,13 @@ class RunHistory:
             raise ValueError("a history needs at least one stamp")
         if np.any(np.diff(self.stamp_ns) <= 0):
             raise ValueError("the stamps of a history must increase")
-        shapes = {name: (stamps, wheels) for name in _PER_WHEEL}
-        shapes |= {name: (stamps, 3) for name in ("pose", "twist", "estimate", "estimate_variance")}
-        shapes |= {"stamp_ns": (stamps,), "pedal": (stamps,), "orientation": (stamps, 2)}
+        shapes: dict[str, tuple[int, ...]] = {
+            **dict.fromkeys(_PER_WHEEL, (stamps, wheels)),
+            **dict.fromkeys(("pose", "twist", "estimate", "estimate_variance"), (stamps, 3)),
+            "stamp_ns": (stamps,),
+            "pedal": (stamps,),
+            "orientation": (stamps, 2),
+        }
         for name, shape in shapes.items():
             array: NDArray[Any] = getattr(self, name)
             if array.shape != shape:
@@ -169,8 +173,7 @@ class RunHistory:
     @property
     def time(self) -> FloatArray:
         """Control stamps in seconds [s], shape (T,)."""
-        seconds: FloatArray = self.stamp_ns * 1e-9
-        return seconds
+        return np.asarray(self.stamp_ns * 1e-9, dtype=np.float64)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
@@ -209,10 +212,10 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
         Headings, the first in (-pi, pi], shape (T,).
     """
     half_turns = [math.atan2(q_z, q_w) for q_z, q_w in orientation.tolist()]
-    yaw = np.unwrap(2.0 * np.array(half_turns, dtype=np.float64))
+    yaw = np.asarray(np.unwrap(2.0 * np.array(half_turns)), dtype=np.float64)
     if yaw.size:
         yaw -= math.tau * math.ceil((float(yaw[0]) - math.pi) / math.tau)
-    return np.asarray(yaw, dtype=np.float64)
+    return yaw
 
 
 # `pose` follows from position and orientation; in words a quaternion means little, a bit much.

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+
 from omni_platform.geometry import WheelMount
 
 FloatArray = NDArray[np.float64]

@@ -10,11 +10,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from numpy.typing import NDArray
-from omni_platform.geometry import PlatformGeometry
 
 from omni_analysis import figure_style as style
 from omni_analysis.run_history import RunHistory
 from omni_analysis.scene import Scene, placed, rectangle
+from omni_platform.geometry import PlatformGeometry
 
 FloatArray = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
         ),
     ]
     for friction in sorted({patch.friction for patch in scene.patches}):
-        handles.append(Patch(label=f"friction × {friction:g}", **_patch_look(friction)))
+        handles.append(Patch(label=f"friction factor {friction:g}", **_patch_look(friction)))
     return handles
 
 

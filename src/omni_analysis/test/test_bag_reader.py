@@ -288,7 +288,7 @@ def test_a_damaged_recording_never_ends_in_a_strange_error(bag: Path, tmp_path: 
     (path,) = bag.glob("*.mcap")
     whole = path.read_bytes()
     rng = np.random.default_rng(11)
-    refused = 0
+    refusals = []
     for _ in range(60):
         damaged = bytearray(whole)
         # Length fields and indexes gather at the ends, so damage both ends and the middle.
@@ -300,6 +300,6 @@ def test_a_damaged_recording_never_ends_in_a_strange_error(bag: Path, tmp_path: 
         try:
             read_run(copy)
         except BagError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused > 0
+            refusals.append(str(error))
+    assert refusals
+    assert not any("\n" in refusal for refusal in refusals)

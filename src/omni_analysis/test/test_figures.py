@@ -16,13 +16,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
-from omni_platform.geometry import WheelMount
 
 from omni_analysis.figure_style import save_figure
 from omni_analysis.run_history import RunHistory
 from omni_analysis.scene import GroundPatch, Scene, placed, rectangle
 from omni_analysis.time_series import time_series
 from omni_analysis.top_view import top_view
+from omni_platform.geometry import WheelMount
 
 MakeHistory = Callable[..., RunHistory]
 NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")
@@ -66,7 +66,8 @@ def runs(
 
 def overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     # Ticks beyond the limits of their axis exist, but are not drawn.
     beyond = {
         id(label)
@@ -77,7 +78,7 @@ def overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
         if not min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
     }
     texts = [
-        (item.get_text(), item.get_window_extent(canvas.get_renderer()))
+        (item.get_text(), item.get_window_extent(renderer))
         for item in figure.findobj(Text)
         if isinstance(item, Text) and item.get_visible() and id(item) not in beyond
     ]
@@ -135,10 +136,7 @@ def test_released_brakes_leave_gaps_in_the_strip(make_history: MakeHistory) -> N
     enable[100:150, 1] = 0.0  # released from 1.0 to 1.5 s
     figure = time_series({"a": make_history(enable=enable)})
     strips = [collection.get_paths() for collection in figure.axes[3].collections]
-    spans = [
-        [(p.get_extents().x0, p.get_extents().x1) for p in paths if len(p.vertices)]
-        for paths in strips
-    ]
+    spans = [[(path.get_extents().x0, path.get_extents().x1) for path in strip] for strip in strips]
     assert [len(span) for span in spans] == [1, 2, 1, 1]
     np.testing.assert_allclose(spans[1], [(0.5, 1.0), (1.5, 3.0)], atol=1e-9)
 

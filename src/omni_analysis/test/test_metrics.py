@@ -14,13 +14,15 @@ from omni_analysis.run_history import RunHistory
 
 MakeHistory = Callable[..., RunHistory]
 PERIOD = 0.01
+# At 5 m/s^2 the speed falls below the criterion's this long before the end.
+EARLY = RestCriterion().speed / 5.0
 
 
 def test_straight_stop(make_history: MakeHistory) -> None:
     metrics = run_metrics(make_history(speed=10.0, deceleration=5.0, heading=0.4))
     assert metrics["stopping_distance"].value == pytest.approx(10.0**2 / (2 * 5.0), abs=1e-9)
     assert metrics["path_length"].value == pytest.approx(10.0, abs=1e-9)
-    assert metrics["stopping_time"].value == pytest.approx(10.0 / 5.0, abs=PERIOD + 1e-9)
+    assert metrics["stopping_time"].value == pytest.approx(10.0 / 5.0 - EARLY, abs=PERIOD)
     assert metrics["orientation_change"].value == pytest.approx(0.0, abs=1e-9)
     assert metrics["lateral_deviation"].value == pytest.approx(0.0, abs=1e-9)
     assert metrics["peak_yaw_rate"].value == 0.0
@@ -77,9 +79,9 @@ def test_rocking_on_the_tyres_does_not_delay_the_stop(make_history: MakeHistory)
     run = make_history(rest=1.0)
     after = np.maximum(run.time - 2.5, 0.0)
     twist = run.twist.copy()
-    twist[:, 0] += 0.2 * np.sin(25.0 * after) * np.exp(-3.0 * after)
+    twist[:, 0] += 0.35 * np.sin(25.0 * after) * np.exp(-3.0 * after)
     metrics = run_metrics(make_history(rest=1.0, twist=twist))
-    assert metrics["stopping_time"].value == pytest.approx(2.0, abs=PERIOD + 1e-9)
+    assert metrics["stopping_time"].value == pytest.approx(2.0 - EARLY, abs=PERIOD)
 
 
 def test_a_vehicle_that_moves_on_has_not_stopped() -> None:
@@ -142,7 +144,7 @@ def test_missing_enables_are_no_switchings(make_history: MakeHistory) -> None:
 
 def test_odometry_error_is_that_of_the_velocity_vector(make_history: MakeHistory) -> None:
     run = make_history(turn=1.0)
-    metrics = run_metrics(make_history(turn=1.0, estimate=run.twist + (0.3, -0.4, 0.02)))
+    metrics = run_metrics(make_history(turn=1.0, estimate=run.twist + np.array([0.3, -0.4, 0.02])))
     assert metrics["twist_rmse"].value == pytest.approx(0.5, rel=1e-9)
     assert metrics["yaw_rate_rmse"].value == pytest.approx(0.02, rel=1e-9)
 

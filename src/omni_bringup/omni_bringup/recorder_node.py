@@ -30,7 +30,8 @@ from omni_ros.qos import LATCHED, RELIABLE
 
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 _QUIET = 0.2  # [s] without a message, after which nothing more is on its way
-_LONGEST_DRAIN = 10.0  # [s] for publishers that never stop
+_LONGEST_WAIT = 1.0  # [s] for that silence
+_LONGEST_DRAIN = 5.0  # [s] for full queues and a slow disk
 
 
 class RecorderNode(Node):
@@ -95,7 +96,8 @@ def record(node: RecorderNode, spinner: Spinner) -> None:
     """
     try:
         _take(node, spinner)
-        _drain(node, spinner)
+        if node.failure is None:
+            _drain(node, spinner)
         if node.failure is not None:
             raise node.failure
         node.writer.close()
@@ -119,9 +121,16 @@ def _take(node: RecorderNode, spinner: Spinner) -> None:
 
 def _drain(node: RecorderNode, spinner: Spinner) -> None:
     """Take in what has arrived already; only then is the recording whole."""
-    end = time.monotonic() + _LONGEST_DRAIN
+    deadline = time.monotonic() + _LONGEST_DRAIN
+    before = -1
+    while node.received != before and time.monotonic() < deadline:
+        before = node.received
+        spinner.spin_once(0.0)
+    # The queues are empty; what is on its way comes now. Publishers that go on must not hold
+    # the recorder up for long.
+    deadline = time.monotonic() + _LONGEST_WAIT
     quiet_end = time.monotonic() + _QUIET
-    while node.failure is None and time.monotonic() < min(end, quiet_end):
+    while time.monotonic() < min(deadline, quiet_end):
         before = node.received
         spinner.spin_once(_POLL)
         if node.received != before:

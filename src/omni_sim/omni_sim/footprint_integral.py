@@ -21,12 +21,18 @@ and shifts of up to an eighth of a texel: about 0.05 grey levels for a footprint
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from omni_sim.padded_texture import MIDDLE_GREY, PaddedTexture
+
+Int8s = NDArray[np.int8]
+Int16s = NDArray[np.int16]
+Int32s = NDArray[np.int32]
+Int64s = NDArray[np.int64]
 
 _CLASSES = 4  # accumulators, one for each quarter of a texel; the code below is written for 4
 _HALF = _CLASSES // 2
@@ -34,81 +40,7 @@ _POINT = 24  # binary places of fixed-point positions
 _ONE = 1 << _POINT
 _WEIGHT_BITS = 6  # binary places of the weights of partly covered rows
 _SPILL = 248  # rows of |grey - 128| <= 128 that an int16 holds: 248 + 4 <= 255
-_MIDDLE = 128  # texels are kept as grey - 128, so that small errors of weight cost little
-_MARGIN = 8  # columns beyond the footprint's ends
-
-
-@dataclasses.dataclass(frozen=True)
-class PaddedTexture:
-    """A periodic texture prepared for `integrate_lines`.
-
-    Attributes:
-        rows: grey - 128, row after row, each continued periodically to `stride` texels.
-        columns: the same of the transposed texture.
-        texels: texels per period.
-        stride: length of a padded row [texels].
-        texel: edge of a texel [m].
-        reach: longest footprint that may be integrated [m].
-    """
-
-    rows: NDArray[np.int8]
-    columns: NDArray[np.int8]
-    texels: int
-    stride: int
-    texel: float
-    reach: float
-
-    @classmethod
-    def build(cls, texture: NDArray[np.uint8], size: float, reach: float) -> PaddedTexture:
-        """Prepare a texture.
-
-        Args:
-            texture: grey levels of shape (n, n), row index along y, column index along x.
-            size: period along both axes [m].
-            reach: longest footprint that will be integrated [m].
-
-        Raises:
-            ValueError: the texture is no square of 8-bit grey levels.
-        """
-        if texture.ndim != 2 or texture.shape[0] != texture.shape[1] or texture.dtype != np.uint8:
-            raise ValueError(f"texture must be square and uint8, not {texture.shape}")
-        texels = texture.shape[0]
-        texel = size / texels
-        columns = math.ceil(math.sqrt(2.0) * reach / texel) + 2 * _MARGIN
-        # An odd number of cache lines per row: a power of two would map all rows on a few sets.
-        stride = (((texels + columns + 63) // 64) | 1) * 64
-        # Grey - 128 as two's complement is the grey level with its highest bit flipped.
-        centred = (texture ^ np.uint8(0x80)).view(np.int8)
-        return cls(
-            rows=_continued(centred, stride),
-            columns=_continued(np.ascontiguousarray(centred.T), stride),
-            texels=texels,
-            stride=stride,
-            texel=texel,
-            reach=reach,
-        )
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held [bytes]."""
-        return self.rows.nbytes + self.columns.nbytes
-
-
-def halved(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a texture of half as many texels per period, each the rounded mean of 2 x 2.
-
-    Halves are rounded up and down in the pattern of a chess-board: always up would brighten the
-    texture by an eighth of a grey level.
-    """
-    total = texture[0::2, 0::2].astype(np.uint16)
-    total += texture[1::2, 0::2]
-    total += texture[0::2, 1::2]
-    total += texture[1::2, 1::2]
-    total[0::2, 0::2] += 2
-    total[1::2, 1::2] += 2
-    total[0::2, 1::2] += 1
-    total[1::2, 0::2] += 1
-    return (total >> 2).astype(np.uint8)
+_MARGIN = 8  # columns and rows beyond the footprint
 
 
 def integrate_lines(
@@ -155,19 +87,19 @@ def integrate_lines(
     return lines
 
 
-def _continued(texture: NDArray[np.int8], stride: int) -> NDArray[np.int8]:
-    texels = len(texture)
-    padded = np.empty((texels, stride), dtype=np.int8)
-    for start in range(0, stride, texels):
-        end = min(start + texels, stride)
-        padded[:, start:end] = texture[:, : end - start]
-    return padded.reshape(-1)
-
-
 @njit(cache=True, nogil=True)
-def _integrate(rows, columns, texels, stride, centres, half_length, half_width, lines):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _integrate(
+    rows: Int8s,
+    columns: Int8s,
+    texels: int,
+    stride: int,
+    centres: NDArray[np.float64],
+    half_length: float,
+    half_width: float,
+    lines: NDArray[np.float32],
+) -> None:
     """Integrate lines whose centres and half sizes are in texels, into `lines`."""
-    room = int(math.ceil(2.0 * half_length * math.sqrt(2.0))) + 2 * _MARGIN
+    room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     sums = np.empty((_CLASSES, room), np.int16)
     totals = np.empty((_CLASSES, room), np.int32)
     cells = np.empty((_CLASSES, room), np.int32)
@@ -193,28 +125,33 @@ def _integrate(rows, columns, texels, stride, centres, half_length, half_width, 
         if downwards:
             y, a_y = texels - y, -a_y
 
-        half = half_length / a_x  # along s
-        origin = math.floor(-half) - 2
-        count = int(math.ceil(half)) + 3 - origin
+        tangent = a_y / a_x
         slope = a_x * a_y  # rows that the long sides climb per column
         reach = half_width * a_x
+        half = half_length / a_x  # along s
+        # Columns are the texels of the middle row: column c begins at s = origin + c - rest.
+        middle = math.floor(y)
+        x -= (middle + 0.5 - y) * tangent
+        whole = math.floor(x)
+        rest = x - whole
+        origin = math.floor(-half) - 2
+        count = math.ceil(half) + 4 - origin
         row_0 = math.floor(y - reach - half_length * a_y) - 2
-        row_count = int(math.ceil(y + reach + half_length * a_y)) + 3 - int(row_0)
+        row_count = math.ceil(y + reach + half_length * a_y) + 3 - int(row_0)
 
-        # Column c, centred at s = origin + c + 1/2, covers rows low .. low + height (from row_0).
-        low = int(math.floor((y - reach + slope * (origin + 0.5) - row_0) * _ONE + 0.5))
-        climb = int(math.floor(slope * _ONE + 0.5))
-        height = int(math.floor(2.0 * reach * _ONE + 0.5))
+        # Column c covers rows low + c climb .. low + c climb + height, counted from row_0.
+        low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * _ONE + 0.5)
+        climb = math.floor(slope * _ONE + 0.5)
+        height = math.floor(2.0 * reach * _ONE + 0.5)
         _cover(low, climb, height, first_row[:count], end_row[:count])
 
-        # Quarter texels by which s of a row's texel 0 lies ahead of the footprint's centre.
-        tangent = a_y / a_x
-        ahead = ((row_0 + 0.5 - y) * tangent - x) * _CLASSES + 0.5 + _HALF
+        # Quarter texels by which the texels of row_0 lie ahead of those of the middle row.
+        ahead = (row_0 - middle) * tangent * _CLASSES + _HALF
         sums[:, :count] = 0
         totals[:, :count] = 0
         _add_rows(
-            texture, texels, stride, int(row_0), downwards, int(origin),
-            int(math.floor(ahead * _ONE)), int(math.floor(tangent * _CLASSES * _ONE + 0.5)),
+            texture, texels, stride, int(row_0), downwards, int(origin + whole),
+            math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
             first_row[:count], end_row[:count], sums, totals, offsets[:row_count], pending,
         )  # fmt: skip
         for cls in range(_CLASSES):
@@ -226,15 +163,18 @@ def _integrate(rows, columns, texels, stride, centres, half_length, half_width, 
         _merge(totals, cells, inner, prefix, count)
 
         step = 2.0 * half / lines.shape[1]
-        start = (-half - (origin + 0.5)) * _CLASSES
+        start = (-half - (origin + 0.5 - rest)) * _CLASSES
         weight = _CLASSES * step * 2.0 * reach * (1 << _WEIGHT_BITS)
-        _read_pixels(cells, inner, prefix, start, step * _CLASSES, 1.0 / weight, lines[line])
+        slant = tangent * _CLASSES / math.sqrt(12.0)
+        _read_pixels(
+            cells, inner, prefix, start, step * _CLASSES, slant, 1.0 / weight, lines[line]
+        )
         if backwards:
             _reverse(lines[line])
 
 
 @njit(cache=True, nogil=True)
-def _cover(low, climb, height, first_row, end_row):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _cover(low: int, climb: int, height: int, first_row: Int64s, end_row: Int64s) -> None:
     """Set the rows ``first_row <= j < end_row`` that each column covers in full."""
     for c in range(len(first_row)):
         y = low + climb * c
@@ -243,7 +183,7 @@ def _cover(low, climb, height, first_row, end_row):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add(target, texture, offset, start, end):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add(target: Int16s, texture: Int8s, offset: int, start: int, end: int) -> None:
     """Add the texels of columns start .. end - 1; slices spare the loop its wrap-around checks."""
     into = target[start:end]
     run = texture[offset + start : offset + end]
@@ -252,7 +192,7 @@ def _add(target, texture, offset, start, end):  # type: ignore[no-untyped-def]  
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add_four(into, run_0, run_1, run_2, run_3):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add_four(into: Int16s, run_0: Int8s, run_1: Int8s, run_2: Int8s, run_3: Int8s) -> None:
     # The casts keep the sums 16 bits wide; numba would promote them to 64.
     for i in range(len(into)):
         into[i] += np.int16(np.int16(run_0[i]) + np.int16(run_1[i])) + np.int16(
@@ -261,17 +201,29 @@ def _add_four(into, run_0, run_1, run_2, run_3):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _spill(sums, totals):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _spill(sums: Int16s, totals: Int32s) -> None:
     for c in range(len(sums)):
         totals[c] += np.int32(sums[c])
         sums[c] = 0
 
 
 @njit(cache=True, nogil=True)
-def _add_rows(  # type: ignore[no-untyped-def]  # noqa: ANN202
-    texture, texels, stride, row_0, downwards, origin, ahead, ahead_per_row,  # noqa: ANN001
-    first_row, end_row, sums, totals, offsets, pending,  # noqa: ANN001
-):  # fmt: skip
+def _add_rows(
+    texture: Int8s,
+    texels: int,
+    stride: int,
+    row_0: int,
+    downwards: bool,
+    origin: int,
+    ahead: int,
+    ahead_per_row: int,
+    first_row: Int64s,
+    end_row: Int64s,
+    sums: Int16s,
+    totals: Int32s,
+    offsets: Int64s,
+    pending: Int64s,
+) -> None:
     """Add every row's fully covered run to the accumulator of its fractional shift.
 
     Rows wait in `pending` until four of a class can be added in one pass: [0] rows since the
@@ -286,11 +238,21 @@ def _add_rows(  # type: ignore[no-untyped-def]  # noqa: ANN202
         row = texels - 1 - row
     start = 0
     end = 0
+    last = ahead >> (_POINT + 2)  # whole texels
+    column = (origin - last) % texels
     for j in range(len(offsets)):
-        quarters = ahead >> _POINT  # half a texel too many, so that classes lie around zero
+        # Half a texel too many, so that classes lie around zero. Rounding every row to the nearest
+        # would shift many neighbours alike at small slopes; four rows rounded differently even out.
+        quarters = (ahead + _rounding(row)) >> _POINT
         ahead += ahead_per_row
         cls = quarters & (_CLASSES - 1)
-        offset = row * stride + (origin - (quarters >> 2)) % texels
+        column -= (quarters >> 2) - last
+        last = quarters >> 2
+        if column < 0:
+            column += texels
+        elif column >= texels:
+            column -= texels
+        offset = row * stride + column
         offsets[j] = offset
         if downwards:
             row = row - 1 if row > 0 else texels - 1
@@ -318,8 +280,14 @@ def _add_rows(  # type: ignore[no-untyped-def]  # noqa: ANN202
             _add(sums[cls], texture, pending[cls, 4 + i], pending[cls, 8 + i], pending[cls, 12 + i])
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _rounding(row: int) -> int:
+    """Return 1/8, 5/8, 3/8, 7/8 in turn, as fixed point."""
+    return (1 + 4 * (row & 1) + (row & 2)) << (_POINT - 3)
+
+
 @njit(cache=True, nogil=True)
-def _add_pending(texture, sums, rows):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add_pending(texture: Int8s, sums: Int16s, rows: Int64s) -> None:
     """Add four waiting rows: what they share in one pass, their ragged ends one by one."""
     start = rows[11]  # of the last row: the farthest right
     end = max(start, rows[12])  # of the first row: the farthest left
@@ -338,14 +306,23 @@ def _add_pending(texture, sums, rows):  # type: ignore[no-untyped-def]  # noqa: 
 
 
 @njit(cache=True, nogil=True)
-def _close(sums, totals):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _close(sums: Int16s, totals: Int32s) -> None:
     """Bring a class to its final scale, texels x 2^_WEIGHT_BITS."""
     for c in range(len(sums)):
         totals[c] = (totals[c] + np.int32(sums[c])) << _WEIGHT_BITS
 
 
 @njit(cache=True, nogil=True)
-def _add_edges(texture, low, climb, height, first_row, end_row, offsets, totals):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add_edges(
+    texture: Int8s,
+    low: int,
+    climb: int,
+    height: int,
+    first_row: Int64s,
+    end_row: Int64s,
+    offsets: Int64s,
+    totals: Int32s,
+) -> None:
     """Add the two rows that each column covers in part, to the class without a fraction."""
     for c in range(len(first_row)):
         y = low + climb * c
@@ -359,7 +336,7 @@ def _add_edges(texture, low, climb, height, first_row, end_row, offsets, totals)
 
 
 @njit(cache=True, nogil=True)
-def _merge(totals, cells, inner, prefix, count):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _merge(totals: Int32s, cells: Int32s, inner: Int32s, prefix: Int64s, count: int) -> None:
     """Merge the classes into quarter-texel cells: ``cells[q, c]`` at s = origin + c + (2 + q)/4.
 
     Class k of column c begins at quarter k of a column that starts half a texel early, so cell q
@@ -390,27 +367,48 @@ def _merge(totals, cells, inner, prefix, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _read_pixels(cells, inner, prefix, start, step, scale, line):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Set each pixel to the difference of the integral at its two edges [cells]."""
-    position = int(math.floor(start * _ONE + 0.5))
-    advance = int(math.floor(step * _ONE * 256.0 + 0.5))
+def _read_pixels(
+    cells: Int32s,
+    inner: Int32s,
+    prefix: Int64s,
+    start: float,
+    step: float,
+    slant: float,
+    scale: float,
+    line: NDArray[np.float32],
+) -> None:
+    """Set each pixel to the difference of the integral at its two edges, all in cells.
+
+    An edge is slanted against a row of texels, which smooths the integral by a box as wide as
+    the slant. Two readings one standard deviation either side have the same second moment.
+    """
+    before = math.floor((start - slant) * _ONE + 0.5)
+    behind = math.floor((start + slant) * _ONE + 0.5)
+    advance = math.floor(step * _ONE * 256.0 + 0.5)
+    scale *= 0.5
     previous = 0.0
     for edge in range(len(line) + 1):
-        at = position + ((advance * edge) >> 8)
-        cell = at >> _POINT
-        fraction = (at & (_ONE - 1)) * (1.0 / _ONE)
-        column = np.uint64(cell >> 2)
-        quarter = np.uint64(cell & (_CLASSES - 1))
-        value = np.float64(prefix[column]) + fraction * cells[quarter, column]
-        if quarter > 0:
-            value += np.float64(inner[quarter - np.uint64(1), column])
+        moved = (advance * edge) >> 8
+        value = _integral(cells, inner, prefix, before + moved)
+        value += _integral(cells, inner, prefix, behind + moved)
         if edge > 0:
-            line[edge - 1] = _MIDDLE + (value - previous) * scale
+            line[edge - 1] = MIDDLE_GREY + (value - previous) * scale
         previous = value
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _integral(cells: Int32s, inner: Int32s, prefix: Int64s, at: int) -> float:
+    """Return the integral from the first column to a fixed-point position in cells."""
+    cell = at >> _POINT
+    fraction = (at & (_ONE - 1)) * (1.0 / _ONE)
+    column = np.uint64(cell >> 2)
+    quarter = np.uint64(cell & (_CLASSES - 1))
+    value = np.float64(prefix[column] + inner[quarter, column])
+    return float(value - (1.0 - fraction) * cells[quarter, column])
+
+
 @njit(cache=True, nogil=True)
-def _reverse(line):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _reverse(line: NDArray[np.float32]) -> None:
     last = len(line) - 1
     for i in range(len(line) // 2):
         line[i], line[last - i] = line[last - i], line[i]

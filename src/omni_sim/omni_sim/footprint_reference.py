@@ -43,7 +43,15 @@ def integrate_exactly(
 
 
 @njit(cache=True)
-def _integrate(texture, x, y, heading, half_length, half_width, line):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _integrate(
+    texture: NDArray[np.uint8],
+    x: float,
+    y: float,
+    heading: float,
+    half_length: float,
+    half_width: float,
+    line: NDArray[np.float64],
+) -> None:
     n = len(texture)
     a_x, a_y = math.cos(heading), math.sin(heading)
     pitch = 2.0 * half_length / len(line)
@@ -64,7 +72,7 @@ def _integrate(texture, x, y, heading, half_length, half_width, line):  # type: 
 
 
 @njit(cache=True)
-def _extent(quad, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _extent(quad: NDArray[np.float64], j: float) -> tuple[float, float]:
     """Return the least and greatest x of the quadrangle within the row j <= y <= j + 1."""
     left, right = np.inf, -np.inf
     for corner in range(4):
@@ -80,7 +88,7 @@ def _extent(quad, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
 
 
 @njit(cache=True)
-def _overlap(quad, i, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _overlap(quad: NDArray[np.float64], i: float, j: float) -> float:
     """Return the area that the quadrangle shares with a texel (Sutherland-Hodgman, shoelace)."""
     polygon = np.empty((16, 2))
     clipped = np.empty((16, 2))

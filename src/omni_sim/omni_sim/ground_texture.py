@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from omni_platform.configuration import Configuration, parameter
 
+from omni_platform.configuration import Configuration, parameter
 from omni_sim.texture_patterns import add_noise, dead_leaves, voronoi
 
 KINDS = ("cork", "asphalt", "stone")
@@ -82,7 +82,7 @@ def _cork(texels: int, size: float, generator: np.random.Generator) -> NDArray[n
         _jittered(generator, cells),
         grey.astype(np.float32),
         border_grey=70.0,
-        border=np.float32(0.00012 * cells / size),
+        border=0.00012 * cells / size,
         warp=np.zeros((2, 1, 1), np.float32),
     )
     _add_octaves(picture, size, generator, ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0)))
@@ -98,7 +98,7 @@ def _stone(texels: int, size: float, generator: np.random.Generator) -> NDArray[
         _jittered(generator, cells),
         grey.astype(np.float32),
         border_grey=62.0,
-        border=np.float32(0.0006 * cells / size),
+        border=0.0006 * cells / size,
         warp=generator.uniform(-0.08, 0.08, (2, waves, waves)).astype(np.float32),
     )
     octaves = ((0.005, 10.0), (0.0015, 10.0), (0.0005, 9.0), (0.0002, 7.0))

@@ -8,24 +8,21 @@ noise, quantised to 8 or 16 bits. The exposure is instantaneous.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
+
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
-
-from omni_sim.footprint_integral import PaddedTexture, halved, integrate_lines
+from omni_sim.footprint_integral import integrate_lines
 from omni_sim.ground_texture import GroundTexture
 from omni_sim.line_exposure import expose, noise_key
+from omni_sim.padded_texture import PaddedTexture, padded_levels
 
 FloatArray = NDArray[np.float64]
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
-
-_TEXELS_PER_PIXEL = 4  # a coarser level of the texture must still have that many
-_TEXELS_ACROSS = 128  # and that many across the footprint
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -124,15 +121,28 @@ class LineCamera:
         Raises:
             ValueError: a pose is not finite.
         """
+        lines = self.blank(len(poses))
+        self.render(poses, first_line, lines)
+        return lines
+
+    def blank(self, count: int) -> LineArray:
+        """Return room for some lines, shape (count, pixels)."""
+        shape = (count, self.sensor.pixels)
+        if self._configuration.bit_depth == 8:
+            return np.empty(shape, np.uint8)
+        return np.empty(shape, np.uint16)
+
+    def render(self, poses: FloatArray, first_line: int, lines: LineArray) -> None:
+        """Fill `lines`, an array like that of `blank`, as `lines()` does."""
         exposure = self._configuration
-        return expose(
+        expose(
             self.greys(poses),
             exposure.gain,
             exposure.offset,
             exposure.noise,
-            exposure.bit_depth,
             self._key,
             first_line,
+            lines,
         )
 
 
@@ -172,10 +182,9 @@ class LineCameraArray:
             raise ValueError(f"rendering takes at least one thread, not {threads}")
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
-        levels = {name: _level(name, sensor, texture) for name, sensor in sensors.items()}
-        padded = _padded_levels(sensors, levels, texture)
+        padded = padded_levels(sensors, texture)
         self.cameras: dict[str, LineCamera] = {
-            name: LineCamera(sensor, padded[levels[name]], configuration, noise_key(seed, name))
+            name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))
             for name, sensor in sensors.items()
         }
         self._next_line = dict.fromkeys(self.cameras, 0)
@@ -190,23 +199,22 @@ class LineCameraArray:
         Raises:
             ValueError: a pose is not finite.
         """
+        lines = {name: self.cameras[name].blank(len(entry)) for name, entry in poses.items()}
         parts = self._parts(poses)
-        if self._pool is None:
-            rendered = [self._render(part, poses) for part in parts]
-        else:
-            waiting = [self._pool.submit(self._render, part, poses) for part in parts[1:]]
-            rendered = [self._render(part, poses) for part in parts[:1]]
-            rendered += [future.result() for future in waiting]
-        pieces: dict[str, list[LineArray]] = {name: [] for name in poses}
-        for part in rendered:
-            for name, lines in part:
-                pieces[name].append(lines)
+        others = [
+            self._pool.submit(self._render, part, poses, lines)
+            for part in parts[1:]
+            if self._pool is not None
+        ]
+        try:
+            self._render(parts[0], poses, lines)
+        finally:
+            wait(others)
+        for other in others:
+            other.result()
         for name, entry in poses.items():
             self._next_line[name] += len(entry)
-        return {
-            name: entry[0] if len(entry) == 1 else np.concatenate(entry)
-            for name, entry in pieces.items()
-        }
+        return lines
 
     def _parts(self, poses: Mapping[str, FloatArray]) -> list[list[tuple[str, int, int]]]:
         """Divide all lines evenly: for each thread the (camera, start, end) of what it renders."""
@@ -215,8 +223,6 @@ class LineCameraArray:
         parts: list[list[tuple[str, int, int]]] = [[] for _ in range(self._threads)]
         before = 0
         for name, entry in poses.items():
-            if len(entry) == 0:
-                parts[0].append((name, 0, 0))
             for part, low, high in zip(parts, bounds[:-1], bounds[1:], strict=True):
                 start, end = max(low - before, 0), min(high - before, len(entry))
                 if start < end:
@@ -225,47 +231,12 @@ class LineCameraArray:
         return parts
 
     def _render(
-        self, part: list[tuple[str, int, int]], poses: Mapping[str, FloatArray]
-    ) -> list[tuple[str, LineArray]]:
-        return [
-            (
-                name,
-                self.cameras[name].lines(poses[name][start:end], self._next_line[name] + start),
+        self,
+        part: list[tuple[str, int, int]],
+        poses: Mapping[str, FloatArray],
+        lines: Mapping[str, LineArray],
+    ) -> None:
+        for name, start, end in part:
+            self.cameras[name].render(
+                poses[name][start:end], self._next_line[name] + start, lines[name][start:end]
             )
-            for name, start, end in part
-        ]
-
-
-def _level(name: str, sensor: LineSensor, texture: GroundTexture) -> int:
-    """Return how often the texture may be halved for a sensor without changing what it sees."""
-    for field in ("length", "width"):
-        if getattr(sensor, field) > texture.size:
-            raise ConfigurationError(
-                f"sensors.{name}.{field}",
-                f"{getattr(sensor, field):g} m is more than the ground's period of "
-                f"{texture.size:g} m",
-            )
-    if sensor.width < 1.5 * texture.texel:
-        raise ConfigurationError(
-            f"sensors.{name}.width",
-            f"{sensor.width:g} m is less than 1.5 texels of the ground ({texture.texel:g} m each)",
-        )
-    finest = min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS)
-    level = max(0, math.floor(math.log2(finest / texture.texel) + 1e-9))
-    while len(texture.grey) % 2**level:
-        level -= 1
-    return level
-
-
-def _padded_levels(
-    sensors: Mapping[str, LineSensor], levels: Mapping[str, int], texture: GroundTexture
-) -> dict[int, PaddedTexture]:
-    """Return the levels of the texture that sensors use, each long enough for its sensors."""
-    padded: dict[int, PaddedTexture] = {}
-    grey = texture.grey
-    for level in range(max(levels.values(), default=-1) + 1):
-        lengths = [sensors[name].length for name in sensors if levels[name] == level]
-        if lengths:
-            padded[level] = PaddedTexture.build(grey, texture.size, max(lengths))
-        grey = halved(grey) if level < max(levels.values()) else grey
-    return padded

@@ -37,24 +37,22 @@ def expose(
     gain: float,
     offset: float,
     noise: float,
-    bit_depth: int,
     key: np.uint64,
     first_line: int,
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return what the camera delivers: ``gain grey + offset + noise``, rounded and clipped.
+    lines: NDArray[np.uint8] | NDArray[np.uint16],
+) -> None:
+    """Fill `lines` with ``gain grey + offset + noise``, rounded and clipped.
 
     Args:
         greys: grey levels on the ground on the 8-bit scale, shape (m, pixels).
         gain: contrast [1].
         offset: brightness [grey levels].
         noise: standard deviation [grey levels].
-        bit_depth: 8 for 0..255, 16 for the same range as 0..65535.
         key: of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
+        lines: uint8 for 0..255 or uint16 for the same range as 0..65535, shape (m, pixels).
     """
-    lines: NDArray[np.uint8] | NDArray[np.uint16]
-    lines = np.empty(greys.shape, np.uint8 if bit_depth == 8 else np.uint16)
-    scale = 1.0 if bit_depth == 8 else 257.0
+    scale = 1.0 if lines.dtype == np.uint8 else 257.0
     _expose(
         greys,
         np.float32(gain * scale),
@@ -65,7 +63,6 @@ def expose(
         np.uint64(first_line),
         lines,
     )
-    return lines
 
 
 @functools.cache
@@ -80,7 +77,16 @@ def _quantiles() -> NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True)
-def _expose(greys, gain, offset, table, white, key, first_line, lines):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _expose(
+    greys: NDArray[np.float32],
+    gain: np.float32,
+    offset: np.float32,
+    table: NDArray[np.float32],
+    white: np.float32,
+    key: np.uint64,
+    first_line: np.uint64,
+    lines: NDArray[np.uint8] | NDArray[np.uint16],
+) -> None:
     pixels = greys.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)
     pairs = np.uint64((pixels + 1) // 2)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from omni_platform.configuration import to_mapping
 
+from omni_platform.configuration import to_mapping
 from omni_sim.ground_texture import (
     GENERATION,
     GroundTexture,

@@ -11,15 +11,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float32]
+
 
 def voronoi(
     texels: int,
-    points: NDArray[np.float32],
-    grey: NDArray[np.float32],
+    points: Floats,
+    grey: Floats,
     border_grey: float,
     border: float,
-    warp: NDArray[np.float32],
-) -> NDArray[np.float32]:
+    warp: Floats,
+) -> Floats:
     """Return cells of constant grey around points, with soft dark borders between them.
 
     Args:
@@ -39,7 +41,7 @@ def voronoi(
     return picture
 
 
-def add_noise(picture: NDArray[np.float32], lattice: NDArray[np.float32]) -> None:
+def add_noise(picture: Floats, lattice: Floats) -> None:
     """Add a lattice of values, interpolated by the cubic 3 t^2 - 2 t^3, to a square picture."""
     place = (np.arange(len(picture)) + 0.5) * (len(lattice) / len(picture))
     node = place.astype(np.int64)
@@ -47,7 +49,7 @@ def add_noise(picture: NDArray[np.float32], lattice: NDArray[np.float32]) -> Non
     _add_noise(picture, lattice, node, (t * t * (3.0 - 2.0 * t)).astype(np.float32))
 
 
-def dead_leaves(picture: NDArray[np.float32], leaves: NDArray[np.float64], softness: float) -> None:
+def dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) -> None:
     """Paint ellipses one over the other.
 
     Args:
@@ -60,7 +62,14 @@ def dead_leaves(picture: NDArray[np.float32], leaves: NDArray[np.float64], softn
 
 
 @njit(cache=True, nogil=True)
-def _voronoi(picture, points, grey, border_grey, border, shift):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _voronoi(
+    picture: Floats,
+    points: Floats,
+    grey: Floats,
+    border_grey: np.float32,
+    border: np.float32,
+    shift: Floats,
+) -> None:
     texels = len(picture)
     cells = len(points)
     warped = shift.shape[1] == texels
@@ -73,8 +82,8 @@ def _voronoi(picture, points, grey, border_grey, border, shift):  # type: ignore
             if warped:
                 x += shift[0, row, column]
                 y += shift[1, row, column]
-            i_0 = int(math.floor(x))
-            j_0 = int(math.floor(y))
+            i_0 = math.floor(x)
+            j_0 = math.floor(y)
             nearest = np.float32(1e9)
             second = np.float32(1e9)
             n_x = n_y = s_x = s_y = np.float32(0.0)
@@ -100,7 +109,7 @@ def _voronoi(picture, points, grey, border_grey, border, shift):  # type: ignore
 
 
 @njit(cache=True, nogil=True)
-def _add_noise(picture, lattice, node, blend):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add_noise(picture: Floats, lattice: Floats, node: NDArray[np.int64], blend: Floats) -> None:
     cells = len(lattice)
     mixed = np.empty(cells + 1, np.float32)
     for row in range(len(picture)):
@@ -115,7 +124,7 @@ def _add_noise(picture, lattice, node, blend):  # type: ignore[no-untyped-def]  
 
 
 @njit(cache=True, nogil=True)
-def _dead_leaves(picture, leaves, softness):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) -> None:
     texels = len(picture)
     for leaf in range(len(leaves)):
         centre_x = leaves[leaf, 0] * texels
@@ -127,14 +136,14 @@ def _dead_leaves(picture, leaves, softness):  # type: ignore[no-untyped-def]  # 
         grey = leaves[leaf, 5]
         steepness = radius * ratio / (softness * texels)
         rim = radius + softness * texels
-        for j in range(int(math.floor(centre_y - rim)), int(math.ceil(centre_y + rim)) + 1):
+        for j in range(math.floor(centre_y - rim), math.ceil(centre_y + rim) + 1):
             row = j % texels
             d_y = j + 0.5 - centre_y
             chord = rim * rim - d_y * d_y
             if chord <= 0.0:
                 continue
             half = math.sqrt(chord)
-            for i in range(int(math.floor(centre_x - half)), int(math.ceil(centre_x + half)) + 1):
+            for i in range(math.floor(centre_x - half), math.ceil(centre_x + half) + 1):
                 d_x = i + 0.5 - centre_x
                 along = (d_x * cosine + d_y * sine) / radius
                 across = (d_y * cosine - d_x * sine) / (radius * ratio)

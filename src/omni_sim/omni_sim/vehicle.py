@@ -192,13 +192,15 @@ class Vehicle:
     def _control(
         self, pedal: float, enable: ArrayLike, command_twist: ArrayLike, hold_world: bool
     ) -> dynamics.Control:
-        pressure = _finite("pedal", pedal, ()) * _finite("enable", enable, (len(self._wheels),))
-        if not 0.0 <= pedal <= 1.0 or np.min(pressure) < 0.0 or np.max(pressure) > pedal:
-            raise VehicleInputError(f"pedal {pedal!r} and enable {enable!r} must be in 0..1")
+        shares = _finite("enable", enable, (len(self._wheels),))
+        if not 0.0 <= _finite("pedal", pedal, ()) <= 1.0:
+            raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")
+        if np.min(shares) < 0.0 or np.max(shares) > 1.0:
+            raise VehicleInputError(f"enable {enable!r} must be in 0..1")
         drive = self.configuration.drive
         engaged = pedal < drive.clutch_threshold
         return dynamics.Control(
-            brake=pressure * self.configuration.brake.max_torque,
+            brake=pedal * self.configuration.brake.max_torque * shares,
             drive_stiffness=drive.stiffness if engaged else 0.0,
             twist=_finite("command twist", command_twist, (3,)),
             hold_world=bool(hold_world),

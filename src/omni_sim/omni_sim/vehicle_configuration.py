@@ -44,7 +44,7 @@ class DriveConfiguration(Configuration):
         maximum=1.0,
     )
     stiffness: float = parameter(
-        500.0,
+        5000.0,
         description="Torque of the engaged clutch per difference of speed",
         unit="N m s/rad",
         minimum=0.0,
@@ -65,6 +65,12 @@ class VehicleConfiguration(Configuration):
 
     wheels: Mapping[str, WheelMount] = parameter(
         description="Wheels by name; their order is the order of all wheel arrays"
+    )
+    chassis_length: float = parameter(
+        1.6, description="Length of the chassis; only pictures depend on it", unit="m", above=0.0
+    )
+    chassis_width: float = parameter(
+        1.2, description="Width of the chassis; only pictures depend on it", unit="m", above=0.0
     )
     body: MassConfiguration = parameter(description="Chassis with its wheels and drives")
     load: MassConfiguration = parameter(

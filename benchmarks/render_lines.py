@@ -1,0 +1,131 @@
+"""Measures the line-camera renderer: throughput, accuracy and its share of a core.
+
+Run it on an otherwise idle machine, with the workspace's packages on the path:
+
+    python benchmarks/render_lines.py [--json] [--ground cork] [--texels 4096]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.sensors import LineSensor
+from omni_sim.footprint_reference import integrate_exactly
+from omni_sim.ground_texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.line_camera import CameraConfiguration, LineCameraArray
+
+HEADINGS_DEG = (0, 0.05, 1, 5, 20, 33, 45, 90, 133, 200, 300)
+SENSORS = {
+    "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
+    "lis_770i": LineSensor(
+        x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
+    ),
+    "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
+}
+THREE_GENERIC = {
+    "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
+    "right": LineSensor(x=0.0, y=-0.5, heading_deg=0.0),
+    "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0),
+}
+BATCH = 25
+PERIOD = 0.01
+SPEED = 10.0
+
+
+def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
+    """Return poses at 2500 lines/s along x at 10 m/s with a yaw rate `turn` [rad/s]."""
+    elapsed = np.arange(count) / 2500.0
+    return np.column_stack((SPEED * elapsed, 0.1 * SPEED * elapsed, heading + turn * elapsed))
+
+
+def throughput(
+    sensor: LineSensor, texture: GroundTexture, heading: float, lines: int = 200
+) -> tuple[float, float]:
+    """Return lines/s of one thread, the best of several runs, and the rms error [grey levels]."""
+    seed = np.random.SeedSequence(1)
+    array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed, threads=1)
+    poses = path(lines, heading, 0.0)
+    array.render({"one": poses})
+    best = math.inf
+    for _ in range(7):
+        start = time.perf_counter()
+        array.render({"one": poses})
+        best = min(best, time.perf_counter() - start)
+    camera = array.cameras["one"]
+    picked = poses[:: lines // 3]
+    errors = [
+        grey
+        - integrate_exactly(
+            texture.grey, texture.size, tuple(centre), sensor.length, sensor.width, sensor.pixels
+        )
+        for grey, centre in zip(camera.greys(picked), camera.footprints(picked), strict=True)
+    ]
+    return lines / best, float(np.sqrt(np.mean(np.square(errors))))
+
+
+def share_of_core(texture: GroundTexture, turn: float, threads: int) -> tuple[float, float]:
+    """Return CPU and wall time [s] per simulated second, three sensors in batches of 25 lines."""
+    seed = np.random.SeedSequence(1)
+    array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed, threads=threads)
+    batches = np.split(path(200 * BATCH, 0.3, turn), 200)
+    array.render(dict.fromkeys(THREE_GENERIC, batches[0]))
+    wall, cpu = time.perf_counter(), time.process_time()
+    for batch in batches:
+        array.render(dict.fromkeys(THREE_GENERIC, batch))
+    simulated = len(batches) * PERIOD
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    return cpu / simulated, wall / simulated
+
+
+def measure(kind: str, texels: int) -> dict[str, dict[str, Any]]:
+    """Return all metrics by name."""
+    metrics: dict[str, dict[str, Any]] = {}
+
+    def note(name: str, value: float, unit: str, **more: float) -> None:
+        metrics[name] = {"value": value, "unit": unit, **more}
+
+    for name in KINDS:  # the first one small, to compile
+        generate_texture(TextureConfiguration(kind=name, texels=256))
+        start = time.perf_counter()
+        generate_texture(TextureConfiguration(kind=name, texels=texels))
+        note(f"generation.{name}", time.perf_counter() - start, "s", limit=3.0)
+    texture = generate_texture(TextureConfiguration(kind=kind, texels=texels))
+    for name, sensor in SENSORS.items():
+        for heading in HEADINGS_DEG:
+            rate, error = throughput(sensor, texture, math.radians(heading))
+            limit = {"limit": 15000.0} if name == "generic" else {}
+            note(f"throughput.{name}_{heading}_deg", rate, "1/s", **limit)
+            note(f"rms_error.{name}_{heading}_deg", error, "1", limit=0.15)
+    for case, turn in (("straight", 0.0), ("turning", math.radians(60.0))):
+        for threads in (1, 2):
+            cpu, wall = share_of_core(texture, turn, threads)
+            note(f"cpu_per_second.{case}_{threads}_threads", cpu, "1")
+            note(f"wall_per_second.{case}_{threads}_threads", wall, "1")
+    return metrics
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.add_argument("--ground", choices=KINDS, default="cork")
+    parser.add_argument("--texels", type=int, default=4096)
+    arguments = parser.parse_args()
+    metrics = measure(arguments.ground, arguments.texels)
+    if arguments.json:
+        print(json.dumps({"name": "render_lines", "metrics": metrics}, indent=2))
+        return
+    for name, metric in metrics.items():
+        limit = f"  (limit {metric['limit']:g})" if "limit" in metric else ""
+        print(f"{name:42} {metric['value']:12.4g} {metric['unit']}{limit}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""How fast displacements are found: line pairs per second and the time of a whole update.
+
+    python benchmarks/search_displacement.py [--json]
+
+Prints medians over repeated batches of 25 lines, on one core. The first row of each size is the
+full search over +/- n/2 by Pearson's correlation, the second the search with sub-pixel refinement.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
+from linescan_odometry.search import METRICS
+from linescan_odometry.subpixel import SubpixelRefiner
+from omni_platform.sensors import LineSensor
+
+LINES = 25
+SPEED = 10.0  # m/s
+LINE_RATE = 2500.0
+
+
+def record(pixels: int, lines: int, dtype: type) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Return noisy lines of a fine random ground, moving at `SPEED` over 50 mm of view."""
+    generator = np.random.default_rng(1)
+    step = SPEED / LINE_RATE / (0.05 / pixels)
+    grains = 4 * int(step * lines + pixels + 4)
+    integral = np.cumsum(generator.standard_normal(grains))
+    edges = 4.0 * (step * np.arange(lines)[:, None] + np.arange(pixels + 1))
+    profile = np.diff(np.interp(edges, np.arange(grains), integral))
+    levels = 128.0 + 30.0 * profile / profile.std() + 2.0 * generator.standard_normal(profile.shape)
+    scale = np.iinfo(dtype).max / 255.0
+    exposed: NDArray[np.uint8] | NDArray[np.uint16]
+    exposed = np.clip(np.rint(levels * scale), 0, np.iinfo(dtype).max).astype(dtype)
+    return exposed
+
+
+def median_time(action: Callable[[], object], repetitions: int) -> float:
+    """Return the median duration of an action [s]."""
+    action()
+    durations = []
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        action()
+        durations.append(time.perf_counter() - start)
+    return statistics.median(durations)
+
+
+def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
+    """Return the metrics by name."""
+    metrics: dict[str, dict[str, float | str]] = {}
+    for dtype, bits in ((np.uint8, 8), (np.uint16, 16)):
+        for pixels in (1024, 335, 128):
+            lines = record(pixels, LINES + 1, dtype)
+            shift = np.empty(LINES, np.int64)
+            similarity, displacement, variance = np.empty((3, LINES))
+            search = METRICS["pearson"](pixels, pixels // 2)
+            refiner = SubpixelRefiner(pixels)
+
+            def both() -> None:
+                search.match(lines, shift, similarity)  # noqa: B023
+                refiner.refine(lines, shift, displacement, variance)  # noqa: B023
+
+            alone = median_time(lambda: search.match(lines, shift, similarity), repetitions)  # noqa: B023
+            case = f"{pixels}px_{bits}bit"
+            metrics[f"search_rate.{case}"] = {"value": LINES / alone, "unit": "1/s"}
+            if (pixels, bits) == (1024, 8):
+                metrics[f"search_rate.{case}"]["limit"] = 60e3
+            metrics[f"displacement_rate.{case}"] = {
+                "value": LINES / median_time(both, repetitions),
+                "unit": "1/s",
+            }
+    metrics["update_time.3x25x1024px"] = {
+        "value": 1e3 * update_time(repetitions),
+        "unit": "ms",
+        "limit": 1.5,
+    }
+    return metrics
+
+
+def update_time(repetitions: int) -> float:
+    """Return the median duration of an update with three sensors, 25 lines each [s]."""
+    sensors = {
+        f"sensor{i}": LineSensor(
+            x=math.cos(angle), y=math.sin(angle), heading_deg=math.degrees(angle) + 90.0
+        )
+        for i, angle in enumerate((0.0, 2.0, 4.0))
+    }
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+    lines = record(1024, LINES * 8, np.uint8)
+    durations = []
+    for i in range(repetitions):
+        first = LINES * (i % 8)
+        stamp_ns = round((i + 1) * LINES * 1e9 / LINE_RATE)
+        batch = LineBatch(stamp_ns, lines[first : first + LINES])
+        start = time.perf_counter()
+        odometry.update(dict.fromkeys(sensors, batch))
+        durations.append(time.perf_counter() - start)
+    return statistics.median(durations[1:])
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.add_argument("--repetitions", type=int, default=200, help="batches per figure")
+    arguments = parser.parse_args()
+    metrics = measure(arguments.repetitions)
+    if arguments.json:
+        print(json.dumps({"name": "search_displacement", "metrics": metrics}))
+        return
+    for name, metric in metrics.items():
+        limit = f"  (limit {metric['limit']:g})" if "limit" in metric else ""
+        print(f"{name:36} {metric['value']:12.4g} {metric['unit']}{limit}")
+
+
+if __name__ == "__main__":
+    main()

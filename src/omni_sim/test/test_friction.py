@@ -1,0 +1,41 @@
+"""Friction of the ground over position."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from omni_sim.friction import FrictionMap, FrictionPatch
+
+
+def test_patch_counts_inside_and_the_base_outside() -> None:
+    ground = FrictionMap(
+        0.9, {"ice": FrictionPatch(x=5.0, y=-1.0, length=2.0, width=1.0, friction=0.2)}
+    )
+    assert ground.at(5.0, -1.0) == 0.2
+    assert ground.at(5.99, -0.51) == 0.2
+    assert ground.at(6.01, -1.0) == 0.9
+    assert ground.at(5.0, -0.49) == 0.9
+
+
+def test_turned_patch_turns_about_its_centre() -> None:
+    patch = FrictionPatch(x=1.0, y=2.0, length=4.0, width=0.2, heading_deg=30.0, friction=0.3)
+    ground = FrictionMap(1.0, {"strip": patch})
+    along = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
+    for distance in (-1.9, 0.0, 1.9):
+        assert ground.at(1.0 + distance * along[0], 2.0 + distance * along[1]) == 0.3
+    assert ground.at(1.0 + 2.1 * along[0], 2.0 + 2.1 * along[1]) == 1.0
+    assert ground.at(1.0 + 1.9 * along[0], 2.0 - 1.9 * along[1]) == 1.0
+
+
+def test_last_of_overlapping_patches_counts() -> None:
+    wide = FrictionPatch(x=0.0, y=0.0, length=4.0, width=4.0, friction=0.2)
+    small = FrictionPatch(x=0.0, y=0.0, length=1.0, width=1.0, friction=0.7)
+    assert FrictionMap(1.0, {"wide": wide, "small": small}).at(0.0, 0.0) == 0.7
+    assert FrictionMap(1.0, {"small": small, "wide": wide}).at(0.0, 0.0) == 0.2
+
+
+def test_negative_friction_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"-0\.1"):
+        FrictionMap(-0.1)
