@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from omni_analysis.experiment import ExperimentLibrary
+from omni_process import WORKSPACE, omni
 
-WORKSPACE = Path(__file__).resolve().parents[1]
-RUN_TIMEOUT = 240.0  # [s] a run takes seconds; this only ends one that hangs
+from omni_analysis.experiment import ExperimentLibrary
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,26 +24,6 @@ class FinishedRun:
     def value(self, metric: str) -> float:
         """Return the value of a metric such as ``orientation_change.assisted``."""
         return float(self.metrics[metric]["value"])
-
-
-def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run the command line to its end, as the launcher would."""
-    return subprocess.run(
-        omni_command(arguments),
-        capture_output=True,
-        text=True,
-        timeout=RUN_TIMEOUT,
-        check=False,
-        env=omni_environment(),
-    )
-
-
-def omni_command(arguments: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "omni_bringup.cli", *arguments]
-
-
-def omni_environment() -> dict[str, str]:
-    return {**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)}
 
 
 RunExperiment = Callable[..., FinishedRun]

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import RUN_TIMEOUT, omni, omni_command, omni_environment
+from omni_process import RUN_TIMEOUT, omni, omni_command, omni_environment
 from rosbags.highlevel import AnyReader
 
 

@@ -12,6 +12,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -240,6 +241,31 @@ def test_a_signal_ends_the_recording_in_order(
     assert json.loads(out) == {"recorded": {CAMERAS[0]: 100}}
     assert recorder.file.read_bytes().endswith(MAGIC)
     assert [data for _, _, data in read_bag(tmp_path / "run")] == sent
+
+
+def test_publishers_that_go_on_do_not_hold_the_recorder_up(graph: Graph, tmp_path: Path) -> None:
+    message = serialized_image(1)
+    over = threading.Event()
+    with recording(graph, tmp_path / "run", CAMERAS[:1]) as recorder:
+        publisher = graph.publisher(Image, CAMERAS[0], depth=10)
+        wait_for_match([publisher])
+
+        def go_on() -> None:
+            while not over.wait(0.005):
+                publisher.publish(message)
+
+        thread = threading.Thread(target=go_on)
+        thread.start()
+        try:
+            wait_until(recorder.streamed, "something is recorded")
+            code, out, err = recorder.end()
+        finally:
+            over.set()
+            thread.join()
+    assert (code, err) == (0, "")
+    found = [data for _, _, data in read_bag(tmp_path / "run")]
+    assert json.loads(out) == {"recorded": {CAMERAS[0]: len(found)}}
+    assert set(found) == {message}
 
 
 def test_a_kill_leaves_every_whole_chunk(graph: Graph, tmp_path: Path) -> None:

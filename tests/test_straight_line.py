@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
+
 from omni_analysis.bag_reader import read_run
 from omni_analysis.closed_loop import run_closed_loop
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.run_history import first_difference
 from omni_platform.configuration import from_mapping
-from rosbags.highlevel import AnyReader
 
 if TYPE_CHECKING:
     from conftest import FinishedRun, RunExperiment

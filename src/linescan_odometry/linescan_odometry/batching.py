@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from omni_platform.sensors import LineSensor
-
 from linescan_odometry.odometry import LineBatch
+from omni_platform.sensors import LineSensor
 
 
 class BatchCollector:

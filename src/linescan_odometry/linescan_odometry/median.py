@@ -112,9 +112,10 @@ def average(
                 product += before * rest
                 neighbours += 1
             before = rest
-    persistence = 2.0
+    most = 2.0 - 1.0 / count
+    persistence = most
     if count >= 4 and scatter > 0.0 and neighbours > 0:
         single = max(single, scatter / (count - 2))
         correlation = (product / neighbours) / (scatter / count)
-        persistence = min(max(2.0 + 4.0 * correlation, 1.0), 2.0)
+        persistence = min(max(2.0 + 4.0 * correlation, 1.0), most)
     return mean - slope * middle, persistence * single * leverage

@@ -42,9 +42,10 @@ class SensorOdometry:
         """Prepare the search for the sensor's number of pixels."""
         self._sensor = sensor
         self._configuration = configuration
-        self._limit = configuration.shift_limit(sensor)
         self._chain = LineChain(sensor)
-        self._search = METRICS[configuration.metric](sensor.pixels, self._limit)
+        self._search = METRICS[configuration.metric](
+            sensor.pixels, configuration.shift_limit(sensor)
+        )
         self._refiner = SubpixelRefiner(sensor.pixels)
 
     def update(self, batch: LineBatch) -> SensorReading:
@@ -75,11 +76,7 @@ class SensorOdometry:
         similarity, displacement, variance = np.empty((3, pairs))
         self._search.match(lines, shift, similarity)
         self._refiner.refine(lines, shift, displacement, variance)
-        usable = (
-            (similarity >= self._configuration.minimum_correlation)
-            & np.isfinite(variance)
-            & (np.abs(displacement) <= self._limit + 0.5)
-        )
+        usable = (similarity >= self._configuration.minimum_correlation) & np.isfinite(variance)
         return PairDisplacements(displacement, variance, similarity, usable)
 
     def _reading(self, lines: Lines) -> SensorReading:
@@ -135,9 +132,9 @@ class SensorOdometry:
         usable = int(np.count_nonzero(pairs.usable))
         if 2 * usable < len(pairs.usable):
             return (
-                f"no match: {usable} of {len(pairs.usable)} line pairs correlate by "
-                f"{self._configuration.minimum_correlation:g} or more, "
-                f"median {float(np.median(pairs.similarity)):.2f}"
+                f"no match: {usable} of {len(pairs.usable)} line pairs have a peak of "
+                f"{self._configuration.minimum_correlation:g} or more within the shift limit, "
+                f"the median is {float(np.median(pairs.similarity)):.2f}"
             )
         return f"the displacements of {len(pairs.usable)} line pairs disagree with their median"
 

@@ -36,6 +36,11 @@ def test_a_group_without_a_majority_is_left_out() -> None:
     assert inliers(displacement, group=4).tolist() == [True, True, False, True] + 4 * [False]
 
 
+def test_half_of_a_group_is_no_majority() -> None:
+    assert not inliers(np.array([5.0, 5.0, 40.0, -3.0])).any()
+    assert inliers(np.array([5.0, 5.0, 5.0, 40.0, -3.0])).tolist() == 3 * [True] + 2 * [False]
+
+
 def test_unusable_pairs_neither_vote_nor_count_as_agreeing() -> None:
     displacement = np.array([0.0, 0.0, 0.0, 8.0, 8.1, 8.0, 7.9])
     usable = np.array([False, False, False, True, True, True, True])
@@ -48,6 +53,11 @@ def test_unusable_pairs_neither_vote_nor_count_as_agreeing() -> None:
 def test_every_pair_belongs_to_one_group(count: int) -> None:
     assert inliers(np.full(count, 3.0)).all()
     assert not inliers(np.full(count, 3.0), np.zeros(count, np.bool_)).any()
+
+
+def test_a_single_displacement_passes_unchanged() -> None:
+    mean, variance = average(np.array([7.5]), np.array([2e-4]), np.array([True]))
+    assert (mean, variance) == (7.5, 2e-4)
 
 
 def test_errors_that_cancel_leave_the_first_and_the_last() -> None:

@@ -188,9 +188,16 @@ def test_point_errors_do_not_reach_the_velocity(expose: Expose) -> None:
     assert reading.velocity == pytest.approx(clean.velocity, abs=2e-3)
 
 
-def test_motion_beyond_the_limit_is_not_measured(expose: Expose) -> None:
-    lines = expose(135.0 * np.arange(12), 256, noise=2.0, grain=2.0)
-    assert not one_sensor().update(batch(lines, 11)).measured
+@pytest.mark.parametrize("grain", [2.0, 8.0])
+@pytest.mark.parametrize("displacement", [130.0, -132.0, 140.0])
+def test_motion_beyond_the_limit_is_not_measured(
+    displacement: float, grain: float, expose: Expose
+) -> None:
+    # On coarse ground the correlation is high at the limit already, but not a peak.
+    lines = expose(displacement * np.arange(12), 256, noise=2.0, grain=grain)
+    reading = one_sensor(minimum_correlation=0.1).update(batch(lines, 11))
+    assert not reading.measured
+    assert reading.reason
 
 
 @pytest.mark.parametrize("displacement", [-128.0, -127.6, 127.3, 128.0])
@@ -222,6 +229,14 @@ def test_creeping_is_free_of_the_pull_towards_whole_pixels(
         errors[threshold] = abs(np.mean(velocity) / 0.125 - displacement) / displacement
     assert errors[0.5] < 0.015
     assert errors[0.5] < errors[0.0]  # else the second search is for nothing
+
+
+def test_creeping_survives_a_wrong_line_at_the_end(expose: Expose) -> None:
+    positions = 0.2 * np.arange(26)
+    positions[-1] += 30.0  # matches the first line perfectly, 30 px off
+    reading = one_sensor().update(batch(expose(positions, 256), 25))
+    assert reading.inlier_share == pytest.approx(24 / 25)
+    assert reading.velocity == pytest.approx(0.2 * 0.125, abs=1e-3)
 
 
 def test_sideways_motion_has_an_honest_variance() -> None:

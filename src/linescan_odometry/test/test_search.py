@@ -84,6 +84,13 @@ def test_longer_overlap_wins_at_equal_correlation() -> None:
     assert similarity[0] == pytest.approx(1.0, abs=1e-12)
 
 
+def test_a_negative_correlation_counts_before_none() -> None:
+    # Towards negative shifts the overlap of one line is constant, and the spikes never meet.
+    lines = np.zeros((2, 128), np.uint8)
+    lines[0, 127] = lines[1, 0] = 200
+    assert_is_direct(lines, 64)
+
+
 @pytest.mark.parametrize("level", [0, 7, 255])
 def test_constant_lines_have_no_correlation(level: int) -> None:
     lines = np.random.default_rng(6).integers(0, 256, (4, 128)).astype(np.uint8)

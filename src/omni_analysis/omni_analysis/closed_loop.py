@@ -10,13 +10,13 @@ import math
 from typing import Any
 
 import numpy as np
-from omni_sim.simulator import Observation, Simulator
 
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, TwistEstimate
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_analysis.run_history import RunHistory
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision, Feedback
 from omni_sim.run_progress import RunProgress
+from omni_sim.simulator import Observation, Simulator
 
 
 def run_closed_loop(

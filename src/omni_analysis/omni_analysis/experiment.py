@@ -15,15 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from omni_sim.simulator import (
-    CameraConfiguration,
-    GroundConfiguration,
-    ManeuverConfiguration,
-    SimulationConfiguration,
-    SimulatorConfiguration,
-    VehicleConfiguration,
-    VelocitySensorConfiguration,
-)
 
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
@@ -35,6 +26,15 @@ from omni_platform.configuration import (
     parameter,
 )
 from omni_platform.sensors import LineSensor
+from omni_sim.simulator import (
+    CameraConfiguration,
+    GroundConfiguration,
+    ManeuverConfiguration,
+    SimulationConfiguration,
+    SimulatorConfiguration,
+    VehicleConfiguration,
+    VelocitySensorConfiguration,
+)
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}

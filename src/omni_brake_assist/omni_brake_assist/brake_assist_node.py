@@ -113,9 +113,7 @@ class BrakeAssistNode(Node):
         if self._demand is None:
             return
         self._answered_ns = stamp_ns
-        self._publish(
-            self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback))
-        )
+        self._publish(self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback)))
         self._last_answer = time.monotonic()
 
     def _publish(self, decision: Decision) -> None:

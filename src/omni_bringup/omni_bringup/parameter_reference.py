@@ -11,8 +11,6 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
-from omni_sim.simulator import SimulatorConfiguration
-
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
@@ -24,6 +22,7 @@ from omni_platform.configuration import (
     is_configuration,
     join_key,
 )
+from omni_sim.simulator import SimulatorConfiguration
 
 _HEAD = """\
 # Parameters

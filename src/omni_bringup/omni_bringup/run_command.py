@@ -10,11 +10,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from omni_analysis.run_figures import draw_run_figures
-
 from omni_analysis.comparison_table import comparison_table
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.metrics import results_document
+from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError
 from omni_bringup.run_folder import write_summary

@@ -82,6 +82,11 @@ class LineCamera:
         self._configuration = configuration
         self._key = key
 
+    @property
+    def texels(self) -> int:
+        """Texels per period of the texture that the camera is rendered from."""
+        return self._texture.texels
+
     def footprints(self, poses: FloatArray) -> FloatArray:
         """Return centre x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
 
@@ -175,7 +180,7 @@ class LineCameraArray:
 
         Raises:
             ConfigurationError: a footprint is longer or wider than the period of the ground, or
-                narrower than 1.5 texels.
+                narrower than 10 texels.
             ValueError: fewer than one thread.
         """
         if threads < 1:

@@ -8,12 +8,12 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
-from omni_platform.sensors import LineSensor
-from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from omni_platform.sensors import LineSensor
+from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.simulator import Observation, SimulatorConfiguration
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito).
@@ -67,7 +67,15 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
     origin = np.array([x, y])
     stamp_ns = observation.stamp_ns
     markers = [
-        _box(stamp_ns, "platform", 0, (x, y, 0.3), yaw, (vehicle.chassis_length, vehicle.chassis_width, 0.2), _GREY)
+        _box(
+            stamp_ns,
+            "platform",
+            0,
+            (x, y, 0.3),
+            yaw,
+            (vehicle.chassis_length, vehicle.chassis_width, 0.2),
+            _GREY,
+        )
     ]
     load = origin + to_world @ np.array([vehicle.load.x, vehicle.load.y])
     markers.append(_sphere(stamp_ns, "load", (*load, vehicle.load.height), 0.3, _GREEN))

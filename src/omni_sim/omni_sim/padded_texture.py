@@ -13,8 +13,8 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
 
-MIDDLE_GREY = 128
-"""Grey level that is kept as 0, so that small errors of weight cost little."""
+LEAST_WIDTH = 10.0
+"""Narrowest footprint that is integrated well [texels]."""
 
 _CACHE_LINE = 64  # bytes
 _MARGIN = 16  # texels that a run may be longer than the footprint's length times sqrt(2)
@@ -27,8 +27,9 @@ class PaddedTexture:
     """A periodic texture prepared for `integrate_lines`.
 
     Attributes:
-        rows: grey - 128, row after row, each continued periodically to `stride` texels.
+        rows: grey - middle, row after row, each continued periodically to `stride` texels.
         columns: the same of the transposed texture.
+        middle: grey level kept as 0, near the mean, so that small errors of weight cost little.
         texels: texels per period.
         stride: length of a padded row [texels].
         texel: edge of a texel [m].
@@ -37,6 +38,7 @@ class PaddedTexture:
 
     rows: NDArray[np.int8]
     columns: NDArray[np.int8]
+    middle: int
     texels: int
     stride: int
     texel: float
@@ -54,11 +56,13 @@ class PaddedTexture:
         columns = math.ceil(math.sqrt(2.0) * reach / texture.texel) + _MARGIN
         # An odd number of cache lines per row: a power of two would map all rows on a few sets.
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
-        # Grey - 128 as two's complement is the grey level with its highest bit flipped.
-        centred = (texture.grey ^ np.uint8(0x80)).view(np.int8)
+        grey = texture.grey
+        middle = min(max(round(float(grey.mean())), int(grey.max()) - 127), int(grey.min()) + 128)
+        centred = (grey - np.uint8(middle)).view(np.int8)  # modulo 256, as two's complement
         return cls(
             rows=_continued(centred, stride),
             columns=_continued(np.ascontiguousarray(centred.T), stride),
+            middle=middle,
             texels=texels,
             stride=stride,
             texel=texture.texel,
@@ -95,7 +99,7 @@ def padded_levels(
 
     Raises:
         ConfigurationError: a footprint is longer or wider than the period of the ground, or
-            narrower than 1.5 texels.
+            narrower than 10 texels.
     """
     levels = {name: _level(name, sensor, texture) for name, sensor in sensors.items()}
     padded: dict[int, PaddedTexture] = {}
@@ -117,10 +121,11 @@ def _level(name: str, sensor: LineSensor, texture: GroundTexture) -> int:
                 f"{getattr(sensor, field):g} m is more than the ground's period of "
                 f"{texture.size:g} m",
             )
-    if sensor.width < 1.5 * texture.texel:
+    if sensor.width < LEAST_WIDTH * texture.texel:
         raise ConfigurationError(
             f"sensors.{name}.width",
-            f"{sensor.width:g} m is less than 1.5 texels of the ground ({texture.texel:g} m each)",
+            f"{sensor.width:g} m is less than {LEAST_WIDTH:g} texels of the ground, "
+            f"{texture.texel:g} m each",
         )
     finest = min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS)
     level = max(0, math.floor(math.log2(finest / texture.texel) + 1e-9))

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
-
 from omni_sim.friction import FrictionMap, FrictionPatch
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray

@@ -1,14 +1,19 @@
-"""The vehicles of the repository's configuration folder."""
+"""The vehicles of the repository's configuration folder, for all tests of this package."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import hypothesis
 import pytest
 import yaml
 
 from omni_platform.configuration import from_mapping
 from omni_sim.vehicle_configuration import VehicleConfiguration
+
+# The first example compiles the kernels; how long an example takes is no property of the code.
+hypothesis.settings.register_profile("omni_sim", deadline=None)
+hypothesis.settings.load_profile("omni_sim")
 
 CONFIG = Path(__file__).parents[3] / "config"
 

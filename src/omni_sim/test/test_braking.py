@@ -24,27 +24,27 @@ def stop(vehicle: Vehicle, seconds: float = 4.0) -> FloatArray:
     return vehicle.advance(round(seconds / vehicle.physics_step), 1.0, np.ones(n), np.zeros(3))
 
 
-def require_lawful(log: StepLog, energy_before: float, scale: float) -> None:
+def require_lawful(log: StepLog, energy_before: float, allowance: float) -> None:
     """Require the friction limit and that no step adds energy, elastic energy included."""
     assert np.all(np.isfinite(log.trajectory))
     assert np.all(np.abs(log.force) <= log.limit * (1.0 + 1e-12))
     energy = np.concatenate(([energy_before], log.energy.sum(axis=1)))
-    assert np.max(np.diff(energy)) <= 1e-9 * scale
+    assert np.max(np.diff(energy)) <= allowance
 
 
-def brake_at_random(vehicle: Vehicle, seed: int, periods: int) -> None:
+def brake_at_random(vehicle: Vehicle, seed: int, periods: int, tolerance: float = 1e-9) -> None:
     random = np.random.default_rng(seed)
     n = len(vehicle.wheel_names)
-    scale = vehicle.kinetic_energy
+    allowance = tolerance * vehicle.kinetic_energy
     for _ in range(periods):
         before = vehicle.kinetic_energy + vehicle.elastic_energy
         enable = random.integers(0, 2, n) * random.choice([1.0, 1.0, 0.3], n)
         pedal = random.choice([1.0, 1.0, 0.4, 0.06])
         log = vehicle.advance_logged(20, pedal, enable, np.zeros(3))
-        require_lawful(log, before, scale)
+        require_lawful(log, before, allowance)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(0, 2**32 - 1),
     st.floats(-math.pi, math.pi),
@@ -70,13 +70,23 @@ def test_no_pattern_of_brakes_adds_energy_or_breaks_the_friction_limit(
     brake_at_random(vehicle, seed, 150)
 
 
-@pytest.mark.parametrize("seed", range(4))
+# The hardest tyre swings a wheel through 0.5 rad in a step; there the wheels' coupling over the
+# body, which lags by a step, may leave a share of 1e-7 of the energy.
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "tolerance"), [(2.0e7, 1.0e5, 1e-9), (1.0e8, 1.0e6, 1e-6)]
+)
+@pytest.mark.parametrize("seed", range(3))
 def test_stiff_tires_and_light_wheels_stay_passive_at_a_coarse_step(
-    seed: int, forklift: VehicleConfiguration
+    seed: int,
+    stiffness: float,
+    damping: float,
+    tolerance: float,
+    forklift: VehicleConfiguration,
 ) -> None:
-    tire = dataclasses.replace(forklift.tire, stiffness=2.0e7, damping=1.0e5)
+    tire = dataclasses.replace(forklift.tire, stiffness=stiffness, damping=damping)
     hard = dataclasses.replace(forklift, tire=tire, wheel_inertia=0.01)
-    brake_at_random(Vehicle(hard, physics_step=0.001, twist=(6.0, 2.0, 1.0)), seed, 100)
+    vehicle = Vehicle(hard, physics_step=0.001, twist=(6.0, 2.0, 1.0))
+    brake_at_random(vehicle, seed, 100, tolerance)
 
 
 def test_kinetic_energy_never_grows_by_more_than_the_tires_store(

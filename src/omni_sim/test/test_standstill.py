@@ -46,11 +46,12 @@ def test_too_steep_a_slope_is_not_held(forklift: VehicleConfiguration) -> None:
 
 def test_released_vehicle_rolls_down_the_slope(forklift: VehicleConfiguration) -> None:
     vehicle = Vehicle(forklift)
-    vehicle.push((0.05 * vehicle.masses.mass * GRAVITY, 0.0))
+    mass = vehicle.masses.mass
+    vehicle.push((0.05 * mass * GRAVITY, 0.0))
     vehicle.advance(2000, 1.0, np.zeros(4), NO_COMMAND)
     # Four wheels turn with it: I / R^2 each adds to the mass.
-    inertia = 1250.0 + 4.0 * 1.0 / 0.2**2
-    assert vehicle.twist[0] == pytest.approx(0.05 * 1250.0 * GRAVITY / inertia, rel=0.02)
+    inertia = mass + 4.0 * forklift.wheel_inertia / 0.2**2
+    assert vehicle.twist[0] == pytest.approx(0.05 * mass * GRAVITY / inertia, rel=0.02)
 
 
 def test_stopped_vehicle_stays_stopped(forklift: VehicleConfiguration) -> None:

@@ -81,15 +81,28 @@ def test_placed_vehicle_rolls_on_without_any_force(forklift: VehicleConfiguratio
         np.testing.assert_allclose(log.trajectory[-1], [*twist, *twist], atol=1e-9)
 
 
+@pytest.mark.parametrize("calls", [1, 200])
 def test_turn_while_translate_keeps_its_direction_in_the_world(
-    forklift: VehicleConfiguration,
+    calls: int, forklift: VehicleConfiguration
 ) -> None:
-    twist = np.array([4.0, 0.0, 1.2])
-    vehicle = Vehicle(forklift, twist=twist)
-    for _ in range(200):
-        command = np.array([*turned(4.0, 0.0, -vehicle.pose[2]), 1.2])
-        trajectory = vehicle.advance(20, 0.0, np.ones(4), command, hold_world_direction=True)
-    np.testing.assert_allclose(trajectory[-1], [8.0, 0.0, 2.4, 4.0, 0.0, 1.2], atol=0.03)
+    vehicle = Vehicle(forklift, twist=(4.0, 0.0, 1.2))
+    for _ in range(calls):
+        v = turned(4.0, 0.0, -vehicle.pose[2])
+        path = vehicle.advance(
+            4000 // calls, 0.0, np.ones(4), [v[0], v[1], 1.2], hold_world_direction=True
+        )
+    np.testing.assert_allclose(path[-1], [8.0, 0.0, 2.4, 4.0, 0.0, 1.2], atol=0.03)
+
+
+def test_vehicle_is_where_and_as_fast_as_it_was_placed(forklift: VehicleConfiguration) -> None:
+    pose, twist = (1.0, -2.0, 0.7), (3.0, -1.0, 1.5)
+    vehicle = Vehicle(forklift, pose=pose, twist=twist)
+    np.testing.assert_allclose(vehicle.pose, pose)
+    np.testing.assert_allclose(vehicle.twist, twist)
+    start = vehicle.advance(0, 0.0, np.ones(4), twist)[0]
+    np.testing.assert_allclose(start[:3], pose)
+    np.testing.assert_allclose(start[3:], [*turned(3.0, -1.0, 0.7), 1.5])
+    np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
 
 
 def momentum_balance(vehicle: Vehicle, log: StepLog) -> tuple[FloatArray, FloatArray]:
@@ -191,11 +204,14 @@ def test_world_frame_may_be_turned_and_moved(forklift: VehicleConfiguration) -> 
 
 def test_braking_shifts_load_to_the_front(forklift: VehicleConfiguration) -> None:
     even = dataclasses.replace(forklift, load=MassConfiguration(mass=0.0, height=0.0))
-    log = Vehicle(even, twist=(10.0, 0.0, 0.0)).advance_logged(2000, 1.0, np.ones(4), np.zeros(3))
-    np.testing.assert_allclose(log.load.sum(axis=1), 1000.0 * GRAVITY)
+    vehicle = Vehicle(even, twist=(10.0, 0.0, 0.0))
+    log = vehicle.advance_logged(2000, 1.0, np.ones(4), np.zeros(3))
+    masses = vehicle.masses
+    np.testing.assert_allclose(log.load.sum(axis=1), masses.mass * GRAVITY)
     deceleration = -np.diff(log.trajectory[1500:, 3]).mean() / 0.0005
     assert deceleration > 5.0
-    transfer = 1000.0 * deceleration * 0.35 / 1.3  # m a h / L onto each axle's pair
+    base = forklift.wheels["front_left"].x - forklift.wheels["rear_left"].x
+    transfer = masses.mass * deceleration * masses.height / base  # m a h / L
     front, rear = log.load[-1, [1, 2]].sum(), log.load[-1, [0, 3]].sum()
     assert front - rear == pytest.approx(2.0 * transfer, rel=0.01)
     # Evenly loaded, it stays on its line.
@@ -233,7 +249,7 @@ def test_tall_load_tips_and_says_so(forklift: VehicleConfiguration) -> None:
     assert vehicle.tipping
     assert vehicle.tipping_steps > 0
     assert np.all(log.load >= 0.0)
-    np.testing.assert_allclose(log.load.sum(axis=1), 1250.0 * GRAVITY)
+    np.testing.assert_allclose(log.load.sum(axis=1), vehicle.masses.mass * GRAVITY)
     assert np.all(np.isfinite(log.trajectory))
 
 

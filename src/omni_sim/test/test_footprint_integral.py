@@ -1,0 +1,202 @@
+"""A pixel is the mean of the ground over its rotated footprint, at any heading."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omni_sim.footprint_integral import integrate_lines
+from omni_sim.footprint_reference import integrate_exactly
+from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.padded_texture import PaddedTexture, halved
+
+SIZE = 0.05
+TEXELS = 1024
+LENGTH = 0.0125
+WIDTH = 0.02
+PIXELS = 256
+HEADINGS_DEG = (
+    0.0,
+    0.05,
+    1.0,
+    20.0,
+    44.9,
+    45.0,
+    45.1,
+    90.0,
+    133.0,
+    180.0,
+    200.0,
+    260.0,
+    300.0,
+    -7.0,
+)
+
+CORK = generate_texture(TextureConfiguration(size=SIZE, texels=TEXELS))
+PADDED = PaddedTexture.build(CORK, 0.05)
+
+
+def line(
+    x: float, y: float, heading: float, texture: PaddedTexture = PADDED
+) -> NDArray[np.float64]:
+    centres = np.array([[x, y, heading]])
+    lines = integrate_lines(texture, centres, LENGTH, WIDTH, PIXELS)
+    return np.asarray(lines[0], dtype=np.float64)
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
+def test_lines_agree_with_the_exact_integral(heading_deg: float) -> None:
+    heading = math.radians(heading_deg)
+    for x, y in ((0.0123, 0.0456), (-0.3011, 0.0001)):
+        exact = integrate_exactly(CORK.grey, SIZE, (x, y, heading), LENGTH, WIDTH, PIXELS)
+        assert np.std(exact) > 3.0
+        assert rms(line(x, y, heading) - exact) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("length", "width", "pixels"), [(0.05, 0.0005, 1024), (0.04, 0.05, 77), (0.003, 0.002, 333)]
+)
+def test_footprints_of_any_shape_agree_with_the_exact_integral(
+    length: float, width: float, pixels: int
+) -> None:
+    for heading in (0.0, 0.4, 2.3, -0.9):
+        centre = (0.02, 0.047, heading)
+        got = integrate_lines(PADDED, np.array([centre]), length, width, pixels)[0]
+        exact = integrate_exactly(CORK.grey, SIZE, centre, length, width, pixels)
+        # A texel's misplacement by up to an eighth counts the more, the fewer are averaged.
+        assert rms(got - exact) < 0.08 * max(1.0, 0.02 / width)
+
+
+def test_the_exact_integral_agrees_with_dense_sampling() -> None:
+    x, y, heading, pixels = 0.013, 0.031, 0.7, 8
+    exact = integrate_exactly(CORK.grey, SIZE, (x, y, heading), 0.0004, 0.003, pixels)
+    u = (np.arange(pixels * 200) + 0.5) / (pixels * 200) * 0.0004 - 0.0002
+    v = (np.arange(2000) + 0.5) / 2000 * 0.003 - 0.0015
+    p_x = x + u[:, None] * math.cos(heading) - v * math.sin(heading)
+    p_y = y + u[:, None] * math.sin(heading) + v * math.cos(heading)
+    column, row = (np.floor(p / CORK.texel).astype(int) % TEXELS for p in (p_x, p_y))
+    sampled = CORK.grey[row, column].reshape(pixels, -1).mean(axis=1)
+    np.testing.assert_allclose(exact, sampled, atol=0.02)
+
+
+@pytest.mark.parametrize("grey", [0, 77, 128, 255])
+def test_a_uniform_ground_gives_its_own_grey(grey: int) -> None:
+    uniform = GroundTexture(np.full((256, 256), grey, np.uint8), SIZE)
+    padded = PaddedTexture.build(uniform, LENGTH)
+    centres = np.column_stack(
+        (np.linspace(-1.0, 1.0, 91), np.linspace(0.3, -0.2, 91), np.linspace(0.0, 6.3, 91))
+    )
+    lines = integrate_lines(padded, centres, LENGTH, WIDTH, PIXELS)
+    np.testing.assert_array_equal(lines, grey)
+
+
+def test_the_sides_of_a_step_are_weighed_by_area() -> None:
+    # Dark left half, bright right half: a pixel's grey is the share of its area that is bright.
+    step = np.zeros((TEXELS, TEXELS), np.uint8)
+    step[:, TEXELS // 2 :] = 200
+    padded = PaddedTexture.build(GroundTexture(step, SIZE), 0.01)
+    for heading_deg in HEADINGS_DEG:
+        centre = (0.5 * SIZE, 0.01, math.radians(heading_deg))
+        got = integrate_lines(padded, np.array([centre]), 0.01, 0.01, 64)[0]
+        # A tenth of a texel of the 205 across, times the contrast of 200.
+        assert got.mean() == pytest.approx(100.0, abs=0.1)
+        exact = integrate_exactly(step, SIZE, centre, 0.01, 0.01, 64)
+        assert rms(got - exact) < 0.3
+
+
+@pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
+def test_a_wave_is_attenuated_by_the_sinc_of_both_sides(heading_deg: float) -> None:
+    # Box integral of cos(k . p): cos at the centre of the pixel times sinc x sinc.
+    heading = math.radians(heading_deg)
+    waves_x, waves_y = 2, 1
+    place = (np.arange(TEXELS) + 0.5) / TEXELS
+    phase = 2.0 * math.pi * (waves_x * place[None, :] + waves_y * place[:, None])
+    wave = GroundTexture(np.rint(128.0 + 100.0 * np.cos(phase)).astype(np.uint8), SIZE)
+    padded = PaddedTexture.build(wave, LENGTH)
+    k = 2.0 * math.pi / SIZE * np.array([waves_x, waves_y])
+    axis = np.array([math.cos(heading), math.sin(heading)])
+    across = np.array([-axis[1], axis[0]])
+    pitch, width = LENGTH / PIXELS, WIDTH
+    u = (np.arange(PIXELS) + 0.5) * pitch - 0.5 * LENGTH
+    centre = np.array([0.011, 0.027])
+    sinc = np.sinc(k @ axis * pitch / (2 * math.pi)) * np.sinc(k @ across * width / (2 * math.pi))
+    expected = 128.0 + 100.0 * sinc * np.cos(k @ centre + u * (k @ axis))
+    got = integrate_lines(padded, np.array([[*centre, heading]]), LENGTH, width, PIXELS)[0]
+    assert rms(got - expected) < 0.1
+
+
+@pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
+def test_moving_by_one_pitch_shifts_the_line_by_one_pixel(heading_deg: float) -> None:
+    heading = math.radians(heading_deg)
+    pitch = LENGTH / PIXELS
+    here = line(0.021, 0.008, heading)
+    there = line(0.021 + pitch * math.cos(heading), 0.008 + pitch * math.sin(heading), heading)
+    assert rms(there[:-1] - here[1:]) < 0.15
+    assert rms(there - here) > 0.5  # not because nothing changes
+
+
+@pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
+def test_the_ground_repeats_after_its_period(heading_deg: float) -> None:
+    heading = math.radians(heading_deg)
+    here = line(0.012, 0.034, heading)
+    for x, y in ((SIZE, 0.0), (0.0, SIZE), (-3 * SIZE, 5 * SIZE)):
+        # Only the rounding of the position differs, less than the fixed point resolves usually.
+        np.testing.assert_allclose(line(0.012 + x, 0.034 + y, heading), here, atol=0.1)
+    np.testing.assert_allclose(line(0.012, 0.034, heading + 2 * math.pi), here, atol=0.1)
+
+
+@pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
+def test_half_a_turn_reverses_the_line(heading_deg: float) -> None:
+    heading = math.radians(heading_deg)
+    here = line(0.012, 0.034, heading)
+    np.testing.assert_allclose(line(0.012, 0.034, heading + math.pi)[::-1], here, atol=0.1)
+
+
+def test_every_heading_is_continuous() -> None:
+    # No seam where the transposed texture takes over or the rows run the other way.
+    for seam in np.arange(8) * math.pi / 4:
+        before, behind = (line(0.02, 0.03, seam + sign * 1e-7) for sign in (-1.0, 1.0))
+        assert rms(before - behind) < 0.1
+
+
+def test_random_footprints_stay_inside_the_texture() -> None:
+    generator = np.random.default_rng(3)
+    small = generate_texture(TextureConfiguration(size=SIZE, texels=256))
+    padded = PaddedTexture.build(small, SIZE)
+    for _ in range(300):
+        length, width = generator.uniform(0.002, SIZE, 2)
+        centre = (*generator.uniform(-1.0, 1.0, 2), generator.uniform(-7.0, 7.0))
+        pixels = int(generator.integers(16, 300))
+        got = integrate_lines(padded, np.array([centre]), length, width, pixels)[0]
+        assert small.grey.min() - 1.0 <= got.min() <= got.max() <= small.grey.max() + 1.0
+
+
+def test_halving_keeps_the_mean() -> None:
+    half = halved(CORK.grey)
+    assert half.shape == (TEXELS // 2, TEXELS // 2)
+    exact = CORK.grey.reshape(TEXELS // 2, 2, TEXELS // 2, 2).mean(axis=(1, 3))
+    assert np.abs(half - exact).max() <= 0.5
+    assert half.mean() == pytest.approx(CORK.grey.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_poses_that_are_no_numbers_are_refused(value: float) -> None:
+    for place in range(3):
+        centre = np.zeros((1, 3))
+        centre[0, place] = value
+        with pytest.raises(ValueError, match="finite"):
+            integrate_lines(PADDED, centre, LENGTH, WIDTH, PIXELS)
+
+
+def test_footprints_that_do_not_suit_the_texture_are_refused() -> None:
+    with pytest.raises(ValueError, match="longer"):
+        integrate_lines(PADDED, np.zeros((1, 3)), 0.06, WIDTH, PIXELS)
+    with pytest.raises(ValueError, match="narrower"):
+        integrate_lines(PADDED, np.zeros((1, 3)), LENGTH, 0.0004, PIXELS)

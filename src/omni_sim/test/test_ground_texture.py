@@ -1,0 +1,139 @@
+"""Grounds are seamless, repeatable, of physical size, and survive their cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_sim import texture_cache
+from omni_sim.ground_texture import (
+    KINDS,
+    GroundTexture,
+    TextureConfiguration,
+    generate_texture,
+)
+from omni_sim.texture_cache import TextureCache
+
+SIZE = 0.05
+
+
+def ground(kind: str, texels: int = 1024, seed: int = 1) -> NDArray[np.float64]:
+    configuration = TextureConfiguration(kind=kind, size=SIZE, texels=texels, seed=seed)
+    return generate_texture(configuration).grey.astype(np.float64)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_seam_is_like_any_other_line(kind: str) -> None:
+    grey = ground(kind)
+    for axis in (0, 1):
+        steps = np.abs(np.diff(grey, axis=axis, append=grey.take([0], axis=axis)))
+        by_line = steps.mean(axis=1 - axis)
+        assert by_line[-1] < by_line.mean() + 5.0 * by_line.std()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_texels_are_resolution_only(kind: str) -> None:
+    fine, coarse = ground(kind, 1024), ground(kind, 512)
+    mean = fine.reshape(512, 2, 512, 2).mean(axis=(1, 3))
+    assert np.corrcoef(mean.ravel(), coarse.ravel())[0, 1] > 0.97
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_seed_decides_everything(kind: str) -> None:
+    first, again, other = ground(kind), ground(kind), ground(kind, seed=2)
+    np.testing.assert_array_equal(first, again)
+    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_contrast_uses_the_range_without_clipping(kind: str) -> None:
+    grey = ground(kind)
+    assert 100.0 < grey.mean() < 155.0
+    assert grey.std() > 20.0
+    assert np.mean((grey == 0.0) | (grey == 255.0)) < 1e-3
+
+
+def test_structure_grows_from_cork_to_stone() -> None:
+    def correlation_length(grey: NDArray[np.float64]) -> int:
+        spectrum = np.abs(np.fft.fft2(grey - grey.mean())) ** 2
+        along_x = np.fft.ifft2(spectrum).real[0]
+        return int(np.argmax(along_x < 0.5 * along_x[0]))
+
+    assert correlation_length(ground("stone")) > 1.5 * correlation_length(ground("cork"))
+
+
+def test_shipped_grounds_are_valid() -> None:
+    folder = Path(__file__).parents[3] / "config" / "grounds"
+    kinds = set()
+    for path in folder.glob("*.yaml"):
+        mapping = yaml.safe_load(path.read_text(encoding="utf-8"))
+        kinds.add(from_mapping(TextureConfiguration, mapping["texture"]).kind)
+    assert kinds >= set(KINDS)
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="kind"):
+        TextureConfiguration(kind="lawn")
+
+
+def test_a_texture_must_be_square_and_8_bit() -> None:
+    with pytest.raises(ValueError, match="square"):
+        GroundTexture(np.zeros((4, 5), np.uint8), SIZE)
+    with pytest.raises(ValueError, match="uint8"):
+        GroundTexture(np.zeros((4, 4), np.uint16), SIZE)
+
+
+CONFIGURATION = TextureConfiguration(size=SIZE, texels=256)
+
+
+def refuse(_: TextureConfiguration) -> GroundTexture:
+    raise AssertionError("the texture should have come from the cache")
+
+
+def test_a_cached_texture_is_not_generated_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = TextureCache(tmp_path / "new").texture(CONFIGURATION)
+    monkeypatch.setattr(texture_cache, "generate_texture", refuse)
+    read = TextureCache(tmp_path / "new").texture(CONFIGURATION)
+    np.testing.assert_array_equal(read.grey, made.grey)
+    assert read.size == SIZE
+    with pytest.raises(AssertionError):
+        TextureCache(tmp_path / "new").texture(TextureConfiguration(size=SIZE, texels=256, seed=2))
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "text", "other"])
+def test_a_damaged_file_is_replaced(tmp_path: Path, damage: str) -> None:
+    cache = TextureCache(tmp_path)
+    made = cache.texture(CONFIGURATION)
+    path = cache.path(CONFIGURATION)
+    sound = path.read_bytes()
+    flipped = bytearray(sound)
+    flipped[len(sound) // 2] ^= 1
+    other = TextureConfiguration(size=SIZE, texels=512)
+    cache.texture(other)
+    damaged = {
+        "cut": sound[: len(sound) // 2],
+        "flipped": bytes(flipped),
+        "empty": b"",
+        "text": b"not a texture",
+        "other": cache.path(other).read_bytes(),  # sound, but of another shape
+    }
+    path.write_bytes(damaged[damage])
+    np.testing.assert_array_equal(cache.texture(CONFIGURATION).grey, made.grey)
+    assert path.read_bytes() == sound
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+        cache.path(c).name for c in (CONFIGURATION, other)
+    )
+
+
+def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way", encoding="utf-8")
+    texture = TextureCache(blocked / "below").texture(CONFIGURATION)
+    np.testing.assert_array_equal(texture.grey, generate_texture(CONFIGURATION).grey)

@@ -1,0 +1,192 @@
+"""Cameras see the ground where they are, with noise that depends on nothing but the line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_sim.footprint_reference import integrate_exactly
+from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.line_camera import CameraConfiguration, LineCameraArray
+
+SIZE = 0.05
+CORK = generate_texture(TextureConfiguration(size=SIZE, texels=1024))
+UNIFORM = GroundTexture(np.full((256, 256), 100, np.uint8), SIZE)
+SENSORS = {
+    "left": LineSensor(x=0.1, y=0.5, heading_deg=0.0, pixels=101, length=0.01, width=0.004),
+    "right": LineSensor(x=0.1, y=-0.5, heading_deg=180.0, pixels=128, length=0.01, width=0.004),
+    "front": LineSensor(x=0.6, y=0.0, heading_deg=70.0, pixels=64, length=0.04, width=0.02),
+}
+
+
+def array(
+    texture: GroundTexture = CORK,
+    sensors: dict[str, LineSensor] | None = None,
+    seed: int = 1,
+    threads: int = 1,
+    **camera: float,
+) -> LineCameraArray:
+    return LineCameraArray(
+        sensors or SENSORS,
+        texture,
+        from_mapping(CameraConfiguration, camera),
+        np.random.SeedSequence(seed),
+        threads,
+    )
+
+
+def path(count: int) -> NDArray[np.float64]:
+    time = np.arange(count) / 2500.0
+    return np.column_stack((9.0 * time, -2.0 * time, 0.3 + 1.5 * time))
+
+
+def test_a_camera_sees_the_ground_below_its_place_on_the_body() -> None:
+    pose = np.array([[1.7, -0.4, 0.9]])
+    cameras = array().cameras
+    for name, sensor in SENSORS.items():
+        x = 1.7 + math.cos(0.9) * sensor.x - math.sin(0.9) * sensor.y
+        y = -0.4 + math.sin(0.9) * sensor.x + math.cos(0.9) * sensor.y
+        exact = integrate_exactly(
+            CORK.grey,
+            SIZE,
+            (x, y, 0.9 + math.radians(sensor.heading_deg)),
+            sensor.length,
+            sensor.width,
+            sensor.pixels,
+        )
+        error = cameras[name].greys(pose)[0] - exact
+        assert np.std(exact) > 3.0
+        assert np.sqrt(np.mean(error**2)) < 0.2
+
+
+@pytest.mark.parametrize(("bit_depth", "scale", "kind"), [(8, 1, np.uint8), (16, 257, np.uint16)])
+def test_noiseless_pixels_are_rounded_greys(
+    bit_depth: int, scale: int, kind: type[np.generic]
+) -> None:
+    cameras = array(noise=0.0, bit_depth=bit_depth, gain=1.5, offset=-20.0)
+    lines = cameras.render(dict.fromkeys(SENSORS, path(4)))
+    for name, camera in cameras.cameras.items():
+        assert lines[name].dtype == kind
+        wanted = np.clip((1.5 * camera.greys(path(4)) - 20.0) * scale, 0, 255 * scale)
+        assert np.abs(lines[name] - wanted).max() <= 0.5 + 1e-3 * scale
+
+
+@pytest.mark.parametrize(("offset", "grey"), [(400.0, 1.0), (-400.0, 0.0)])
+def test_brightness_is_clipped_to_the_range(offset: float, grey: float) -> None:
+    for bit_depth, white in ((8, 255), (16, 65535)):
+        lines = array(offset=offset, bit_depth=bit_depth).render({"left": path(3)})["left"]
+        np.testing.assert_array_equal(lines, grey * white)
+
+
+@pytest.mark.parametrize("deviation", [0.5, 1.0, 5.0])
+def test_noise_is_white_and_normal(deviation: float) -> None:
+    # At 16 bits quantisation (1/257 grey levels) does not show.
+    cameras = array(UNIFORM, noise=deviation, bit_depth=16)
+    noise = cameras.render({"right": path(4000)})["right"] / 257.0 - 100.0
+    count = noise.size
+    assert abs(noise.mean()) < 5.0 * deviation / math.sqrt(count)
+    assert noise.std() == pytest.approx(deviation, rel=5.0 / math.sqrt(2 * count))
+    normal = noise / noise.std()
+    assert abs(np.mean(normal**3)) < 5.0 * math.sqrt(6.0 / count)
+    assert abs(np.mean(normal**4) - 3.0) < 5.0 * math.sqrt(24.0 / count) + 0.01
+    assert np.mean(np.abs(normal) > 3.0) == pytest.approx(0.0027, rel=0.1)
+    for shifted in (normal[1:] * normal[:-1], normal[:, 1:] * normal[:, :-1]):
+        assert abs(shifted.mean()) < 5.0 / math.sqrt(shifted.size)
+
+
+def test_sensors_and_seeds_have_noise_of_their_own() -> None:
+    twins = {"one": SENSORS["right"], "two": SENSORS["right"]}
+    both = array(UNIFORM, twins, noise=3.0).render(dict.fromkeys(twins, path(500)))
+    other = array(UNIFORM, twins, seed=2, noise=3.0).render(dict.fromkeys(twins, path(500)))
+    for first, second in ((both["one"], both["two"]), (both["one"], other["one"])):
+        assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 5.0 / math.sqrt(first.size)
+
+
+def test_noise_does_not_depend_on_which_other_sensors_there_are() -> None:
+    alone = array(sensors={"front": SENSORS["front"]}).render({"front": path(9)})
+    together = array().render(dict.fromkeys(SENSORS, path(9)))
+    np.testing.assert_array_equal(alone["front"], together["front"])
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("split", [[60], [1, 59], [25, 25, 10], [0, 7, 0, 53]])
+def test_lines_do_not_depend_on_batches_or_threads(split: list[int], threads: int) -> None:
+    poses = path(60)
+    whole = array().render(dict.fromkeys(SENSORS, poses))
+    cameras = array(threads=threads)
+    parts = [
+        cameras.render(dict.fromkeys(SENSORS, part))
+        for part in np.split(poses, np.cumsum(split)[:-1])
+    ]
+    for name, lines in whole.items():
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), lines)
+
+
+def test_batches_of_different_length_are_shared_among_threads() -> None:
+    poses = {"left": path(31), "right": path(0), "front": path(5)}
+    single, double = array(threads=1).render(poses), array(threads=2).render(poses)
+    assert {name: lines.shape for name, lines in double.items()} == {
+        "left": (31, 101),
+        "right": (0, 128),
+        "front": (5, 64),
+    }
+    for name, lines in single.items():
+        np.testing.assert_array_equal(double[name], lines)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_pose_that_is_no_number_is_refused(threads: int) -> None:
+    poses = path(20)
+    poses[19, 2] = np.nan
+    with pytest.raises(ValueError, match="finite"):
+        array(threads=threads).render(dict.fromkeys(SENSORS, poses))
+
+
+def test_coarse_pixels_use_a_coarser_level_and_look_the_same() -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=64, length=0.05, width=0.0195)
+    fine = generate_texture(TextureConfiguration(size=SIZE, texels=2048))
+    camera = array(fine, {"coarse": sensor}).cameras["coarse"]
+    assert camera.texels < 2048
+    for heading in (0.0, 0.4, 1.1, 2.5):
+        greys = camera.greys(np.array([[0.01, 0.02, heading]]))[0]
+        exact = integrate_exactly(fine.grey, SIZE, (0.01, 0.02, heading), 0.05, 0.0195, 64)
+        assert np.sqrt(np.mean((greys - exact) ** 2)) < 0.15
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [({"length": 0.06}, "length"), ({"width": 0.06}, "width"), ({"width": 0.0004}, "width")],
+)
+def test_a_footprint_that_does_not_fit_the_ground_is_refused(
+    changes: dict[str, float], field: str
+) -> None:
+    shape = {"length": 0.05, "width": 0.02, **changes}
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=64, **shape)
+    with pytest.raises(ConfigurationError, match=rf"sensors\.odd\.{field}"):
+        array(sensors={"odd": sensor})
+
+
+def test_only_8_and_16_bits_are_accepted() -> None:
+    with pytest.raises(ConfigurationError, match="bit_depth"):
+        CameraConfiguration(bit_depth=12)
+
+
+def test_the_shipped_placement_sees_every_motion() -> None:
+    path_to = Path(__file__).parents[3] / "config" / "sensors" / "three_generic.yaml"
+    mapping = yaml.safe_load(path_to.read_text(encoding="utf-8"))
+    sensors = {name: from_mapping(LineSensor, entry) for name, entry in mapping.items()}
+    assert len(sensors) == 3
+    matrix = sensor_matrix(sensors)
+    # Error of each component of the twist per error of a reading.
+    gain = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+    assert gain.max() < 2.0
+    for sensor in sensors.values():
+        assert abs(sensor.x) <= 0.8
+        assert abs(sensor.y) <= 0.6

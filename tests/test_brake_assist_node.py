@@ -1,0 +1,163 @@
+"""The brake assistant over topics: whatever it is told, it brakes when in doubt."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from omni_process import WORKSPACE
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_bringup import graph
+from omni_bringup.process_group import process_group
+from omni_bringup.ros_domain import reserved_domain
+from omni_ros.environment import node_environment
+from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
+from omni_ros.qos import RELIABLE
+
+PATIENCE = 30.0  # [s]
+STEP_NS = 10_000_000
+GOOD = np.diag([1e-6, 1e-6, 1e-6])
+BLIND = 1e6 * np.eye(3)
+# Fast, and turning left: the brakes that turn it further are let go.
+SWERVING = np.array([8.0, 0.0, 0.6])
+
+
+class Vehicle:
+    """Everything around the brake assistant: driver, odometry and brakes."""
+
+    def __init__(self, context: Context, wheels: tuple[str, ...]) -> None:
+        self.wheels = wheels
+        self.node = Node("vehicle", context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.pedal = self.node.create_publisher(JointState, "brake/pedal", RELIABLE)
+        self.twist = self.node.create_publisher(
+            TwistWithCovarianceStamped, "odometry/twist", RELIABLE
+        )
+        self.wheel_states = self.node.create_publisher(JointState, "wheel_states", RELIABLE)
+        self.enables: list[JointState] = []
+        self.states: list[str] = []
+        self.node.create_subscription(JointState, "brake/enable", self.enables.append, RELIABLE)
+        self.errors: list[JointState] = []
+        self.node.create_subscription(
+            JointState, "brake_assist/error", self.errors.append, RELIABLE
+        )
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_state, RELIABLE)
+        self.stamp_ns = 0
+
+    def _on_state(self, message: DiagnosticArray) -> None:
+        self.states += [v.value for v in message.status[0].values if v.key == "state"]
+
+    def wait(self, condition: object) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():  # type: ignore[operator]
+            assert time.monotonic() < deadline, f"timed out; states so far: {self.states}"
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def send_twist(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> None:
+        self.twist.publish(planar_twist_with_covariance(self.stamp_ns, values, covariance))
+
+    def send_pedal(self, value: float) -> None:
+        self.pedal.publish(joint_state(self.stamp_ns, ("brake_pedal",), position=np.array([value])))
+
+    def step(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> dict[str, float]:
+        """Brake for one step with this feedback and return the enables that answer it."""
+        self.stamp_ns += STEP_NS
+        self.send_pedal(1.0)
+        self.send_twist(values, covariance)
+        self.wait(lambda: self.last_stamp() == self.stamp_ns)
+        return dict(zip(self.enables[-1].name, self.enables[-1].effort, strict=True))
+
+    def last_stamp(self) -> int:
+        return to_nanoseconds(self.enables[-1].header.stamp) if self.enables else -1
+
+    def swerve_until_assisted(self) -> dict[str, float]:
+        for i in range(20):
+            # Never twice the same: a frozen reading is not believed.
+            enable = self.step(SWERVING * (1.0 - 1e-3 * i))
+        assert 0.0 in enable.values()
+        assert 1.0 in enable.values()
+        return enable
+
+
+@pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
+def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
+    """A vehicle with a real brake assistant process, in a ROS domain of its own."""
+    configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
+    process = graph.brake_assist(configuration, tmp_path, lockstep=request.param)
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        group.start(process)
+        context = Context()
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        rclpy.init(context=context, domain_id=domain)
+        vehicle = Vehicle(context, tuple(configuration.vehicle.wheels))
+        try:
+            vehicle.wait(lambda: vehicle.pedal.get_subscription_count() == 1)
+            vehicle.wait(lambda: vehicle.twist.get_subscription_count() == 1)
+            vehicle.wait(lambda: vehicle.node.count_publishers("brake/enable") == 1)
+            yield vehicle
+        finally:
+            vehicle.node.destroy_node()
+            context.try_shutdown()
+
+
+def all_on(enable: dict[str, float]) -> bool:
+    return set(enable.values()) == {1.0}
+
+
+def test_it_assists_and_every_doubt_puts_all_brakes_on(vehicle: Vehicle) -> None:
+    enable = vehicle.swerve_until_assisted()
+    # Turning left about a forward motion: braking on the left side would turn it further.
+    assert enable["front_left"] == 0.0
+    assert enable["front_right"] == 1.0
+    for values, covariance, state in (
+        (SWERVING * np.nan, GOOD, "non_finite_feedback"),
+        (SWERVING, BLIND, "low_confidence"),
+        (SWERVING * 100.0, GOOD, "implausible_feedback"),
+    ):
+        assert all_on(vehicle.step(values, covariance)), state
+        vehicle.wait(lambda state=state: vehicle.states[-1] == state)
+        vehicle.swerve_until_assisted()  # it recovers with good data
+
+
+def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
+    vehicle.swerve_until_assisted()
+    vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, ("port", "starboard")))
+    vehicle.wait(
+        lambda: all_on(vehicle.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0)))
+    )
+    vehicle.wait(lambda: vehicle.states[-1] == "unknown_wheel")
+    vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, vehicle.wheels))
+    vehicle.swerve_until_assisted()
+
+
+@pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
+def test_silent_feedback_puts_all_brakes_on_unasked(vehicle: Vehicle) -> None:
+    vehicle.swerve_until_assisted()
+    vehicle.enables.clear()
+    vehicle.wait(lambda: bool(vehicle.enables))  # nothing is sent: the node speaks by itself
+    assert set(vehicle.enables[-1].effort) == {1.0}
+
+
+@pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])
+def test_a_pedal_without_a_value_counts_as_full_braking(vehicle: Vehicle) -> None:
+    vehicle.swerve_until_assisted()
+    vehicle.stamp_ns += STEP_NS
+    empty = joint_state(vehicle.stamp_ns, ("brake_pedal",))
+    vehicle.pedal.publish(empty)
+    vehicle.send_twist(SWERVING)
+    vehicle.wait(lambda: vehicle.last_stamp() == vehicle.stamp_ns)
+    assert set(vehicle.enables[-1].effort) == {1.0}
+    vehicle.wait(lambda: vehicle.states[-1] == "invalid_demand")
