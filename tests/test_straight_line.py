@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
@@ -81,7 +81,7 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     )
     with AnyReader([folder]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
-        images = [
+        images: list[Any] = [
             reader.deserialize(data, connection.msgtype)
             for connection, _, data in reader.messages(
                 [c for c in reader.connections if c.topic == "/line_scan/left/lines"]

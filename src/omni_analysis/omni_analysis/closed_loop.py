@@ -71,7 +71,7 @@ class _Record:
 
     def add(self, observation: Observation, estimate: TwistEstimate, decision: Decision) -> None:
         self._pose.append(observation.pose)
-        sample = {
+        sample: dict[str, Any] = {
             "stamp_ns": observation.stamp_ns,
             "twist": observation.twist,
             "wheel_angle": observation.wheel_angle,
@@ -84,7 +84,7 @@ class _Record:
             "estimate_variance": np.diag(estimate.covariance),
         }
         for name, value in sample.items():
-            self._samples.setdefault(name, []).append(np.copy(value))
+            self._samples.setdefault(name, []).append(np.array(value))
 
     def history(self) -> RunHistory:
         return RunHistory.from_samples(

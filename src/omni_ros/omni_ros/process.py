@@ -29,6 +29,7 @@ EXIT_FAILED = 1
 EXIT_BAD_CONFIGURATION = 2
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+_LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
 _POLL = 0.1  # [s] how soon a signal is seen while nothing arrives
 
 
@@ -100,7 +101,7 @@ class Spinner:
         self.stop = stop
 
     def spin_once(self, timeout: float = _POLL) -> None:
-        """Run one callback, waiting for it at most `timeout` [s]."""
+        """Run the callbacks that are due, waiting for the first at most `timeout` [s]."""
         self._executor.spin_once(timeout_sec=timeout)
 
     def spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
@@ -166,6 +167,11 @@ def _end_with_parent() -> None:
 
 
 def _flush_publishers(node: Node) -> None:
-    """Let reliable data reach its readers before the process exits."""
+    """Let reliable data reach its readers before the process exits.
+
+    A retransmission may take 3 s; a reader that has died never acknowledges.
+    """
+    deadline = time.monotonic() + _LONGEST_FLUSH
     for publisher in node.publishers:
-        publisher.wait_for_all_acked(Duration(seconds=8))
+        remaining = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(Duration(nanoseconds=int(remaining * 1e9)))

@@ -30,6 +30,8 @@ GRAVITY = 9.81
 MAXIMUM_WHEELS = 32
 """Wheels that the contact set of the load equilibrium can hold."""
 
+_MAXIMUM_ITERATIONS = 100
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MassConfiguration(Configuration):
@@ -182,53 +184,112 @@ def _stand_on_edge(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _spring_energy(
+    position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
+) -> float:
+    """Return half the squared loads of a plane less the work of a unit weight at z."""
+    energy = -(a + b * z_x + c * z_y)
+    for i in range(position.shape[0]):
+        load = a + b * position[i, 0] + c * position[i, 1]
+        if load > 0.0:
+            energy += 0.5 * load * load
+    return energy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
+    """Return the wheels that a plane presses down, one bit each."""
+    contact = 0
+    for i in range(position.shape[0]):
+        if a + b * position[i, 0] + c * position[i, 1] > 0.0:
+            contact |= 1 << i
+    return contact
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton_step(
+    position: FloatArray,
+    contact: int,
+    z_x: float,
+    z_y: float,
+    a: float,
+    b: float,
+    c: float,
+) -> tuple[float, float, float, float, bool]:
+    """Return the change of the plane that balances the wheels in contact.
+
+    Returns:
+        Changes of a, b, c; slope of the energy along them; whether the contact points span a
+        plane, so that the change is the exact balance.
+    """
+    s, s_x, s_y, s_xx, s_xy, s_yy, size = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(position.shape[0]):
+        x, y = position[i, 0], position[i, 1]
+        size += (1.0 + x * x + y * y) / 3.0
+        if contact & (1 << i):
+            s += 1.0
+            s_x += x
+            s_y += y
+            s_xx += x * x
+            s_xy += x * y
+            s_yy += y * y
+    # What is not yet balanced: weight and moments less those of the wheels.
+    r_a = 1.0 - (s * a + s_x * b + s_y * c)
+    r_b = z_x - (s_x * a + s_xx * b + s_xy * c)
+    r_c = z_y - (s_y * a + s_xy * b + s_yy * c)
+    minor = s_xx * s_yy - s_xy * s_xy
+    determinant = s * minor - s_x * (s_x * s_yy - s_xy * s_y) + s_y * (s_x * s_xy - s_xx * s_y)
+    exact = determinant > 1e-9 * size * size * size
+    if not exact:  # two wheels, or wheels in a row: a small stiffness everywhere holds the rest
+        s += 1e-3 * size
+        s_xx += 1e-3 * size
+        s_yy += 1e-3 * size
+    # Cramer's rule on the symmetric normal equations.
+    m_aa = s_xx * s_yy - s_xy * s_xy
+    m_ab = s_xy * s_y - s_x * s_yy
+    m_ac = s_x * s_xy - s_xx * s_y
+    m_bc = s_x * s_y - s * s_xy
+    scale = 1.0 / (s * m_aa + s_x * m_ab + s_y * m_ac)
+    d_a = scale * (m_aa * r_a + m_ab * r_b + m_ac * r_c)
+    d_b = scale * (m_ab * r_a + (s * s_yy - s_y * s_y) * r_b + m_bc * r_c)
+    d_c = scale * (m_ac * r_a + m_bc * r_b + (s * s_xx - s_x * s_x) * r_c)
+    return d_a, d_b, d_c, -(r_a * d_a + r_b * d_b + r_c * d_c), exact
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Find the wheels that carry; return their number, 0 if the iteration finds none.
+    """Find the wheels that carry; return their number, 0 if the iteration does not end.
 
-    A wheel is in contact iff the plane through the others in contact presses it down; starting
-    from the loads given, the set is corrected until it agrees with its own plane.
+    Balance is the minimum of a convex energy of the plane, the springs' less the weight's work.
+    Newton's rule with a line search finds it from any start; it is done when the plane presses
+    just those wheels down that it was computed for.
     """
     n = position.shape[0]
-    contact = 0
-    for i in range(n):
-        if loads[i] > 0.0:
-            contact |= 1 << i
-    for _ in range(4 * n):
-        s, s_x, s_y, s_xx, s_xy, s_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(n):
-            if contact & (1 << i):
-                x, y = position[i, 0], position[i, 1]
-                s += 1.0
-                s_x += x
-                s_y += y
-                s_xx += x * x
-                s_xy += x * y
-                s_yy += y * y
-        # Cramer's rule on the symmetric normal equations.
-        m_a = s_xx * s_yy - s_xy * s_xy
-        m_b = s_xy * s_y - s_x * s_yy
-        m_c = s_x * s_xy - s_xx * s_y
-        determinant = s * m_a + s_x * m_b + s_y * m_c
-        if determinant <= 1e-9 * (s * s_xx * s_yy):
-            return 0
-        scale = weight / determinant
-        a = scale * (m_a + m_b * z_x + m_c * z_y)
-        b = scale * (m_b + (s * s_yy - s_y * s_y) * z_x + (s_x * s_y - s * s_xy) * z_y)
-        c = scale * (m_c + (s_x * s_y - s * s_xy) * z_x + (s * s_xx - s_x * s_x) * z_y)
-        agreed = 0
-        carrying = 0
-        for i in range(n):
-            loads[i] = a + b * position[i, 0] + c * position[i, 1]
-            if loads[i] > 0.0:
-                agreed |= 1 << i
-                carrying += 1
-            else:
+    a, b, c = 1.0 / n, 0.0, 0.0
+    for _ in range(_MAXIMUM_ITERATIONS):
+        contact = _contact_set(position, a, b, c)
+        d_a, d_b, d_c, slope, exact = _newton_step(position, contact, z_x, z_y, a, b, c)
+        if exact and _contact_set(position, a + d_a, b + d_b, c + d_c) == contact:
+            carrying = 0
+            for i in range(n):
                 loads[i] = 0.0
-        if agreed == contact:
+                if contact & (1 << i):
+                    plane = a + d_a + (b + d_b) * position[i, 0] + (c + d_c) * position[i, 1]
+                    loads[i] = weight * plane
+                    carrying += 1
             return carrying
-        contact = agreed
+        energy = _spring_energy(position, z_x, z_y, a, b, c)
+        step = 1.0
+        while step > 1e-9 and (
+            _spring_energy(position, z_x, z_y, a + step * d_a, b + step * d_b, c + step * d_c)
+            > energy + 0.1 * step * slope
+        ):
+            step *= 0.5
+        a += step * d_a
+        b += step * d_b
+        c += step * d_c
     return 0
 
 

@@ -12,9 +12,10 @@ sticking patch would need, ``v_p = -sign(A) w`` where ``w >= 0`` solves ``|A| = 
 
 The rim does not wait for the force: it gives way by ``v_s = v_free + m F`` within the step, where
 ``m`` [m/s per N] stands for the inertia of wheel and vehicle. That turns the equation into
-``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m`` and keeps the step stable and passive
-for any stiffness and inertia. Because friction falls beyond its peak, two solutions may exist
-near standstill; a patch then keeps the state, adhering or sliding, that it has (`sliding`).
+``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m`` and keeps a wheel's step stable
+and passive for any stiffness and inertia. Because friction falls beyond its peak, two solutions
+may exist near standstill; a patch then keeps the state, adhering or sliding, that it has
+(`sliding`).
 Departure from the dissertation: ``v_num`` may be tiny, so that a locked wheel sticks or slides
 as Coulomb friction does and never creeps.
 """
