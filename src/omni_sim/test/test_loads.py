@@ -82,6 +82,15 @@ def test_polygon_leaves_out_inner_wheels_and_turns_counter_clockwise() -> None:
     assert area == pytest.approx(4.0)
 
 
+def test_nine_wheels_of_which_few_reach_out_settle_on_one_plane() -> None:
+    # Undamped, the search for the contact set ends at a single wheel here.
+    angle = np.radians(40.0 * np.arange(9) + np.array([3.0, *([0.0] * 8)]))
+    radius = np.array([2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.5, 0.75])
+    require_carried(
+        radius[:, np.newaxis] * np.column_stack((np.cos(angle), np.sin(angle))), 1.75, 0.0
+    )
+
+
 @given(
     st.lists(st.tuples(st.floats(0.3, 2.0), st.floats(-20.0, 20.0)), min_size=3, max_size=9),
     st.floats(0.0, 3.0),
@@ -91,11 +100,16 @@ def test_any_vehicle_is_carried_in_balance_by_wheels_that_only_push(
     wheels: list[tuple[float, float]], distance: float, direction: float
 ) -> None:
     n = len(wheels)
-    angle = np.array(
-        [2.0 * math.pi * i / n + math.radians(turn) for i, (_, turn) in enumerate(wheels)]
-    )
+    turns = np.array([math.radians(turn) for _, turn in wheels])
+    angle = 2.0 * math.pi * np.arange(n) / n + turns
     radius = np.array([r for r, _ in wheels])
     position = radius[:, np.newaxis] * np.column_stack((np.cos(angle), np.sin(angle)))
+    require_carried(position, distance, direction)
+
+
+def require_carried(position: FloatArray, distance: float, direction: float) -> None:
+    """Require balance on wheels that push, for a zero-moment point at a distance and angle."""
+    n = len(position)
     z = distance * np.array([math.cos(direction), math.sin(direction)])
     loads, tipping = loads_of(position, z[0], z[1])
     assert np.all(loads >= 0.0)

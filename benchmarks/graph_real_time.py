@@ -1,0 +1,60 @@
+"""Measure how fast the whole graph runs, beside the same loop in one process.
+
+The graph: four processes, three cameras of 1024 px at 2500 lines/s, everything recorded. Prints
+simulated over elapsed time (the loop alone, without start and stop) for each variant of the
+standard experiment, the two ways of running in turn, and the ratio of their times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from omni_analysis.closed_loop import run_closed_loop
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_bringup.cli import workspace
+from omni_bringup.run_variant import run_variant
+from omni_sim.simulator import Simulator
+
+
+def graph_factor(configuration: ExperimentConfiguration, variant: str) -> float:
+    """Return the real-time factor of a run over the graph."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = run_variant(configuration, variant, Path(folder) / variant)
+    return result.history.real_time_factor
+
+
+def process_factor(configuration: ExperimentConfiguration) -> float:
+    """Return the real-time factor of the same run in this process."""
+    simulator = Simulator(configuration.simulator())
+    start = time.perf_counter()
+    history = run_closed_loop(configuration, simulator)
+    return float(history.time[-1]) / (time.perf_counter() - start)
+
+
+def main() -> None:
+    """Run the comparison and print a line per variant."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5, help="runs of each kind")
+    repeats = parser.parse_args().repeats
+    library = ExperimentLibrary(workspace() / "config")
+    for variant in library.variants("straight_line"):
+        configuration = library.load("straight_line", variant)
+        process_factor(configuration)  # loads the kernels
+        pairs = [
+            (graph_factor(configuration, variant), process_factor(configuration))
+            for _ in range(repeats)
+        ]
+        graph, process = (statistics.median(column) for column in zip(*pairs, strict=True))
+        ratio = statistics.median(p / g for g, p in pairs)
+        print(
+            f"{variant:<12} real-time factor: graph {graph:.2f}, one process {process:.2f}; "
+            f"the graph takes {ratio:.2f} times as long"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,179 @@
+"""Who carries a vehicle when a wheel lifts: the hard cases of `loads`.
+
+Arguments throughout: `position`, wheel contacts relative to the centre of gravity [m], shape
+(N, 2); `hull`, indices of the support polygon, counter-clockwise; `weight` m g [N]; `z_x`, `z_y`,
+zero-moment point relative to the centre of gravity [m]; `loads`, receives the loads [N], (N,).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_MAXIMUM_ITERATIONS = 100
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stand_on_edge(
+    position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> bool:
+    """If the zero-moment point is outside, put the weight on the nearest point of the polygon."""
+    outside = False
+    nearest = np.inf
+    first, second, share = 0, 0, 0.0
+    for k in range(hull.size):
+        a, b = hull[k], hull[(k + 1) % hull.size]
+        edge_x, edge_y = position[b, 0] - position[a, 0], position[b, 1] - position[a, 1]
+        to_x, to_y = z_x - position[a, 0], z_y - position[a, 1]
+        outside = outside or edge_x * to_y - edge_y * to_x < 0.0
+        along = (to_x * edge_x + to_y * edge_y) / (edge_x * edge_x + edge_y * edge_y)
+        along = min(max(along, 0.0), 1.0)
+        distance = (to_x - along * edge_x) ** 2 + (to_y - along * edge_y) ** 2
+        if distance < nearest:
+            nearest, first, second, share = distance, a, b, along
+    if outside:
+        loads[:] = 0.0
+        loads[first] = weight * (1.0 - share)
+        loads[second] = weight * share
+    return outside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spring_energy(
+    position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
+) -> float:
+    """Return half the squared loads of a plane less the work of a unit weight at z."""
+    energy = -(a + b * z_x + c * z_y)
+    for i in range(position.shape[0]):
+        load = a + b * position[i, 0] + c * position[i, 1]
+        if load > 0.0:
+            energy += 0.5 * load * load
+    return energy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
+    """Return the wheels that a plane presses down, one bit each."""
+    contact = 0
+    for i in range(position.shape[0]):
+        if a + b * position[i, 0] + c * position[i, 1] > 0.0:
+            contact |= 1 << i
+    return contact
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _newton_step(
+    position: FloatArray,
+    contact: int,
+    z_x: float,
+    z_y: float,
+    a: float,
+    b: float,
+    c: float,
+) -> tuple[float, float, float, float, bool]:
+    """Return the change of the plane that balances the wheels in contact.
+
+    Returns:
+        Changes of a, b, c; slope of the energy along them; whether the contact points span a
+        plane, so that the change is the exact balance.
+    """
+    s, s_x, s_y, s_xx, s_xy, s_yy, size = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(position.shape[0]):
+        x, y = position[i, 0], position[i, 1]
+        size += (1.0 + x * x + y * y) / 3.0
+        if contact & (1 << i):
+            s += 1.0
+            s_x += x
+            s_y += y
+            s_xx += x * x
+            s_xy += x * y
+            s_yy += y * y
+    # What is not yet balanced: weight and moments less those of the wheels.
+    r_a = 1.0 - (s * a + s_x * b + s_y * c)
+    r_b = z_x - (s_x * a + s_xx * b + s_xy * c)
+    r_c = z_y - (s_y * a + s_xy * b + s_yy * c)
+    minor = s_xx * s_yy - s_xy * s_xy
+    determinant = s * minor - s_x * (s_x * s_yy - s_xy * s_y) + s_y * (s_x * s_xy - s_xx * s_y)
+    exact = determinant > 1e-9 * size * size * size
+    if not exact:  # two wheels, or wheels in a row: a small stiffness everywhere holds the rest
+        s += 1e-8 * size
+        s_xx += 1e-8 * size
+        s_yy += 1e-8 * size
+    # Cramer's rule on the symmetric normal equations.
+    m_aa = s_xx * s_yy - s_xy * s_xy
+    m_ab = s_xy * s_y - s_x * s_yy
+    m_ac = s_x * s_xy - s_xx * s_y
+    m_bc = s_x * s_y - s * s_xy
+    scale = 1.0 / (s * m_aa + s_x * m_ab + s_y * m_ac)
+    d_a = scale * (m_aa * r_a + m_ab * r_b + m_ac * r_c)
+    d_b = scale * (m_ab * r_a + (s * s_yy - s_y * s_y) * r_b + m_bc * r_c)
+    d_c = scale * (m_ac * r_a + m_bc * r_b + (s * s_xx - s_x * s_x) * r_c)
+    return d_a, d_b, d_c, -(r_a * d_a + r_b * d_b + r_c * d_c), exact
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stand_on_some(
+    position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> int:
+    """Find the wheels that carry; return their number, 0 if the iteration does not end.
+
+    Balance is the minimum of a convex energy of the plane, the springs' less the weight's work.
+    Newton's rule with a line search finds it from any start; it is done when the plane presses
+    just those wheels down that it was computed for.
+    """
+    n = position.shape[0]
+    a, b, c = 1.0 / n, 0.0, 0.0
+    for _ in range(_MAXIMUM_ITERATIONS):
+        contact = _contact_set(position, a, b, c)
+        d_a, d_b, d_c, slope, exact = _newton_step(position, contact, z_x, z_y, a, b, c)
+        if exact and _contact_set(position, a + d_a, b + d_b, c + d_c) == contact:
+            carrying = 0
+            for i in range(n):
+                loads[i] = 0.0
+                if contact & (1 << i):
+                    plane = a + d_a + (b + d_b) * position[i, 0] + (c + d_c) * position[i, 1]
+                    loads[i] = weight * plane
+                    carrying += 1
+            return carrying
+        energy = _spring_energy(position, z_x, z_y, a, b, c)
+        step = 1.0
+        while step > 1e-12 and (
+            _spring_energy(position, z_x, z_y, a + step * d_a, b + step * d_b, c + step * d_c)
+            > energy + 0.1 * step * slope
+        ):
+            step *= 0.5
+        a += step * d_a
+        b += step * d_b
+        c += step * d_c
+    return 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stand_on_triangle(
+    position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
+) -> None:
+    """Balance the weight on three wheels of the polygon around the zero-moment point."""
+    loads[:] = 0.0
+    o = hull[0]
+    best = -np.inf
+    for k in range(1, hull.size - 1):
+        p, q = hull[k], hull[k + 1]
+        p_x, p_y = position[p, 0] - position[o, 0], position[p, 1] - position[o, 1]
+        q_x, q_y = position[q, 0] - position[o, 0], position[q, 1] - position[o, 1]
+        t_x, t_y = z_x - position[o, 0], z_y - position[o, 1]
+        area = p_x * q_y - p_y * q_x
+        at_p = (t_x * q_y - t_y * q_x) / area
+        at_q = (p_x * t_y - p_y * t_x) / area
+        least = min(at_p, at_q, 1.0 - at_p - at_q)
+        if least > best:
+            best = least
+            at_p, at_q = max(at_p, 0.0), max(at_q, 0.0)
+            total = max(at_p + at_q, 1.0)
+            loads[:] = 0.0
+            loads[o] = weight * (1.0 - (at_p + at_q) / total)
+            loads[p] = weight * at_p / total
+            loads[q] = weight * at_q / total
