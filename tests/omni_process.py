@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
@@ -32,3 +33,38 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
         check=False,
         env=omni_environment(),
     )
+
+
+def node_processes(session_of: int) -> list[int]:
+    """Return the processes that carry the mark of a bring-up process."""
+    mark = f"OMNI_PARENT_PID={session_of}".encode()
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(b"\0"):
+                found.append(int(entry.name))
+        except OSError:
+            continue  # it has just ended, or is not ours
+    return found
+
+
+def wait_until(condition: Callable[[], bool], timeout: float = RUN_TIMEOUT) -> None:
+    """Poll until the condition holds."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, "timed out"
+        time.sleep(0.01)
+
+
+def recorded_bytes(folder: Path) -> int:
+    """Return what the recorders of a run have written so far [bytes]."""
+    return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
+
+
+def processes_of(package: str, session_of: int) -> list[int]:
+    """Return those processes of a bring-up that run an executable of this package."""
+    return [
+        pid
+        for pid in node_processes(session_of)
+        if f"/lib/{package}/" in Path(f"/proc/{pid}/cmdline").read_text()
+    ]

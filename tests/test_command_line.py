@@ -5,11 +5,19 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
-from omni_process import RUN_TIMEOUT, omni, omni_command, omni_environment
+from omni_process import (
+    RUN_TIMEOUT,
+    node_processes,
+    omni,
+    omni_command,
+    omni_environment,
+    processes_of,
+    recorded_bytes,
+    wait_until,
+)
 from rosbags.highlevel import AnyReader
 
 
@@ -48,30 +56,6 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
     assert finished.returncode == 2
     assert "not an empty folder" in finished.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-
-def node_processes(session_of: int) -> list[int]:
-    """Return the processes that carry the mark of a bring-up process."""
-    mark = f"OMNI_PARENT_PID={session_of}".encode()
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(b"\0"):
-                found.append(int(entry.name))
-        except OSError:
-            continue  # it has just ended, or is not ours
-    return found
-
-
-def wait_until(condition: object, timeout: float = RUN_TIMEOUT) -> None:
-    deadline = time.monotonic() + timeout
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < deadline, "timed out"
-        time.sleep(0.01)
-
-
-def recorded_bytes(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
 
 
 @pytest.mark.parametrize(
@@ -137,9 +121,8 @@ def test_a_node_that_dies_ends_the_run_by_name(package: str, name: str, tmp_path
         text=True,
     )
     wait_until(lambda: recorded_bytes(folder) > 1_000_000)
-    for pid in node_processes(process.pid):
-        if f"/lib/{package}/" in Path(f"/proc/{pid}/cmdline").read_text():
-            os.kill(pid, signal.SIGKILL)
+    for pid in processes_of(package, process.pid):
+        os.kill(pid, signal.SIGKILL)
     assert process.wait(RUN_TIMEOUT) == 1
     words = process.stderr.read() if process.stderr else ""
     assert f"{name} ended (signal 9)" in words

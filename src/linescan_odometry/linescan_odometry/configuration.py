@@ -64,7 +64,7 @@ class OdometryConfiguration(Configuration):
     )
     maximum_skew: float = parameter(
         0.005,
-        description="Age against the newest line at which another sensor's lines are stale",
+        description="Largest difference between the stamps of batches that belong together",
         unit="s",
         above=0.0,
         maximum=10.0,

@@ -43,7 +43,7 @@ class OdometryNode(Node):
         configuration = declare_configuration(self, OdometryConfiguration)
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
-        self._collector = BatchCollector(configuration.sensors)
+        self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
         self._was_measured: bool | None = None
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)

@@ -1,0 +1,78 @@
+"""What the simulator says about itself, read back as a viewer would."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from omni_platform.sensors import LineSensor
+from omni_sim.friction import FrictionPatch
+from omni_sim.messages import camera_info, ground_truth, scene_markers
+from omni_sim.simulator import (
+    GroundConfiguration,
+    ManeuverConfiguration,
+    SimulationConfiguration,
+    Simulator,
+    SimulatorConfiguration,
+)
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+
+@pytest.fixture(scope="module")
+def configuration(forklift: VehicleConfiguration) -> SimulatorConfiguration:
+    patch = FrictionPatch(x=3.0, y=1.0, length=2.0, width=1.0, heading_deg=90.0, friction=0.2)
+    return SimulatorConfiguration(
+        vehicle=forklift,
+        ground=GroundConfiguration(patches={"ice": patch}),
+        sensors={},
+        maneuver=ManeuverConfiguration(speed=2.0, direction_deg=-30.0, yaw_rate_deg=30.0),
+        simulation=SimulationConfiguration(render_lines=False),
+    )
+
+
+def test_a_pixel_of_the_camera_is_found_on_the_ground() -> None:
+    sensor = LineSensor(x=0.0, y=0.5, heading_deg=0.0, pixels=335, length=0.05, width=0.02)
+    info = camera_info("left", sensor)
+    projection = np.array(info.p).reshape(3, 4)
+    # One metre above it a pinhole camera of this scale sees the ends of the field of view
+    # at the outer edges of the first and the last pixel.
+    ends = [projection @ [x, 0.0, 1.0, 1.0] for x in (-0.025, 0.025)]
+    assert [end[0] for end in ends] == pytest.approx([-0.5, 334.5])
+    assert (info.width, info.height, info.header.frame_id) == (335, 1, "left")
+
+
+def test_the_truth_survives_its_quaternion(configuration: SimulatorConfiguration) -> None:
+    simulator = Simulator(configuration)
+    for _ in range(100):
+        simulator.advance(np.zeros(4))
+    observation = simulator.observe()
+    message = ground_truth(observation)
+    turn = message.pose.pose.orientation
+    yaw = 2.0 * math.atan2(turn.z, turn.w)
+    position = message.pose.pose.position
+    assert abs(yaw) > 0.1
+    assert (position.x, position.y, yaw) == pytest.approx(tuple(observation.pose))
+    assert message.twist.twist.linear.y == observation.twist[1]
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+
+
+def test_the_scene_shows_every_wheel_load_and_patch(configuration: SimulatorConfiguration) -> None:
+    observation = Simulator(configuration).observe()
+    markers = scene_markers(configuration, observation).markers
+    count = {name: sum(m.ns == name for m in markers) for name in {m.ns for m in markers}}
+    assert count == {
+        "platform": 1,
+        "load": 1,
+        "wheels": 4,
+        "wheel_forces": 4,
+        "velocity": 1,
+        "friction_patches": 1,
+    }
+    # A viewer replaces a marker by (namespace, id): each must be there once.
+    assert len({(m.ns, m.id) for m in markers}) == len(markers)
+    (velocity,) = (m for m in markers if m.ns == "velocity")
+    tail, head = velocity.points
+    arrow = math.degrees(math.atan2(head.y - tail.y, head.x - tail.x))
+    assert arrow == pytest.approx(-30.0)

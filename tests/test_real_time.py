@@ -1,0 +1,62 @@
+"""Paced to the wall clock nobody waits, and what is late means all brakes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from omni_process import (
+    RUN_TIMEOUT,
+    omni,
+    omni_command,
+    omni_environment,
+    processes_of,
+    recorded_bytes,
+    wait_until,
+)
+
+from omni_analysis.bag_reader import read_run
+
+REAL_TIME = ["run", "--variant", "assisted", "--real-time", "--json"]
+
+
+def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
+    finished = omni([*REAL_TIME, "--out", str(tmp_path / "run")])
+    assert finished.returncode == 0, finished.stderr
+    metrics = json.loads(finished.stdout)["metrics"]
+    assert metrics["real_time_factor.assisted"]["value"] < 1.02
+    history = read_run(tmp_path / "run/assisted")
+    # The cameras' batches come in any order, yet the odometry brings them together.
+    assert np.mean(np.isfinite(history.estimate)) > 0.9
+    np.testing.assert_allclose(history.twist[-1], 0.0, atol=0.02)
+
+
+def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
+    """The vehicle then brakes as if it had no assistant: it swerves, but it stops."""
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        omni_command([*REAL_TIME, "--set", "maneuver.brake_time=3", "--out", str(folder)]),
+        env=omni_environment(),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        wait_until(lambda: recorded_bytes(folder) > 2_000_000 or process.poll() is not None)
+        (assistant,) = processes_of("omni_brake_assist", process.pid)
+        os.kill(assistant, signal.SIGSTOP)
+        output, _ = process.communicate(timeout=RUN_TIMEOUT)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0
+    metrics = json.loads(output)["metrics"]
+    assert metrics["twist_rmse.assisted"]["value"] < 0.1  # the others go on
+    assert metrics["orientation_change.assisted"]["value"] > 25.0
+    history = read_run(folder / "assisted")
+    long_braked = history.stamp_ns > 3_300_000_000
+    assert np.all(np.isnan(history.enable[long_braked]))  # nobody said anything
+    assert np.all(np.abs(history.wheel_speed[long_braked]) < 1e-3)  # and every wheel is locked
