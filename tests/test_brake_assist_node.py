@@ -144,11 +144,26 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
-def test_silent_feedback_puts_all_brakes_on_unasked(vehicle: Vehicle) -> None:
+@pytest.mark.parametrize(
+    ("silent", "state"),
+    [("both", "no_demand"), ("pedal", "no_demand"), ("twist", "stale_feedback")],
+)
+def test_silence_puts_all_brakes_on_unasked(vehicle: Vehicle, silent: str, state: str) -> None:
     vehicle.swerve_until_assisted()
+
+    def go_on_in_part() -> bool:
+        vehicle.stamp_ns += STEP_NS
+        if silent == "twist":
+            vehicle.send_pedal(1.0)
+        elif silent == "pedal":
+            vehicle.send_twist(SWERVING * np.random.default_rng().uniform(0.98, 1.0))
+        return vehicle.states[-1] == state
+
+    vehicle.wait(go_on_in_part)
     vehicle.enables.clear()
-    vehicle.wait(lambda: bool(vehicle.enables))  # nothing is sent: the node speaks by itself
-    assert set(vehicle.enables[-1].effort) == {1.0}
+    vehicle.wait(lambda: go_on_in_part() and bool(vehicle.enables))
+    assert all(set(enable.effort) == {1.0} for enable in vehicle.enables)
+    vehicle.swerve_until_assisted()
 
 
 @pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])

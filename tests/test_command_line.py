@@ -34,6 +34,11 @@ from rosbags.highlevel import AnyReader
         (["--set", "brake_assist.k=4"], "brake_assist.k: 4"),
         (["--set", "simulation.control_period=0.0123"], "simulation.control_period"),
         (["--set", "sensors.front.heading_deg=0.0"], "odometry.sensors"),
+        (["--set", "simulation.render_lines=false"], "must be true for optical feedback"),
+        (
+            ["--set", "odometry.sensors.rear={x: -0.6, y: 0.0, heading_deg: 90.0}"],
+            "odometry.sensors.rear: is no camera of the vehicle",
+        ),
         (["--variant", "half_assisted"], "'half_assisted' is not a variant"),
         (["strait_line"], "did you mean 'straight_line'"),
         (["--out", "/proc/omni"], "--out: cannot make /proc/omni"),

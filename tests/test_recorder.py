@@ -35,7 +35,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
 
 from omni_bringup.ros_domain import reserved_domain
-from omni_ros.environment import PARENT_PID_VARIABLE, node_environment
+from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE, node_environment
 
 TIMEOUT = 60.0  # [s] only ends a test that hangs
 STEP = 10_000_000  # [ns] of simulated time
@@ -125,7 +125,8 @@ class Recorder:
 def command(scratch: Path, parameters: Mapping[str, object]) -> list[str]:
     path = scratch / "recorder.yaml"
     path.write_text(yaml.safe_dump({"recorder": {"ros__parameters": dict(parameters)}}))
-    module = [sys.executable, "-m", "omni_bringup.recorder_node"]
+    # It reports on standard output here.
+    module = ["env", f"{REPORT_VARIABLE}=1", sys.executable, "-m", "omni_bringup.recorder_node"]
     return [*module, "--ros-args", "--params-file", str(path)]
 
 

@@ -62,6 +62,25 @@ def test_one_process_gives_the_same_bits(
     in_one_process = run_closed_loop(library.load("straight_line", variant))
     over_topics = read_run(straight_line.folder / variant)
     assert first_difference(over_topics, in_one_process) is None
+    assert over_topics.assist_state == in_one_process.assist_state
+
+
+def test_noisy_velocity_sensor_gives_the_same_bits_too(
+    run_experiment: RunExperiment, library: ExperimentLibrary
+) -> None:
+    """The dissertation's feedback, Eqs. (60) and (61), while the odometry only looks on."""
+    overrides = (
+        "feedback=velocity_sensor",
+        "velocity_sensor.linear_noise=0.15",
+        "brake_assist.maximum_speed_deviation=1",
+        "brake_assist.speed_noise=3",
+    )
+    words = [word for override in overrides for word in ("--set", override)]
+    run = run_experiment("straight_line", "--variant", "assisted", *words)
+    assert run.value("orientation_change.assisted") < 5.0
+    assert run.value("fail_safe_share.assisted") == 0.0
+    in_one_process = run_closed_loop(library.load("straight_line", "assisted", overrides))
+    assert first_difference(read_run(run.folder / "assisted"), in_one_process) is None
 
 
 def test_repeated_runs_give_the_same_bits(
@@ -130,6 +149,7 @@ def test_results_have_the_agreed_shape(straight_line: FinishedRun) -> None:
         "stopping_time": "s",
         "peak_yaw_rate": "rad/s",
         "brake_switchings": "1",
+        "fail_safe_share": "1",
         "twist_rmse": "m/s",
         "yaw_rate_rmse": "rad/s",
         "real_time_factor": "1",

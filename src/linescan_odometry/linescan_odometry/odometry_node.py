@@ -21,6 +21,7 @@ from linescan_odometry.odometry import (
     TwistEstimate,
 )
 from omni_ros.messages import (
+    DIAGNOSTICS_PERIOD_NS,
     diagnostics,
     lines_of,
     planar_twist_with_covariance,
@@ -44,7 +45,8 @@ class OdometryNode(Node):
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        self._was_measured: bool | None = None
+        self._last_report: tuple[bool, ...] | None = None  # which cameras measured
+        self._reported_ns = 0
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self.outputs = (self._twist,)
@@ -66,19 +68,28 @@ class OdometryNode(Node):
         self._twist.publish(
             planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
         )
-        if estimate.measured == self._was_measured:
+        self._report(estimate)
+
+    def _report(self, estimate: TwistEstimate) -> None:
+        """Say how every camera fares, when one changes and every second."""
+        report = tuple(reading.measured for reading in estimate.readings.values())
+        age_ns = estimate.stamp_ns - self._reported_ns
+        if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
             return
-        self._was_measured = estimate.measured
+        self._last_report = report
+        self._reported_ns = estimate.stamp_ns
         values = {
             name: reading.reason or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
         }
+        blind = [name for name, reading in estimate.readings.items() if not reading.measured]
+        words = "measuring" if estimate.measured else "the twist cannot be measured"
         self._diagnostics.publish(
             diagnostics(
                 estimate.stamp_ns,
                 self.get_name(),
-                _OK if estimate.measured else _WARN,
-                "measuring" if estimate.measured else "the twist cannot be measured",
+                _WARN if blind else _OK,
+                words + (f", without {', '.join(blind)}" if blind else ""),
                 values,
             )
         )

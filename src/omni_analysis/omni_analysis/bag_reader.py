@@ -25,6 +25,8 @@ _JOINT_STATE = "sensor_msgs/msg/JointState"
 _TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"
 _PEDAL, _ENABLE = "brake/pedal", "brake/enable"
 _ERROR, _ESTIMATE = "brake_assist/error", "odometry/twist"
+_DIAGNOSTICS = "diagnostics"
+_ASSISTANT = "brake_assist"  # the name of the status that the assistant reports
 _TYPES = {
     _TRUTH: "nav_msgs/msg/Odometry",
     _WHEELS: _JOINT_STATE,
@@ -32,6 +34,7 @@ _TYPES = {
     _ENABLE: _JOINT_STATE,
     _ERROR: _JOINT_STATE,
     _ESTIMATE: "geometry_msgs/msg/TwistWithCovarianceStamped",
+    _DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
 # A run without odometry or without brake assistant is still a run: their values become NaN.
 _REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
@@ -110,7 +113,7 @@ def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
     from rosbags.typesys import Stores, get_typestore
 
     prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
-    names = {prefix + name: name for name in _TYPES}
+    names = {prefix + name: name for name in _TYPES} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
     typestore = get_typestore(Stores.ROS2_JAZZY)
     messages: dict[str, list[tuple[int, Any]]] = {}
     # Damaged or foreign bytes make the library raise nearly anything (struct, zstd, assert).
@@ -177,7 +180,20 @@ def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
         pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
         estimate=sampled(_ESTIMATE, 3, lambda message: _planar_twist(message.twist.twist)),
         estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
+        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS)),
     )
+
+
+def _assist_states(stamps: NDArray[np.int64], stream: _Stream | None) -> list[str]:
+    """Return the assistant's state at each control stamp; it holds until the next report."""
+    states = [""] * len(stamps)
+    for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if status.name == _ASSISTANT and "state" in values:
+                first = int(np.searchsorted(stamps, stamp_ns, side="left"))
+                states[first:] = [values["state"]] * (len(stamps) - first)
+    return states
 
 
 def _sampled(

@@ -68,9 +68,11 @@ class _Record:
         self._wheel_names = wheel_names
         self._samples: dict[str, list[Any]] = {}
         self._pose: list[Any] = []
+        self._states: list[str] = []
 
     def add(self, observation: Observation, estimate: TwistEstimate, decision: Decision) -> None:
         self._pose.append(observation.pose)
+        self._states.append(decision.state.value)
         sample: dict[str, Any] = {
             "stamp_ns": observation.stamp_ns,
             "twist": observation.twist,
@@ -90,6 +92,7 @@ class _Record:
         return RunHistory.from_samples(
             wheel_names=self._wheel_names,
             pose=np.array(self._pose),
+            assist_state=self._states,
             real_time_factor=math.nan,
             **{name: np.array(values) for name, values in self._samples.items()},
         )

@@ -73,6 +73,24 @@ class ExperimentConfiguration(Configuration):
     odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
     brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
 
+    def check_consistency(self) -> None:
+        """Refuse a loop in which a node would wait for what nobody sends.
+
+        Raises:
+            ConfigurationError: names the camera, or the feedback.
+        """
+        unknown = [name for name in self.odometry.sensors if name not in self.sensors]
+        if unknown:
+            raise ConfigurationError(
+                f"odometry.sensors.{unknown[0]}",
+                f"is no camera of the vehicle; known: {', '.join(self.sensors)}",
+            )
+        if self.feedback == "optical" and not self.simulation.render_lines:
+            raise ConfigurationError(
+                "simulation.render_lines",
+                "must be true for optical feedback; feedback=velocity_sensor needs no lines",
+            )
+
     def simulator(self) -> SimulatorConfiguration:
         """Return the part that the simulator is configured with."""
         return SimulatorConfiguration(

@@ -16,6 +16,8 @@ stopping_time        s     from the start of braking until the vehicle comes to 
 peak_yaw_rate        rad/s largest magnitude from the start of braking on
 brake_switchings     1     changes of the enables while stopping, all wheels together
 brake_switchings.<w> 1     the same for wheel <w>
+fail_safe_share      1     of the stamps of braking until rest, those at which the assistant had
+                           a fault and put all brakes on; the most frequent one is noted
 twist_rmse           m/s   root mean square of the error vector of the odometry's velocity
 yaw_rate_rmse        rad/s the same for the yaw rate
 real_time_factor     1     simulated over elapsed time
@@ -29,6 +31,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_analysis.run_history import RunHistory
+from omni_brake_assist.decision import AssistState
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +48,8 @@ _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at a standstill, there is no direction of motion"
 _NO_ODOMETRY = "the odometry measured nothing"
 _NO_ENABLES = "there are no brake enables"
+_FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
+_NO_STATES = "there are no states of the brake assistant"
 _BRAKING_QUANTITIES = {
     "stopping_distance": "m",
     "path_length": "m",
@@ -52,6 +58,7 @@ _BRAKING_QUANTITIES = {
     "stopping_time": "s",
     "peak_yaw_rate": "rad/s",
     "brake_switchings": "1",
+    "fail_safe_share": "1",
 }
 
 
@@ -64,7 +71,7 @@ class Metric:
         unit: SI symbol, ``deg`` or ``1``.
         reference: the dissertation's figure, if there is one.
         limit: target that the value must not exceed, if there is one.
-        note: why the value is NaN, or else empty.
+        note: why the value is NaN, or what a reader should know of it; else empty.
     """
 
     value: float
@@ -198,10 +205,11 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
     for wheel, count in zip(history.wheel_names, switchings.tolist(), strict=True):
         values[f"brake_switchings.{wheel}"] = count
         notes[f"brake_switchings.{wheel}"] = _NO_ENABLES
-    return {
+    metrics = {
         name: Metric(value, units[name], note=notes.get(name, "") if math.isnan(value) else "")
         for name, value in values.items()
     }
+    return metrics | {"fail_safe_share": _fail_safe_share(history.assist_state[start : stop + 1])}
 
 
 def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) -> float:
@@ -211,6 +219,19 @@ def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) 
         return math.nan
     offset = path - path[0]
     return float(np.max(np.abs(v_c0[0] * offset[:, 1] - v_c0[1] * offset[:, 0]))) / speed
+
+
+def _fail_safe_share(states: tuple[str, ...]) -> Metric:
+    """Return the share of the assistant's states while braking that are faults."""
+    if not any(states):
+        return Metric(math.nan, "1", note=_NO_STATES)
+    faults = Counter(state for state in states if state in _FAULTS)
+    if not faults:
+        return Metric(0.0, "1")
+    share = faults.total() / len(states)
+    worst, _ = faults.most_common(1)[0]
+    note = f"all brakes on for {share:.0%} of the braking, mostly for {worst.replace('_', ' ')}"
+    return Metric(share, "1", note=note)
 
 
 def _switchings(enable: FloatArray) -> FloatArray:

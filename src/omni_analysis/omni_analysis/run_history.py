@@ -43,7 +43,8 @@ class RunHistory:
         pedal: the driver's brake demand 0..1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
         estimate_variance: its variances [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
-        feedback: state of the brake assistant's feedback at each stamp; empty where unknown.
+        assist_state: what the brake assistant was doing, a value of `AssistState`, at each stamp;
+            empty words, or none at all, where unknown.
         real_time_factor: simulated over elapsed time [1], NaN where unknown.
 
     Raises:
@@ -63,7 +64,7 @@ class RunHistory:
     pedal: FloatArray
     estimate: FloatArray
     estimate_variance: FloatArray
-    feedback: tuple[str, ...] = ()
+    assist_state: tuple[str, ...] = ()
     real_time_factor: float = math.nan
 
     def __post_init__(self) -> None:
@@ -84,8 +85,8 @@ class RunHistory:
             if array.shape != shape:
                 raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
             array.flags.writeable = False
-        if self.feedback and len(self.feedback) != stamps:
-            raise ValueError(f"feedback has {len(self.feedback)} entries, must be {stamps}")
+        if self.assist_state and len(self.assist_state) != stamps:
+            raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
 
     @classmethod
     def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
@@ -116,7 +117,7 @@ class RunHistory:
         pedal: ArrayLike,
         estimate: ArrayLike,
         estimate_variance: ArrayLike,
-        feedback: Sequence[str] = (),
+        assist_state: Sequence[str] = (),
         real_time_factor: float = math.nan,
     ) -> RunHistory:
         """Collect samples whose heading is given as (q_z, q_w), as a bag carries it.
@@ -138,7 +139,7 @@ class RunHistory:
             pedal: brake demand 0..1, shape (T,).
             estimate: odometry's body twist [m/s, m/s, rad/s], shape (T, 3).
             estimate_variance: diagonal of its covariance, shape (T, 3).
-            feedback: state of the feedback at each stamp, where known.
+            assist_state: what the brake assistant was doing, where known.
             real_time_factor: simulated over elapsed time [1].
 
         Raises:
@@ -166,7 +167,7 @@ class RunHistory:
             pedal=np.array(pedal, dtype=np.float64),
             estimate=measured,
             estimate_variance=variance,
-            feedback=tuple(feedback),
+            assist_state=tuple(assist_state),
             real_time_factor=real_time_factor,
         )
 
@@ -232,7 +233,7 @@ _COMPONENTS = {
 def first_difference(a: RunHistory, b: RunHistory) -> str | None:
     """Return the earliest difference of two histories in words, None if every bit is the same.
 
-    NaN equals NaN. The real-time factor and the feedback text are not part of the state.
+    NaN equals NaN. The real-time factor and the words of the assistant are not part of the state.
     """
     if a.wheel_names != b.wheel_names:
         return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"

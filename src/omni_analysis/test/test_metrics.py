@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -206,3 +207,18 @@ def test_references_and_limits_join_their_quantities(make_history: MakeHistory) 
     assert metrics["orientation_change"].limit == 4.0
     with pytest.raises(KeyError):
         run_metrics(make_history(), references={"stoping_distance": 1.0})
+
+
+def test_fail_safe_counts_the_faults_between_pedal_and_rest(make_history: MakeHistory) -> None:
+    run = make_history(speed=10.0, deceleration=5.0)
+    start = run.brake_start
+    rest = RestCriterion().first_stamp(run.twist, start or 0)
+    assert start
+    assert rest
+    states = ["low_confidence"] * start + ["assisting"] * (len(run.stamp_ns) - start)
+    states[start + 2 : start + 12] = ["time_jump"] * 3 + ["low_confidence"] * 7
+    states[rest + 1 :] = ["stale_feedback"] * (len(states) - rest - 1)
+    metric = run_metrics(dataclasses.replace(run, assist_state=tuple(states)))["fail_safe_share"]
+    assert metric.value == pytest.approx(10 / (rest + 1 - start))
+    assert "low confidence" in metric.note
+    assert math.isnan(run_metrics(run)["fail_safe_share"].value)

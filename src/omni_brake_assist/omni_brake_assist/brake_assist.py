@@ -82,17 +82,16 @@ class BrakeAssist:
             self._monitor.distrust(fault)
             return self._all_on(fault)
 
-    def timeout(self, stamp_ns: int, silence: str) -> Decision:
+    def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
         """Decide after messages have failed to arrive: all brakes on, trust is to be earned anew.
 
         Args:
             stamp_ns: time of the decision [ns].
-            silence: what has not come for how long, such as "no pedal for 0.2 s".
+            silence: NO_DEMAND, NO_FEEDBACK or STALE_FEEDBACK, and what has not come for how long.
         """
-        fault = Fault(AssistState.NO_DEMAND, silence)
-        self._monitor.distrust(fault)
+        self._monitor.distrust(silence)
         self._stamp_ns = stamp_ns
-        return self._all_on(fault)
+        return self._all_on(silence)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
         """Compare the wheels that the vehicle reports with those of the configuration.

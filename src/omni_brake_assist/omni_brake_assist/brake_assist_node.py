@@ -21,10 +21,17 @@ from omni_brake_assist.brake_assist import (
     BrakeAssistConfiguration,
     BrakeDemand,
     Decision,
+    Fault,
     Feedback,
 )
 from omni_platform.configuration import Configuration, parameter
-from omni_ros.messages import diagnostics, joint_state, planar_twist_of, to_nanoseconds
+from omni_ros.messages import (
+    DIAGNOSTICS_PERIOD_NS,
+    diagnostics,
+    joint_state,
+    planar_twist_of,
+    to_nanoseconds,
+)
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
 from omni_ros.qos import RELIABLE
@@ -40,6 +47,13 @@ class TimingConfiguration(Configuration):
         description="Answer every pedal message with the feedback of the same step, however long "
         "it takes, instead of answering in real time",
     )
+    demand_timeout: float = parameter(
+        0.1,
+        description="Real time: silence of the pedal after which all brakes are on",
+        unit="s",
+        above=0.0,
+        maximum=10.0,
+    )
 
 
 class BrakeAssistNode(Node):
@@ -48,15 +62,18 @@ class BrakeAssistNode(Node):
     def __init__(self) -> None:
         super().__init__("brake_assist")
         self.startup = declare_configuration(self, StartupConfiguration)
-        self._lockstep = declare_configuration(self, TimingConfiguration).lockstep
+        timing = declare_configuration(self, TimingConfiguration)
+        self._lockstep = timing.lockstep
+        self._demand_timeout = timing.demand_timeout
         configuration = declare_configuration(self, BrakeAssistConfiguration)
         self._assist = BrakeAssist(configuration)
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Feedback | None = None
         self._answered_ns = -1  # stamp of the newest demand that was answered
-        self._last_answer = time.monotonic()
+        self._pedal_heard = self._twist_heard = time.monotonic()
         self._last_report: tuple[AssistState, AssistState | None] | None = None
+        self._reported_ns = 0
         self._enable = self.create_publisher(JointState, "brake/enable", RELIABLE)
         self._error = self.create_publisher(JointState, "brake_assist/error", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
@@ -66,24 +83,27 @@ class BrakeAssistNode(Node):
             TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE
         )
         self.create_subscription(JointState, "wheel_states", self._on_wheel_states, RELIABLE)
-        self._timeout = configuration.feedback_timeout
+        self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
-            self.create_timer(self._timeout / 2.0, self._watch)
+            shorter = min(self._demand_timeout, self._feedback_timeout)
+            self.create_timer(shorter / 2.0, self._watch)
 
     def _on_pedal(self, message: JointState) -> None:
         # A message without a value is no reason to brake less.
         pedal = float(message.position[0]) if message.position else math.nan
         self._demand = (to_nanoseconds(message.header.stamp), pedal)
+        self._pedal_heard = time.monotonic()
         if self._lockstep:
             self._answer_step()
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         twist, covariance = planar_twist_of(message)
         self._feedback = Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
+        self._twist_heard = time.monotonic()
         if self._lockstep:
             self._answer_step()
-        elif self._demand is not None:
-            self._answer(max(self._demand[0], self._feedback.stamp_ns))
+        elif not self._watch():
+            self._answer(self._newest_ns())
 
     def _on_wheel_states(self, message: JointState) -> None:
         self._assist.check_wheel_names(message.name)
@@ -100,21 +120,41 @@ class BrakeAssistNode(Node):
         if stamp_ns > self._answered_ns and self._feedback.stamp_ns > self._answered_ns:
             self._answer(stamp_ns)
 
-    def _watch(self) -> None:
-        """Answer in place of feedback that has fallen silent."""
-        silence = time.monotonic() - self._last_answer
-        if self._demand is None or silence < self._timeout:
-            return
-        self._publish(
-            self._assist.timeout(self._demand[0], f"no twist to answer for {silence:.2f} s")
-        )
+    def _watch(self) -> bool:
+        """Answer in place of a pedal or a twist that has fallen silent; tell whether one has."""
+        silence = self._silence()
+        if silence is not None and self._demand is not None:
+            self._publish(self._assist.timeout(self._newest_ns(), silence))
+        return silence is not None
+
+    def _silence(self) -> Fault | None:
+        now = time.monotonic()
+        no_pedal, no_twist = now - self._pedal_heard, now - self._twist_heard
+        if no_pedal > self._demand_timeout:
+            return Fault(
+                AssistState.NO_DEMAND,
+                f"no pedal for {no_pedal:.2f} s, more than {self._demand_timeout:g} s",
+            )
+        if no_twist > self._feedback_timeout:
+            never = self._feedback is None
+            return Fault(
+                AssistState.NO_FEEDBACK if never else AssistState.STALE_FEEDBACK,
+                f"no twist for {no_twist:.2f} s, more than {self._feedback_timeout:g} s",
+            )
+        return None
+
+    def _newest_ns(self) -> int:
+        """Return the newest stamp of demand and feedback [ns]."""
+        stamps = [self._demand[0]] if self._demand is not None else []
+        if self._feedback is not None:
+            stamps.append(self._feedback.stamp_ns)
+        return max(stamps)
 
     def _answer(self, stamp_ns: int) -> None:
         if self._demand is None:
             return
         self._answered_ns = stamp_ns
         self._publish(self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback)))
-        self._last_answer = time.monotonic()
 
     def _publish(self, decision: Decision) -> None:
         stamp_ns = decision.stamp_ns
@@ -125,9 +165,11 @@ class BrakeAssistNode(Node):
     def _report(self, decision: Decision) -> None:
         fault = decision.fault.state if decision.fault is not None else None
         report = (decision.state, fault)
-        if report == self._last_report:
+        age_ns = decision.stamp_ns - self._reported_ns
+        if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
             return
         self._last_report = report
+        self._reported_ns = decision.stamp_ns
         self._diagnostics.publish(
             diagnostics(
                 decision.stamp_ns,

@@ -152,8 +152,9 @@ class FeedbackMonitor:
 
     def _confidence_problem(self, covariance: list[float]) -> Fault | None:
         xx, xy, _, yx, yy, _, _, _, ww = covariance
-        if min(xx, yy, ww) < 0.0:
-            return Fault(AssistState.LOW_CONFIDENCE, "feedback has a negative variance: unknown")
+        # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
+        if min(xx, yy, ww) <= 0.0:
+            return Fault(AssistState.LOW_CONFIDENCE, "feedback has no positive variance: unknown")
         # Largest eigenvalue of the linear part: the worst direction, whichever way the axes lie.
         worst = xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, xy / 2 + yx / 2)
         limits = self._limits

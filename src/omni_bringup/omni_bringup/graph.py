@@ -82,7 +82,8 @@ def simulator(
     parameters = _flat(configuration.simulator()) | {
         "subscribers": _RECORDER + 1,
         "mode": "lockstep" if lockstep else "real_time",
-        "progress": True,
+        "await_odometry": configuration.feedback != "optical"
+        and configuration.simulation.render_lines,
     }
     return _node("simulator", "omni_sim", "simulator", parameters, scratch)
 

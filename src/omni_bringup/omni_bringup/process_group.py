@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import os
+import re
 import signal
 import subprocess
 import tempfile
@@ -13,10 +15,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from omni_ros.environment import PARENT_PID_VARIABLE
+from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 
 _STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
 _POLL = 0.02  # [s]
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
 
 
 class ProcessError(RuntimeError):
@@ -60,17 +63,21 @@ def find_executable(package: str, executable: str) -> Path:
 
 
 class RunningProcess:
-    """A started node: its exit, its standard output line by line, and what it complained of."""
+    """A started node: its exit, its reports, and what it complained of."""
 
     def __init__(self, node: NodeProcess, environment: Mapping[str, str]) -> None:
         self.node = node
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        # A file and no pipe: a bring-up that is slow to read never holds a node up.
+        self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         # A session of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in order.
         self.process = subprocess.Popen(
             command,
-            env=dict(environment),
+            env={**environment, REPORT_VARIABLE: str(descriptor)},
+            pass_fds=(descriptor,),
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._errors,
@@ -83,16 +90,20 @@ class RunningProcess:
         """Exit code, negative for a signal; None while it runs."""
         return self.process.poll()
 
-    def new_lines(self) -> list[str]:
-        """Return the complete lines written to standard output since the last call."""
-        text = _read_from(self._output, self._read_until)
+    def new_reports(self) -> list[dict[str, Any]]:
+        """Return what the process has reported since the last call, see `omni_ros.report`."""
+        text = _read_from(self._reports, self._read_until)
         complete = text.rfind(b"\n") + 1
         self._read_until += complete
-        return text[:complete].decode(errors="replace").splitlines()
+        return [json.loads(line) for line in text[:complete].splitlines()]
 
     def complaint(self) -> str:
-        """Return what the process wrote to standard error, stripped."""
-        return _read_from(self._errors, 0).decode(errors="replace").strip()
+        """Return what the process wrote to standard error, else to standard output, stripped."""
+        for stream in (self._errors, self._output):
+            words = _COLOURS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
+            if words:
+                return words
+        return ""
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal, if the process still runs."""

@@ -1,15 +1,13 @@
 """Records topics into a rosbag2 folder, byte for byte as they come off the wire.
 
 The messages are never decoded. On SIGINT or SIGTERM the node takes in what has already arrived,
-closes the recording, and prints one line of JSON on stdout: ``{"recorded": {topic: count}}``.
+closes the recording, and reports ``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib
-import json
-import os
 import sys
 import time
 from functools import partial
@@ -27,6 +25,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, run_process
 from omni_ros.qos import LATCHED, RELIABLE
+from omni_ros.report import report
 
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 _QUIET = 0.2  # [s] without a message, after which nothing more is on its way
@@ -106,7 +105,7 @@ def record(node: RecorderNode, spinner: Spinner) -> None:
     finally:
         with contextlib.suppress(RecordingError):  # after any other error
             node.writer.close()
-        _report(node.writer.counts)
+        report({"recorded": node.writer.counts})
 
 
 def _take(node: RecorderNode, spinner: Spinner) -> None:
@@ -135,13 +134,6 @@ def _drain(node: RecorderNode, spinner: Spinner) -> None:
         spinner.spin_once(_POLL)
         if node.received != before:
             quiet_end = time.monotonic() + _QUIET
-
-
-def _report(counts: dict[str, int]) -> None:
-    try:
-        print(json.dumps({"recorded": counts}), flush=True)
-    except OSError:  # nobody listens any more; Python would fail once more when it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _message_class(kind: str) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import tempfile
 from collections.abc import Callable, Mapping
@@ -123,11 +122,9 @@ def _follow(
     report: dict[str, Any] = {}
     while wait_for(simulator, _POLL) is None:
         group.raise_if_ended()
-        for line in simulator.new_lines():
-            report = json.loads(line)
+        for report in simulator.new_reports():
             on_progress(report)
-    for line in simulator.new_lines():
-        report = json.loads(line)
+    report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
         raise ProcessError(describe_end(simulator))
     return report
@@ -137,8 +134,8 @@ def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:
     """Compare what the simulator sent with what the recorder kept."""
     if recorder.returncode != 0:
         raise RunError(describe_end(recorder))
-    lines = recorder.new_lines()
-    recorded: Mapping[str, int] = json.loads(lines[-1])["recorded"] if lines else {}
+    reports = recorder.new_reports()
+    recorded: Mapping[str, int] = reports[-1]["recorded"] if reports else {}
     for topic, sent in report["sent"].items():
         kept = recorded.get(topic, 0)
         if kept < sent:

@@ -64,15 +64,16 @@ def test_stubborn_processes_are_killed_and_gone(
     monkeypatch.setattr("omni_bringup.process_group._STOP_TIMEOUT", 0.2)
     body = (
         "import signal, time\n"
+        "from omni_ros.report import report\n"
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
-        "print('ready', flush=True)\n"
+        "report({})\n"
         "time.sleep(60)"
     )
     with process_group(os.environ) as group:
         processes = [group.start(add_program(prefix, f"mule{i}", body)) for i in range(2)]
         deadline = time.monotonic() + 20.0
         for process in processes:
-            while not process.new_lines() and time.monotonic() < deadline:
+            while not process.new_reports() and time.monotonic() < deadline:
                 wait_for(process, 0.02)
     assert [process.returncode for process in processes] == [-signal.SIGKILL] * 2
     assert not any(alive(process.process.pid) for process in processes)
@@ -91,18 +92,19 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
     order.touch()
     body = (
         "import signal, sys, time\n"
+        "from omni_ros.report import report\n"
         "def end(*_):\n"
         f"    open({str(order)!r}, 'a').write(sys.argv[0][-1])\n"
         "    sys.exit()\n"
         "signal.signal(signal.SIGTERM, end)\n"
-        "print('ready', flush=True)\n"
+        "report({})\n"
         "time.sleep(60)"
     )
     with process_group(os.environ) as group:
         for name in ("node1", "node2", "node3"):
             process = group.start(add_program(prefix, name, body))
             deadline = time.monotonic() + 20.0
-            while not process.new_lines() and time.monotonic() < deadline:
+            while not process.new_reports() and time.monotonic() < deadline:
                 wait_for(process, 0.02)
     assert order.read_text() == "321"
 
@@ -117,10 +119,18 @@ def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:
             group.raise_if_ended()
 
 
-def test_lines_come_complete(prefix: Path) -> None:
-    body = "import sys\nsys.stdout.write('one\\ntwo\\nthr')\nsys.stdout.flush()"
+def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> None:
+    body = (
+        "import os\n"
+        "from omni_ros.report import report\n"
+        "print('\\x1b[31;1m[RTPS Error] no such profile\\x1b[0m', flush=True)\n"
+        "report({'share': 0.5})\n"
+        "report({'share': 1.0})\n"
+        "os.write(int(os.environ['OMNI_REPORT_FD']), b'{\"sha')\n"
+    )
     with process_group(os.environ) as group:
         process = group.start(add_program(prefix, "teller", body))
         wait_for(process, 20.0)
-        assert process.new_lines() == ["one", "two"]
-        assert process.new_lines() == []
+        assert process.new_reports() == [{"share": 0.5}, {"share": 1.0}]
+        assert process.new_reports() == []
+        assert process.complaint() == "[RTPS Error] no such profile"

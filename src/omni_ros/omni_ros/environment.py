@@ -7,6 +7,8 @@ from pathlib import Path
 
 # The process whose death ends the node; set by whoever starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
+# The file descriptor that a node reports to; set by whoever started it and reads there.
+REPORT_VARIABLE = "OMNI_REPORT_FD"
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 

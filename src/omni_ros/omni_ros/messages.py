@@ -19,6 +19,8 @@ LineArray = NDArray[Any]  # uint8 or uint16
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
+# A status is said again after this time even if nothing has changed, for whoever came late.
+DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
 _SECOND = 1_000_000_000
 _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}

@@ -9,7 +9,6 @@ this package.
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 import time
 
@@ -34,6 +33,7 @@ from omni_ros.messages import (
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import LATCHED, RELIABLE
+from omni_ros.report import report
 from omni_ros.startup import StartupConfiguration
 from omni_sim.messages import camera_info, ground_truth, scene_markers
 from omni_sim.run_progress import RunProgress
@@ -57,14 +57,16 @@ class LoopConfiguration(Configuration):
     reply_timeout: float = parameter(
         10.0, description="Lockstep: longest wait for a reply", unit="s", above=0.0
     )
+    await_odometry: bool = parameter(
+        False,
+        description="Lockstep: wait for the odometry of each step too, where the brake assistant "
+        "that answers does not",
+    )
     enable_timeout: float = parameter(
         0.05,
         description="Real time: age at which an enable no longer counts and all brakes are on",
         unit="s",
         above=0.0,
-    )
-    progress: bool = parameter(
-        False, description="Write progress and the final counts as lines of JSON on stdout"
     )
 
 
@@ -85,7 +87,7 @@ class SimulatorNode(Node):
         self.sent: dict[str, int] = {}
         self._make_publishers()
         self.create_subscription(JointState, "brake/enable", self._on_enable, RELIABLE)
-        # Only its stamp is used: to tell which node is silent.
+        # Only its stamp is used: to keep step, and to tell which node is silent.
         self.create_subscription(
             TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE
         )
@@ -148,19 +150,26 @@ class SimulatorNode(Node):
     def enable_for(self, stamp_ns: int) -> FloatArray:
         """Return the enables (N,) to brake with; all on where they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
-        if self._enable_stamp_ns < 0 or age > self.loop.enable_timeout * _SECOND:
+        # One from the future would release brakes for as long as it takes to come true.
+        if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * _SECOND:
             return self._all_on
         return self._enable
 
     def has_reply(self, stamp_ns: int) -> bool:
-        """Tell whether the enables of this step have come."""
-        return self._enable_stamp_ns == stamp_ns
+        """Tell whether the enables of this step have come, and the odometry if it is awaited."""
+        awaited = self.loop.await_odometry
+        return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
     def silent_node(self, stamp_ns: int) -> str:
         """Name the node whose message of this step is missing."""
-        if self._twist_stamp_ns <= stamp_ns - self.simulator.control_period_ns:
-            return "linescan_odometry (nothing on odometry/twist)"
-        return "brake_assist (nothing on brake/enable)"
+        if self._has_twist(stamp_ns):
+            return "brake_assist (nothing on brake/enable)"
+        return "linescan_odometry (nothing on odometry/twist)"
+
+    def _has_twist(self, stamp_ns: int) -> bool:
+        # The newest line of a step may be older than the step, but not as old as the one before.
+        newest_ns = self._twist_stamp_ns
+        return newest_ns >= 0 and newest_ns > stamp_ns - self.simulator.control_period_ns
 
     def _send(self, publisher: object, message: object) -> None:
         publisher.publish(message)  # type: ignore[attr-defined]
@@ -201,8 +210,8 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         observation = simulator.observe()
         node.publish(observation)
         progress.update(observation)
-        if node.loop.progress and progress.is_news:
-            print(json.dumps(progress.report()), flush=True)
+        if progress.is_news:
+            report(progress.report())
         if node.loop.mode == "lockstep":
             # Also at the last step: what is recorded then does not depend on who is faster.
             _await_reply(node, spinner, observation.stamp_ns)
@@ -211,10 +220,9 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         if node.loop.mode == "real_time":
             _pace(spinner, started + (observation.stamp_ns + simulator.control_period_ns) / _SECOND)
         simulator.advance(node.enable_for(observation.stamp_ns))
-    if node.loop.progress:
-        wall = time.monotonic() - started
-        final = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
-        print(json.dumps(progress.report() | final), flush=True)
+    wall = time.monotonic() - started
+    final = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
+    report(progress.report() | final)
 
 
 def _await_reply(node: SimulatorNode, spinner: Spinner, stamp_ns: int) -> None:
