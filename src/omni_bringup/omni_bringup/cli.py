@@ -43,6 +43,10 @@ def workspace() -> Path:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported late: help and a mistyped option answer at once.
+    if options.command == "study":
+        from omni_bringup.study_command import study
+
+        return study(options, workspace())
     from omni_bringup.run_command import run
 
     return run(options, workspace())
@@ -98,8 +102,28 @@ def _parser() -> argparse.ArgumentParser:
         help="pace the simulation to the wall clock instead of waiting for every reply",
     )
     run.add_argument("--json", action="store_true", help="print the results as JSON")
+    _add_studies(
+        commands.add_parser("study", help="compute figures and numbers that answer one question")
+    )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
+
+
+def _add_studies(parser: argparse.ArgumentParser) -> None:
+    if "study" not in sys.argv[1:2]:
+        return  # their modules are many and heavy, and nobody asked
+    from omni_analysis.studies import load_study, study_names
+
+    studies = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for name in study_names():
+        module = load_study(name)
+        words = module.__doc__.splitlines()[0]
+        one = studies.add_parser(name, help=words, description=words)
+        module.add_arguments(one)
+        one.add_argument(
+            "--out", type=Path, metavar="DIR", help="folder of the figures and data (results/STUDY)"
+        )
+        one.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 if __name__ == "__main__":
