@@ -249,7 +249,11 @@ def _start(seen: Landmarks) -> FloatArray:
     for share in (seen.peak_force / seen.load, seen.slope / seen.load):
         gradient = (share[1] - share[0]) / (seen.load[1] - seen.load[0])
         values += [max(share[0] - gradient * seen.load[0], 0.1 * share[0]), gradient]
-    return np.array([*values, 1.3, -0.5])
+    # The curvature that puts the peak where it was seen, with a shape in the middle.
+    shape = 1.4
+    x = seen.slope[1] / (shape * seen.peak_force[1]) * seen.peak_slip[1]
+    curvature = (x - math.tan(0.5 * math.pi / shape)) / (x - math.atan(x))
+    return np.array([*values, shape, np.clip(curvature, -10.0, 0.9)])
 
 
 def _scale(values: FloatArray, largest_load: float) -> FloatArray:
