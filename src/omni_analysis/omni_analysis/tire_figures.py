@@ -207,7 +207,8 @@ def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
     for slip, colour in zip((0.02, 0.05, 0.1, 0.18, 0.8), _shades(5), strict=True):
         force = 1e-3 * combined_forces(tire, slip * np.cos(angle), slip * np.sin(angle), load)
         axes.plot(force[:, 0], force[:, 1], color=colour, linewidth=2.0, label=f"|s| = {slip:g}")
-    axes.set_aspect("equal")
+    reach = 1.08e-3 * TMeasy(tire).curve(load).peak_force
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1.0)
     axes.set_title(f"Combined slip at {1e-3 * load:g} kN", fontsize=style.TITLE_SIZE)
     figure.legend(loc="outside center right", frameon=False, fontsize=style.TICK_SIZE)
     return figure
