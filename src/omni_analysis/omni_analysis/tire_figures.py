@@ -210,7 +210,7 @@ def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
     reach = 1.08e-3 * TMeasy(tire).curve(load).peak_force
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1.0)
     axes.set_title(f"Combined slip at {1e-3 * load:g} kN", fontsize=style.TITLE_SIZE)
-    figure.legend(loc="outside center right", frameon=False, fontsize=style.TICK_SIZE)
+    figure.legend(loc="outside right center", frameon=False, fontsize=style.TICK_SIZE)
     return figure
 
 
