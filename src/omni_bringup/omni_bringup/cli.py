@@ -43,6 +43,14 @@ def workspace() -> Path:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported late: help and a mistyped option answer at once.
+    if options.command == "study":
+        from omni_bringup.study_command import study
+
+        return study(options, workspace())
+    if options.command == "fit-tire":
+        from omni_bringup.fit_tire_command import fit_tire_command
+
+        return fit_tire_command(options, workspace())
     from omni_bringup.run_command import run
 
     return run(options, workspace())
@@ -98,8 +106,55 @@ def _parser() -> argparse.ArgumentParser:
         help="pace the simulation to the wall clock instead of waiting for every reply",
     )
     run.add_argument("--json", action="store_true", help="print the results as JSON")
+    _add_studies(
+        commands.add_parser("study", help="compute figures and numbers that answer one question")
+    )
+    _add_fit_tire(commands.add_parser("fit-tire", help="fit a tyre model to measured forces"))
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
+
+
+def _add_studies(parser: argparse.ArgumentParser) -> None:
+    if "study" not in sys.argv[1:2]:
+        return  # their modules are many and heavy, and nobody asked
+    from omni_analysis.studies import load_study, study_names
+
+    studies = parser.add_subparsers(dest="study", required=True, metavar="STUDY")
+    for name in study_names():
+        module = load_study(name)
+        words = module.__doc__.splitlines()[0]
+        one = studies.add_parser(name, help=words, description=words)
+        module.add_arguments(one)
+        one.add_argument(
+            "--out", type=Path, metavar="DIR", help="folder of the figures and data (results/STUDY)"
+        )
+        one.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def _add_fit_tire(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Estimate the parameters of a tyre model from measured forces, and write a tyre that a "
+        "vehicle can use and a figure of data against curve."
+    )
+    parser.add_argument(
+        "data",
+        type=Path,
+        metavar="DATA.csv",
+        help="file whose first line names the columns slip [1], load [N] and force [N]",
+    )
+    parser.add_argument(
+        "--model",
+        default="tmeasy",
+        metavar="NAME",
+        help="tyre model, such as tmeasy, linear, magic_formula (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the tyre and the figure (default: results/fit-tire/DATA)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from omni_sim.loads import (
     MassProperties,
     support_polygon,
 )
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire import TireConfiguration
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,8 +77,8 @@ class VehicleConfiguration(Configuration):
         description="Movable load",
         default_factory=lambda: MassConfiguration(mass=0.0, height=0.0),
     )
-    tire: TMeasyConfiguration = parameter(
-        description="Tyre of every wheel", default_factory=TMeasyConfiguration
+    tire: TireConfiguration = parameter(
+        description="Tyre of every wheel", default_factory=TireConfiguration
     )
     brake: BrakeConfiguration = parameter(
         description="Brake of every wheel", default_factory=BrakeConfiguration
