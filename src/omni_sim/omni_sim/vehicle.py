@@ -189,6 +189,17 @@ class Vehicle:
         """
         self._force = _finite("force", force, (2,))
 
+    def drive_speeds(self, twist: ArrayLike) -> FloatArray:
+        """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).
+
+        Args:
+            twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
+
+        Returns:
+            With the rolling radii under the static loads [rad/s], shape (..., N).
+        """
+        return np.asarray(np.asarray(twist) @ self._plant.rolling.T, dtype=np.float64)
+
     def _control(
         self, pedal: float, enable: ArrayLike, command_twist: ArrayLike, hold_world: bool
     ) -> dynamics.Control:
