@@ -234,6 +234,8 @@ class Simulator:
             self._driver.start_pose,
             self._driver.start_twist,
         )
+        # No step, but the kernel is loaded: the first real step is as fast as the others.
+        self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
         # Streams of their own, so that one draw more of one does not change the other.
         sensor_seed, camera_seed = np.random.SeedSequence(configuration.seed).spawn(2)

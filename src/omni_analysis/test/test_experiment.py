@@ -1,0 +1,127 @@
+"""Experiments are composed from named parts, variants and overrides, in that order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary, parse_override
+from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+
+
+@pytest.fixture(scope="module")
+def library() -> ExperimentLibrary:
+    return ExperimentLibrary(CONFIG)
+
+
+def load(library: ExperimentLibrary, *overrides: str) -> ExperimentConfiguration:
+    return library.load("straight_line", "assisted", overrides)
+
+
+def test_every_experiment_of_the_project_loads(library: ExperimentLibrary) -> None:
+    assert "straight_line" in library.names()
+    for experiment in library.names():
+        for variant in library.variants(experiment):
+            library.load(experiment, variant)
+
+
+@pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])
+@pytest.mark.parametrize("ground", ["cork", "asphalt", "stone"])
+def test_parts_are_chosen_by_name(library: ExperimentLibrary, vehicle: str, ground: str) -> None:
+    chosen = load(library, f"vehicle={vehicle}", f"ground={ground}")
+    assert chosen.ground.texture.kind == ground
+    wheels = yaml.safe_load((CONFIG / f"vehicles/{vehicle}.yaml").read_text())["wheels"]
+    assert set(chosen.vehicle.wheels) == set(wheels)
+    assert chosen.brake_assist.wheels == chosen.vehicle.wheels
+
+
+def test_a_part_that_is_replaced_leaves_nothing_behind(library: ExperimentLibrary) -> None:
+    chosen = load(library, "vehicle.load.mass=77.0", "vehicle=three_wheel_robot")
+    assert chosen.vehicle.load.mass == 500.0
+
+
+def test_an_override_changes_one_value_and_no_other(library: ExperimentLibrary) -> None:
+    before, after = to_mapping(load(library)), to_mapping(load(library, "vehicle.load.mass=400"))
+    assert before["vehicle"]["load"].pop("mass") != after["vehicle"]["load"].pop("mass") == 400.0
+    assert before == after
+
+
+def test_later_overrides_win(library: ExperimentLibrary) -> None:
+    assert load(library, "seed=2", "seed=3").seed == 3
+
+
+def test_variants_differ_as_their_file_says(library: ExperimentLibrary) -> None:
+    assert load(library).brake_assist.enabled
+    assert not library.load("straight_line", "unassisted").brake_assist.enabled
+
+
+def test_the_nodes_may_be_told_something_else_than_is_true(library: ExperimentLibrary) -> None:
+    chosen = load(library, "odometry.sensors.left.y=0.52")
+    assert chosen.sensors["left"].y == 0.5
+    assert chosen.odometry.sensors["left"].y == 0.52
+    assert chosen.odometry.sensors["right"] == chosen.sensors["right"]
+
+
+def test_the_effective_configuration_loads_again(library: ExperimentLibrary) -> None:
+    chosen = load(library, "camera.noise=2.5")
+    text = yaml.safe_dump(to_mapping(chosen))
+    assert from_mapping(ExperimentConfiguration, yaml.safe_load(text)) == chosen
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a.b=1", {"a": {"b": 1}}),
+        ("a=1e-3", {"a": 1e-3}),
+        ("a=on_time", {"a": "on_time"}),
+        ("a=[1.0, 2.0]", {"a": [1.0, 2.0]}),
+        ("a={b: 2}", {"a": {"b": 2}}),
+        ("a=x=y", {"a": "x=y"}),
+    ],
+)
+def test_overrides_are_yaml(text: str, value: object) -> None:
+    assert parse_override(text) == value
+
+
+@pytest.mark.parametrize("text", ["", "a", "=1", "a..b=1", ".=1", "a=[", "a={"])
+def test_a_malformed_override_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError):
+        parse_override(text)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[1, 2]", "must contain a mapping"),
+        ("vehicle: [", "is not valid YAML"),
+        ("vehicle: mecanum_forklift", "at least one named variant"),
+    ],
+)
+def test_a_broken_file_is_refused(
+    library: ExperimentLibrary, tmp_path: Path, content: str, words: str
+) -> None:
+    path = tmp_path / "broken.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigurationError, match=words):
+        library.load(str(path), "assisted")
+
+
+def test_a_file_that_is_not_there_is_named(library: ExperimentLibrary, tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"cannot read .*nothing\.yaml"):
+        library.load(str(tmp_path / "nothing.yaml"), "assisted")
+
+
+def test_an_experiment_elsewhere_uses_the_parts_of_the_library(
+    library: ExperimentLibrary, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "vehicle: three_wheel_robot\nground: asphalt\nsensors: three_generic\n"
+        "variants: {only: {brake_assist: {weighting: cosine}}}\n"
+    )
+    assert library.variants(str(path)) == ["only"]
+    assert library.load(str(path), "only").brake_assist.weighting == "cosine"

@@ -1,0 +1,164 @@
+"""The machine as a whole: time, lines, sensors and the end of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import TextureConfiguration
+from omni_sim.run_progress import RunProgress
+from omni_sim.simulator import (
+    GroundConfiguration,
+    ManeuverConfiguration,
+    SimulationConfiguration,
+    Simulator,
+    SimulatorConfiguration,
+    VehicleConfiguration,
+    VelocitySensorConfiguration,
+)
+from omni_sim.texture_cache import TextureCache
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+SMALL_GROUND = GroundConfiguration(texture=TextureConfiguration(kind="cork", size=0.1, texels=1024))
+SENSORS = {
+    "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0, pixels=128),
+    "right": LineSensor(x=0.0, y=-0.5, heading_deg=0.0, pixels=128, line_rate=2985.0),
+    "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0, pixels=128),
+}
+ON = np.ones(4)
+
+
+@pytest.fixture(scope="module")
+def textures(tmp_path_factory: pytest.TempPathFactory) -> TextureCache:
+    return TextureCache(tmp_path_factory.mktemp("textures"))
+
+
+def configuration(**changes: Any) -> SimulatorConfiguration:
+    vehicle = yaml.safe_load((CONFIG / "vehicles/mecanum_forklift.yaml").read_text())
+    vehicle["tire"] = yaml.safe_load((CONFIG / f"tires/{vehicle['tire']}.yaml").read_text())
+    values: dict[str, Any] = {
+        "vehicle": from_mapping(VehicleConfiguration, vehicle),
+        "ground": SMALL_GROUND,
+        "sensors": SENSORS,
+    }
+    return SimulatorConfiguration(**(values | changes))
+
+
+def test_every_line_comes_once_and_in_time(textures: TextureCache) -> None:
+    simulator = Simulator(configuration(), textures)
+    counts = dict.fromkeys(SENSORS, 0)
+    for step in range(101):
+        observation = simulator.observe()
+        assert observation.stamp_ns == step * 10_000_000
+        for name, batch in observation.line_batches.items():
+            counts[name] += len(batch.lines)
+            newest = counts[name] - 1
+            assert batch.stamp_ns == round(newest * 1e9 / SENSORS[name].line_rate)
+            assert 0 <= observation.stamp_ns - batch.stamp_ns < 1e9 / SENSORS[name].line_rate
+        simulator.advance(ON)
+    assert counts == {"left": 2501, "right": 2986, "front": 2501}
+
+
+def test_observing_changes_nothing(textures: TextureCache) -> None:
+    noisy = VelocitySensorConfiguration(linear_noise=0.15, yaw_rate_noise=0.15)
+    looked_at, left_alone = (
+        Simulator(configuration(velocity_sensor=noisy), textures) for _ in range(2)
+    )
+    for _ in range(5):
+        first, second = looked_at.observe(), looked_at.observe()
+        np.testing.assert_array_equal(first.velocity_sensor, second.velocity_sensor)
+        for simulator in (looked_at, left_alone):
+            simulator.advance(ON)
+    a, b = looked_at.observe(), left_alone.observe()
+    np.testing.assert_array_equal(a.pose, b.pose)
+    for name in SENSORS:
+        np.testing.assert_array_equal(a.line_batches[name].lines, b.line_batches[name].lines)
+
+
+def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCache) -> None:
+    """A pitch a line: driving straight, each line is the one before shifted by one pixel."""
+    sensor = dataclasses.replace(SENSORS["left"], line_rate=2500.0)
+    speed = sensor.pixel_pitch * sensor.line_rate
+    cameras = configuration().camera
+    simulator = Simulator(
+        configuration(
+            sensors={"left": sensor},
+            maneuver=ManeuverConfiguration(speed=speed, brake_time=10.0),
+            camera=dataclasses.replace(cameras, noise=0.0),
+        ),
+        textures,
+    )
+    simulator.advance(ON)
+    lines = simulator.observe().line_batches["left"].lines.astype(int)
+    assert len(lines) == 25
+    # Moving forward along the axis: what was ahead comes one pixel nearer to the start.
+    assert np.abs(lines[1:, :-1] - lines[:-1, 1:]).max() <= 2
+    assert np.abs(np.diff(lines, axis=0)).max() > 10  # against itself unshifted
+
+
+def test_the_noise_of_the_velocity_sensor_has_the_covariance_it_claims() -> None:
+    noisy = VelocitySensorConfiguration(linear_noise=0.15, yaw_rate_noise=0.3)
+    simulator = Simulator(
+        configuration(
+            velocity_sensor=noisy,
+            maneuver=ManeuverConfiguration(
+                speed=5.0, direction_deg=30.0, yaw_rate_deg=60.0, brake_time=100.0
+            ),
+            simulation=SimulationConfiguration(render_lines=False),
+        )
+    )
+    errors, claims = [], []
+    for _ in range(2000):
+        observation = simulator.observe()
+        errors.append(observation.velocity_sensor - observation.twist)
+        claims.append(np.diag(observation.velocity_sensor_covariance))
+        simulator.advance(ON)
+    np.testing.assert_allclose(
+        np.mean(np.square(errors), axis=0), np.mean(claims, axis=0), rtol=0.1
+    )
+
+
+def test_a_period_that_is_no_multiple_of_the_step_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"control_period: 0\.0102 s is no multiple"):
+        SimulationConfiguration(control_period=0.0102)
+
+
+def test_a_camera_that_is_too_slow_is_refused_by_name() -> None:
+    slow = {"left": dataclasses.replace(SENSORS["left"], line_rate=150.0)}
+    with pytest.raises(ConfigurationError, match=r"sensors\.left\.line_rate"):
+        configuration(sensors=slow)
+
+
+@pytest.mark.parametrize(
+    ("limit", "outcome"), [(30.0, "stopped"), (1.0, "time limit")], ids=["stop", "limit"]
+)
+def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
+    chosen = configuration(
+        maneuver=ManeuverConfiguration(speed=3.0, brake_time=0.2),
+        simulation=SimulationConfiguration(
+            render_lines=False, duration_limit=limit, settling_time=0.5
+        ),
+    )
+    simulator, progress = Simulator(chosen), RunProgress(chosen)
+    shares = []
+    while not progress.finished:
+        observation = simulator.observe()
+        progress.update(observation)
+        shares.append(progress.report()["share"])
+        simulator.advance(ON)
+    assert progress.outcome == outcome
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    if outcome == "stopped":
+        assert math.hypot(*observation.twist[:2]) < chosen.simulation.rest_speed
+        assert observation.stamp_ns * 1e-9 < 3.0
+    else:
+        assert observation.stamp_ns == 1_000_000_000
