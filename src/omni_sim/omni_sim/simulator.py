@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
 from omni_sim.friction import FrictionMap, FrictionPatch
+from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
@@ -61,6 +62,9 @@ class GroundConfiguration(Configuration):
     )
     patches: Mapping[str, FrictionPatch] = parameter(
         default_factory=dict, description="Patches with another friction"
+    )
+    elevation: ElevationConfiguration = parameter(
+        default_factory=ElevationConfiguration, description="Height of the ground, flat by default"
     )
 
 
@@ -233,6 +237,7 @@ class Simulator:
             simulation.physics_step,
             self._driver.start_pose,
             self._driver.start_twist,
+            ground.elevation,
         )
         # No step, but the kernel is loaded: the first real step is as fast as the others.
         self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))

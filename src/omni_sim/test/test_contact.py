@@ -37,14 +37,14 @@ def test_normal_of_a_sphere_points_away_from_its_centre(heading: float) -> None:
 
 
 def test_plane_smooths_a_step() -> None:
-    plane = road_plane(lambda x, y: 0.02 if x > 0.0 else 0.0, 0.0, 0.0, distance=0.05)
+    plane = road_plane(lambda x, _: 0.02 if x > 0.0 else 0.0, 0.0, 0.0, distance=0.05)
     assert plane.normal[0] / plane.normal[2] == pytest.approx(-0.02 / 0.1)
     assert plane.normal[1] == 0.0
 
 
 def test_distance_that_spans_no_plane_is_refused() -> None:
     with pytest.raises(ValueError, match="positive"):
-        road_plane(lambda x, y: 0.0, 0.0, 0.0, distance=0.0)
+        road_plane(lambda *_: 0.0, 0.0, 0.0, distance=0.0)
 
 
 @given(GRADES, GRADES, ANGLES, st.floats(-0.4, 0.4), st.floats(0.15, 0.4))
@@ -79,7 +79,7 @@ def test_contact_point_is_where_wheel_plane_and_road_meet_nearest_to_the_hub(
 
 
 def test_wheel_that_lies_on_its_side_or_is_buried_is_refused() -> None:
-    plane = road_plane(lambda x, y: 0.0, 0.0, 0.0)
+    plane = road_plane(lambda *_: 0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="side"):
         wheel_contact((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), plane)
     with pytest.raises(ValueError, match="above"):
