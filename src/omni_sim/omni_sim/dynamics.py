@@ -187,8 +187,6 @@ def _stand(
         body[Y] + ahead * v_y,
         math.cos(yaw),
         math.sin(yaw),
-        body[TILT_X],
-        body[TILT_Y],
     )
     return standing
 

@@ -13,10 +13,11 @@ frame is carried along without spin about ``n``; the ground presses by ``m (g n_
 and gravity turns the vehicle by ``-m g dZ/dyaw``. All this keeps ``T + m g Z``. Yaw is the angle in
 that frame, about ``n``; positions are in the level world.
 
-Neglected: kinetic energy of roll and pitch, and the height of the centre of gravity in its path
-(only load transfer knows it); the difference between a wheel's own road plane and the path plane
-in the direction of its force (second order in the angle between them); loads by twisted ground, as
-if the frame of the vehicle yielded.
+Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
+kinetic energy of roll and pitch, and the height of the centre of gravity in its path (only load
+transfer knows it); the difference between a wheel's own road plane and the path plane in the
+direction of its force (second order in the angle between them); loads by twisted ground, as if
+the frame of the vehicle yielded.
 """
 
 from __future__ import annotations
@@ -57,8 +58,6 @@ def stand(
     y: float,
     cos: float,
     sin: float,
-    tilt_x: float,
-    tilt_y: float,
 ) -> tuple[float, float, float, float, float, float]:
     """Return how the wheels stand.
 
@@ -71,28 +70,24 @@ def stand(
         y: likewise [m].
         cos: of the yaw.
         sin: likewise.
-        tilt_x: ``n_x`` of the path plane, to see how far the wheels reach [1].
-        tilt_y: ``n_y`` [1].
 
     Returns:
-        Height ``Z`` of the ground under the centre of gravity [m]; rise of the vehicle's x and y
-        axes [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
+        Height ``Z`` of the ground under the centre of gravity [m]; gradient of the vehicle's plane
+        forward and to the left [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
     """
-    height, rise_x, rise_y, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    height, forward, left, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(position.shape[0]):
         r_x = cos * position[i, 0] - sin * position[i, 1]
         r_y = sin * position[i, 0] + cos * position[i, 1]
-        d_x, d_y = level(tilt_x, tilt_y, r_x, r_y)
-        z, n_x, n_y, n_z = road_plane_at(table, distance, x + d_x, y + d_y, cos, sin)
+        z, n_x, n_y, n_z = road_plane_at(table, distance, x + r_x, y + r_y, cos, sin)
         height += plane[i, 0] * z
-        rise_x += plane[i, 1] * z
-        rise_y += plane[i, 2] * z
+        forward += plane[i, 1] * z
+        left += plane[i, 2] * z
         slope_x -= plane[i, 0] * n_x / n_z
         slope_y -= plane[i, 0] * n_y / n_z
-        t_x, t_y = level(tilt_x, tilt_y, -r_y, r_x)
-        turn -= plane[i, 0] * (n_x * t_x + n_y * t_y) / n_z
+        turn -= plane[i, 0] * (n_y * r_x - n_x * r_y) / n_z
     up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    return height, rise_x, rise_y, -slope_x * up, -slope_y * up, turn
+    return height, forward, left, -slope_x * up, -slope_y * up, turn
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -106,17 +101,17 @@ def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> floa
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)
 
 
-def orientation(yaw: float, rise_x: float, rise_y: float) -> FloatArray:
+def orientation(yaw: float, forward: float, left: float) -> FloatArray:
     """Return the rotation from the body to the world, shape (3, 3).
 
     Args:
         yaw: in the frame of the vehicle's plane [rad].
-        rise_x: of the vehicle's x axis, ``-sin(pitch)`` [1].
-        rise_y: of its y axis, ``sin(roll) cos(pitch)`` [1].
+        forward: gradient of that plane forward [1].
+        left: likewise to the left [1].
     """
     cos, sin = math.cos(yaw), math.sin(yaw)
-    a, b = -(rise_x * cos - rise_y * sin), -(rise_x * sin + rise_y * cos)
-    c = math.sqrt(1.0 - a * a - b * b)
+    c = 1.0 / math.sqrt(1.0 + forward * forward + left * left)
+    a, b = -c * (forward * cos - left * sin), -c * (forward * sin + left * cos)
     share = 1.0 / (1.0 + c)
     tilt = np.array(
         [

@@ -234,7 +234,6 @@ class Vehicle:
             y,
             math.cos(yaw),
             math.sin(yaw),
-            *self._tilt,
         )
         return standing
 
@@ -314,23 +313,22 @@ class Vehicle:
     @property
     def attitude(self) -> FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground, shape (3,); else zeros."""
-        height, rise_x, rise_y, _, _, _ = self._stand()
-        pitch = -math.asin(rise_x)
-        g_x, g_y = self.masses.centre
+        height, forward, left, _, _, _ = self._stand()
+        rise = orientation(float(self._body[dynamics.YAW]), forward, left)[2]
         return np.array(
             [
-                height - rise_x * g_x - rise_y * g_y,
-                math.asin(rise_y / math.cos(pitch)),
-                pitch,
+                height - float(rise[:2] @ self.masses.centre),
+                math.atan2(rise[1], rise[2]),
+                -math.asin(rise[0]),
             ]
         )
 
     @property
     def wheel_contacts(self) -> tuple[WheelContact, ...]:
         """Contact of each wheel with its road plane, Eqs. (5), (6), in the order of the wheels."""
-        height, rise_x, rise_y, _, _, _ = self._stand()
+        height, forward, left, _, _, _ = self._stand()
         x, y, yaw = self._body[:3]
-        turn = orientation(yaw, rise_x, rise_y)
+        turn = orientation(yaw, forward, left)
         base = np.array([x, y, height])
         geometry, plant = self.kinematics.geometry, self._plant
         radius = geometry.radius - self.wheel_load / plant.vertical_stiffness
