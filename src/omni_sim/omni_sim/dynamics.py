@@ -24,6 +24,7 @@ from omni_sim.characteristic import curve_at_load
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
+from omni_sim.passive_losses import passive_force
 from omni_sim.uneven_ground import frame_turn, level, stand
 
 FloatArray = NDArray[np.float64]
@@ -39,11 +40,18 @@ ENERGIES = 5
 
 # Columns of the wheel state; those from LOAD on are results of the last step.
 SPEED, ANGLE, DEFLECTION, FORCE, SLIDING, LOAD, BRAKE, SLIP, LIMIT = range(9)
-WHEEL_SIZE = 9
+# With passive losses: their force, the speed that they add to the wheel in a step, and the wheel
+# speed before the last step.
+PASSIVE, GAIN, LAST_SPEED = range(9, 12)
+WHEEL_SIZE = 12
 
 # Columns of the wheel constants: contact relative to the centre of gravity, active direction,
 # cross(r_i - r_g, n_w), n_w . u, radius, mobility W.
 R_X, R_Y, N_X, N_Y, MOMENT, RIM, RADIUS, MOBILITY = range(8)
+
+# Columns of the constants of passive losses: passive direction, cross(r_i - r_g, u_w), u_w . u,
+# sum of the absolute mobilities that couple the roller to any force.
+U_X, U_Y, U_MOMENT, U_RIM, U_MOBILITY = range(5)
 
 # Load per mass that load transfer is computed with at least, when the ground falls away [m/s^2].
 _LEAST_PRESSING = 0.1
@@ -112,6 +120,22 @@ class Terrain(NamedTuple):
 
     elevation: FloatArray
     sampling: float
+
+
+class Losses(NamedTuple):
+    """Losses along the passive directions.
+
+    Attributes:
+        wheel: constants of the wheels by column, shape (N, 5); none, (0, 5), without losses.
+        constant: friction per load [1].
+        growing: friction per load and load, Eq. (19) [1/N].
+        inertia: of a roller against its surface speed [kg].
+    """
+
+    wheel: FloatArray
+    constant: float
+    growing: float
+    inertia: float
 
 
 class Control(NamedTuple):
@@ -219,14 +243,57 @@ def _follow_ground(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
+def _resultant(plant: Plant, losses: Losses, wheels: FloatArray) -> tuple[float, float, float]:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
         pull_x += wheels[i, FORCE] * plant.wheel[i, N_X]
         pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
         turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
+    for i in range(losses.wheel.shape[0]):
+        pull_x += wheels[i, PASSIVE] * losses.wheel[i, U_X]
+        pull_y += wheels[i, PASSIVE] * losses.wheel[i, U_Y]
+        turn += wheels[i, PASSIVE] * losses.wheel[i, U_MOMENT]
     return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _resist(
+    plant: Plant,
+    losses: Losses,
+    body: FloatArray,
+    heading: tuple[float, float],
+    ahead: tuple[float, float, float],
+    loads: FloatArray,
+    wheels: FloatArray,
+) -> None:
+    """Compute the losses of all wheels for the step to come; arguments as in `_step_wheels`."""
+    dt = plant.dt
+    cos, sin = heading
+    v_x = cos * body[V_X] + sin * body[V_Y]
+    v_y = cos * body[V_Y] - sin * body[V_X]
+    rate = body[YAW_RATE]
+    for i in range(losses.wheel.shape[0]):
+        wheel = wheels[i]
+        u_x, u_y, moment = losses.wheel[i, U_X], losses.wheel[i, U_Y], losses.wheel[i, U_MOMENT]
+        radius = plant.wheel[i, RADIUS] - loads[i] / plant.vertical_stiffness
+        lever = radius * losses.wheel[i, U_RIM]
+        speed = wheel[SPEED]
+        spin = speed + (speed - wheel[LAST_SPEED])
+        wheel[LAST_SPEED] = speed
+        # The directions turn with the body during the step.
+        turned = dt * rate * (u_x * v_y - u_y * v_x)
+        force = passive_force(
+            u_x * ahead[0] + u_y * ahead[1] + moment * ahead[2] - lever * spin,
+            u_x * v_x + u_y * v_y + moment * rate - lever * speed - turned,
+            wheel[PASSIVE],
+            dt * losses.wheel[i, U_MOBILITY],
+            (losses.constant + losses.growing * loads[i]) * loads[i],
+            losses.inertia,
+            dt,
+        )
+        wheel[PASSIVE] = force
+        wheel[GAIN] = -dt * lever * force / plant.wheel_inertia
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -279,7 +346,7 @@ def _step_wheels(
         hub = n_x * ahead[0] + n_y * ahead[1] + moment * ahead[2] - mobility * wheel[FORCE]
         rolling = plant.rolling[i]
         force, deflection, new_omega, brake_torque, patch, sliding = wheel_step(
-            omega,
+            omega + wheel[GAIN],
             plant.wheel_inertia,
             control.brake[i],
             control.drive_stiffness,
@@ -311,6 +378,7 @@ def _step_wheels(
 def advance(
     plant: Plant,
     terrain: Terrain,
+    losses: Losses,
     control: Control,
     body: FloatArray,
     wheels: FloatArray,
@@ -324,19 +392,20 @@ def advance(
     Args:
         plant: constants.
         terrain: height of the ground.
+        losses: along the passive directions.
         control: inputs, constant over the call.
         body: body state, shape (10,).
-        wheels: wheel states, shape (N, 9).
+        wheels: wheel states, shape (N, 12).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
             in the world frame at the start and after each step, shape (n + 1, 6).
-        wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
+        wheel_log: receives the wheel states after each step, shape (n, N, 12); or (0, N, 12).
         energy_log: receives the energies [J] after each step, shape (n, 5); or (0, 5).
     """
     dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
-    pull_x, pull_y, turn = _resultant(plant, wheels)
+    pull_x, pull_y, turn = _resultant(plant, losses, wheels)
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
     weight, force_x, force_y, lean = mass * GRAVITY, control.force_x, control.force_y, 0.0
@@ -345,11 +414,9 @@ def advance(
 
     for k in range(trajectory.shape[0] - 1):
         if uneven:
-            pull_down_x, pull_down_y, lean, pressing = _follow_ground(plant, terrain, body)
-            force_x = control.force_x + pull_down_x
-            force_y = control.force_y + pull_down_y
-            if pressing <= 0.0:  # the vehicle would take off
-                counters[TIPPING_STEPS] += 1
+            down_x, down_y, lean, pressing = _follow_ground(plant, terrain, body)
+            force_x, force_y = control.force_x + down_x, control.force_y + down_y
+            counters[TIPPING_STEPS] += pressing <= 0.0  # the vehicle would take off
             weight = mass * max(pressing, 0.0)
             reach = -plant.height / max(pressing, _LEAST_PRESSING)
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
@@ -370,6 +437,8 @@ def advance(
             cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
             body[YAW_RATE] + dt * (turn + lean) / yaw_inertia,
         )
+        if losses.wheel.shape[0] > 0:
+            _resist(plant, losses, body, (cos, sin), ahead, loads, wheels)
         _step_wheels(
             plant,
             control,
@@ -381,7 +450,7 @@ def advance(
             wheels,
             counters,
         )
-        pull_x, pull_y, turn = _resultant(plant, wheels)
+        pull_x, pull_y, turn = _resultant(plant, losses, wheels)
         body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
         body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
 

@@ -14,7 +14,7 @@ from omni_sim.contact import RoadPlane, WheelContact, road_plane_at, wheel_conta
 from omni_sim.friction import FrictionMap
 from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.loads import GRAVITY, MassProperties
-from omni_sim.plant import build_plant, static_loads
+from omni_sim.plant import build_losses, build_plant, static_loads
 from omni_sim.uneven_ground import level, orientation, stand
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
@@ -102,6 +102,9 @@ class Vehicle:
         self._plant = build_plant(
             configuration, self.kinematics, self.masses, friction or FrictionMap(), physics_step
         )
+        self._plant, self._losses = build_losses(
+            configuration, self.kinematics, self.masses, self._plant
+        )
         ground = elevation or ElevationConfiguration()
         self._terrain = dynamics.Terrain(ground.table(), ground.sampling_distance)
         n = len(configuration.wheels)
@@ -138,6 +141,7 @@ class Vehicle:
         self._body[dynamics.YAW_RATE] = twist_body[2]
         self._wheels[:] = 0.0
         self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
+        self._wheels[:, dynamics.LAST_SPEED] = self._wheels[:, dynamics.SPEED]
         pressing = math.sqrt(1.0 - float(np.sum(self._tilt**2)))
         self._wheels[:, dynamics.LOAD] = pressing * static_loads(self._plant)
         self._counters[:] = 0
@@ -270,6 +274,7 @@ class Vehicle:
         dynamics.advance(
             self._plant,
             self._terrain,
+            self._losses,
             control,
             self._body,
             self._wheels,
@@ -361,6 +366,20 @@ class Vehicle:
     def wheel_force(self) -> FloatArray:
         """Tyre forces on the vehicle along the active directions [N], shape (N,)."""
         return self._wheels[:, dynamics.FORCE].copy()
+
+    @property
+    def passive_force(self) -> FloatArray:
+        """Forces of the losses on the vehicle along the passive directions [N], shape (N,)."""
+        return self._wheels[:, dynamics.PASSIVE].copy()
+
+    @property
+    def roller_speed(self) -> FloatArray:
+        """Surface speeds of the rollers ``u_w . v_i - omega r_D (u_w . u_i)`` [m/s], (N,)."""
+        geometry = self.kinematics.geometry
+        radius = geometry.radius - self.wheel_load / self._plant.vertical_stiffness
+        rim = np.sum(geometry.passive * geometry.rolling, axis=1)
+        hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
+        return np.asarray(hub - self.wheel_speed * radius * rim, dtype=np.float64)
 
     @property
     def friction_limit(self) -> FloatArray:
