@@ -181,6 +181,7 @@ class Observation:
         pedal: the driver's brake demand 0..1.
         command: the driver's drive demand in the body frame [m/s, m/s, rad/s], shape (3,).
         pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
+        attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the noisy sampled sensor, as `twist`, shape (3,).
         velocity_sensor_covariance: of that reading, shape (3, 3).
@@ -198,6 +199,7 @@ class Observation:
     pedal: float
     command: FloatArray
     pose: FloatArray
+    attitude: FloatArray
     twist: FloatArray
     velocity_sensor: FloatArray
     velocity_sensor_covariance: FloatArray
@@ -276,6 +278,7 @@ class Simulator:
             pedal=self._driver.pedal(self._stamp_ns),
             command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
             pose=pose,
+            attitude=vehicle.attitude,
             twist=twist,
             velocity_sensor=reading,
             velocity_sensor_covariance=self._reading_covariance(reading),

@@ -318,6 +318,8 @@ class Vehicle:
     @property
     def attitude(self) -> FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground, shape (3,); else zeros."""
+        if not len(self._terrain.elevation):
+            return np.zeros(3)
         height, forward, left, _, _, _ = self._stand()
         rise = orientation(float(self._body[dynamics.YAW]), forward, left)[2]
         return np.array(

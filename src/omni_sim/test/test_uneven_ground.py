@@ -18,7 +18,13 @@ from omni_sim.ground_elevation import (
     WaveConfiguration,
 )
 from omni_sim.loads import GRAVITY
-from omni_sim.simulator import GroundConfiguration
+from omni_sim.messages import ground_truth
+from omni_sim.simulator import (
+    GroundConfiguration,
+    SimulationConfiguration,
+    Simulator,
+    SimulatorConfiguration,
+)
 from omni_sim.uneven_ground import frame_turn, level, orientation
 from omni_sim.vehicle import Vehicle
 from omni_sim.vehicle_configuration import VehicleConfiguration
@@ -254,3 +260,31 @@ def test_ground_configuration_makes_a_slope() -> None:
         },
     )
     assert ground.elevation.table().shape == (2, 5)
+
+
+def test_simulated_vehicle_starts_level_or_leaning_as_its_ground(
+    forklift: VehicleConfiguration,
+) -> None:
+    for uphill_deg in (0.0, 120.0):
+        configuration = SimulatorConfiguration(
+            vehicle=forklift,
+            ground=GroundConfiguration(elevation=slope(0.1, uphill_deg)),
+            sensors={},
+            simulation=SimulationConfiguration(render_lines=False),
+        )
+        simulator = Simulator(configuration)
+        simulator.advance(ON)
+        observation = simulator.observe()
+        message = ground_truth(observation)
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        up = np.array([math.cos(math.radians(uphill_deg)), math.sin(math.radians(uphill_deg))])
+        assert place.z == pytest.approx(0.1 * float(observation.pose[:2] @ up))
+        # The vehicle's z axis by the quaternion is the normal of the slope.
+        axis = [
+            2.0 * (turn.x * turn.z + turn.w * turn.y),
+            2.0 * (turn.y * turn.z - turn.w * turn.x),
+            1.0 - 2.0 * (turn.x**2 + turn.y**2),
+        ]
+        normal = np.array([*(-0.1 * up), 1.0]) / math.hypot(0.1, 1.0)
+        np.testing.assert_allclose(axis, normal, atol=1e-9)
+        assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(float(observation.pose[2]))
