@@ -11,7 +11,8 @@ from the vertical to ``n``. On an even slope it stands still and the motion is e
 ground with gravity's component ``g (n_x, n_y)`` and the load ``m g n_z``. On curved ground the
 frame is carried along without spin about ``n``; the ground presses by ``m (g n_z - n_dot . v)``,
 and gravity turns the vehicle by ``-m g dZ/dyaw``. All this keeps ``T + m g Z``. Yaw is the angle in
-that frame, about ``n``; positions are in the level world.
+that frame, about ``n``; positions are in the level world. Where the ground falls away so fast that
+the vehicle would take off, it carries nothing and counts as tipping.
 
 Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
 kinetic energy of roll and pitch, and the height of the centre of gravity in its path (only load

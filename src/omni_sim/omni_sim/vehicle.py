@@ -421,7 +421,7 @@ class Vehicle:
 
     @property
     def kinetic_energy(self) -> float:
-        """Energy of translation, rotation and wheel spin [J]."""
+        """Energy of translation, rotation and wheel spin, without that of rollers [J]."""
         v_x, v_y, rate = self._body[dynamics.V_X : dynamics.YAW_RATE + 1]
         return float(
             0.5 * self.masses.mass * (v_x**2 + v_y**2)
