@@ -243,13 +243,22 @@ def _follow_ground(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _resultant(plant: Plant, losses: Losses, wheels: FloatArray) -> tuple[float, float, float]:
+def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
         pull_x += wheels[i, FORCE] * plant.wheel[i, N_X]
         pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
         turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
+    return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _with_losses(
+    losses: Losses, wheels: FloatArray, forces: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return the resultant with the forces of the passive losses."""
+    pull_x, pull_y, turn = forces
     for i in range(losses.wheel.shape[0]):
         pull_x += wheels[i, PASSIVE] * losses.wheel[i, U_X]
         pull_y += wheels[i, PASSIVE] * losses.wheel[i, U_Y]
@@ -375,6 +384,16 @@ def _step_wheels(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _drive_after(control: Control, turned: float) -> tuple[float, float]:
+    """Return the commanded velocity [m/s] in a body that has turned by an angle [rad] since."""
+    cos, sin = math.cos(turned), math.sin(turned)
+    return (
+        cos * control.twist[0] + sin * control.twist[1],
+        cos * control.twist[1] - sin * control.twist[0],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(
     plant: Plant,
     terrain: Terrain,
@@ -405,11 +424,13 @@ def advance(
     dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
-    pull_x, pull_y, turn = _resultant(plant, losses, wheels)
+    pull_x, pull_y, turn = _resultant(plant, wheels)
+    uneven, lossy = terrain.elevation.shape[0] > 0, losses.wheel.shape[0] > 0
+    if lossy:
+        pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
     weight, force_x, force_y, lean = mass * GRAVITY, control.force_x, control.force_y, 0.0
-    uneven = terrain.elevation.shape[0] > 0
     _write_pose(plant, body, trajectory[0])
 
     for k in range(trajectory.shape[0] - 1):
@@ -417,14 +438,14 @@ def advance(
             down_x, down_y, lean, pressing = _follow_ground(plant, terrain, body)
             force_x, force_y = control.force_x + down_x, control.force_y + down_y
             counters[TIPPING_STEPS] += pressing <= 0.0  # the vehicle would take off
-            weight = mass * max(pressing, 0.0)
-            reach = -plant.height / max(pressing, _LEAST_PRESSING)
+            weight, reach = (
+                mass * max(pressing, 0.0),
+                -plant.height / max(pressing, _LEAST_PRESSING),
+            )
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
         cos, sin = math.cos(yaw), math.sin(yaw)
         if control.hold_world:
-            cos_turned, sin_turned = math.cos(yaw - start_yaw), math.sin(yaw - start_yaw)
-            drive_x = cos_turned * control.twist[0] + sin_turned * control.twist[1]
-            drive_y = cos_turned * control.twist[1] - sin_turned * control.twist[0]
+            drive_x, drive_y = _drive_after(control, yaw - start_yaw)
 
         z_x, z_y = reach * body[A_X], reach * body[A_Y]
         if wheel_loads(plant.wheel, plant.plane, plant.hull, weight, z_x, z_y, loads):
@@ -437,7 +458,7 @@ def advance(
             cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
             body[YAW_RATE] + dt * (turn + lean) / yaw_inertia,
         )
-        if losses.wheel.shape[0] > 0:
+        if lossy:
             _resist(plant, losses, body, (cos, sin), ahead, loads, wheels)
         _step_wheels(
             plant,
@@ -450,7 +471,9 @@ def advance(
             wheels,
             counters,
         )
-        pull_x, pull_y, turn = _resultant(plant, losses, wheels)
+        pull_x, pull_y, turn = _resultant(plant, wheels)
+        if lossy:
+            pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
         body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
         body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
 
@@ -458,8 +481,7 @@ def advance(
         gain_x = dt * (cos * pull_x - sin * pull_y + force_x) / mass
         gain_y = dt * (sin * pull_x + cos * pull_y + force_y) / mass
         gain_turn = dt * (turn + lean) / yaw_inertia
-        step_x = dt * (body[V_X] + 0.5 * gain_x)
-        step_y = dt * (body[V_Y] + 0.5 * gain_y)
+        step_x, step_y = dt * (body[V_X] + 0.5 * gain_x), dt * (body[V_Y] + 0.5 * gain_y)
         if uneven:
             step_x, step_y = level(body[TILT_X], body[TILT_Y], step_x, step_y)
         body[X] += step_x
