@@ -157,12 +157,7 @@ def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
         ),
         Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
     ]
-    if scene.load is not None:
-        handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
-    if scene.centre_of_gravity is not None:
-        handles.append(
-            Line2D([], [], linestyle="", markersize=7, label="centre of gravity", **_GRAVITY)
-        )
+    handles += mass_handles(scene)
     handles += [
         Line2D([], [], label="path of base_link", **_TRAIL),
         Line2D([], [], label="line along initial velocity", **_FIRST_LINE),
@@ -178,6 +173,18 @@ def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
     ]
     for friction in sorted({patch.friction for patch in scene.patches}):
         handles.append(Patch(label=f"friction factor {friction:g}", **_patch_look(friction)))
+    return handles
+
+
+def mass_handles(scene: Scene) -> list[Line2D | Patch]:
+    """Return the legend of the load and the centre of gravity, as far as there are any."""
+    handles: list[Line2D | Patch] = []
+    if scene.load is not None:
+        handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
+    if scene.centre_of_gravity is not None:
+        handles.append(
+            Line2D([], [], linestyle="", markersize=7, label="centre of gravity", **_GRAVITY)
+        )
     return handles
 
 

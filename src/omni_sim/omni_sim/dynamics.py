@@ -8,6 +8,7 @@ velocity is predicted from all forces of the step before, and corrected by ``W (
 with the sum of absolute mobilities that couple the wheel to any other as ``W``, which makes the
 pass over the wheels stable for any tyre stiffness without iteration. The coupling between wheels
 lags by one step, an error of second order that energy tests find only with very hard tyres.
+On uneven ground all this takes place in the path plane of `uneven_ground`.
 """
 
 from __future__ import annotations
@@ -22,23 +23,38 @@ from numpy.typing import NDArray
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
+from omni_sim.passive_losses import passive_force
 from omni_sim.tire_model import curve_at
+from omni_sim.uneven_ground import frame_turn, level, stand
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Entries of the body state: position of the centre of gravity and its velocity in the world
-# frame, and the low-passed acceleration by the tyres in the body frame.
-X, Y, YAW, V_X, V_Y, YAW_RATE, A_X, A_Y = range(8)
-BODY_SIZE = 8
+# frame, the low-passed acceleration by the tyres in the body frame, and the level components of
+# the path plane's normal, in whose frame yaw and velocity are.
+X, Y, YAW, V_X, V_Y, YAW_RATE, A_X, A_Y, TILT_X, TILT_Y = range(10)
+BODY_SIZE = 10
+
+ENERGIES = 5
 
 # Columns of the wheel state; those from LOAD on are results of the last step.
 SPEED, ANGLE, DEFLECTION, FORCE, SLIDING, LOAD, BRAKE, SLIP, LIMIT = range(9)
-WHEEL_SIZE = 9
+# With passive losses: their force, the speed that they add to the wheel in a step, and the wheel
+# speed before the last step.
+PASSIVE, GAIN, LAST_SPEED = range(9, 12)
+WHEEL_SIZE = 12
 
 # Columns of the wheel constants: contact relative to the centre of gravity, active direction,
 # cross(r_i - r_g, n_w), n_w . u, radius, mobility W.
 R_X, R_Y, N_X, N_Y, MOMENT, RIM, RADIUS, MOBILITY = range(8)
+
+# Columns of the constants of passive losses: passive direction, cross(r_i - r_g, u_w), u_w . u,
+# sum of the absolute mobilities that couple the roller to any force.
+U_X, U_Y, U_MOMENT, U_RIM, U_MOBILITY = range(5)
+
+# Load per mass that load transfer is computed with at least, when the ground falls away [m/s^2].
+_LEAST_PRESSING = 0.1
 
 # Entries of the counters.
 TIPPING_STEPS, OVERLOADED_STEPS = range(2)
@@ -94,6 +110,34 @@ class Plant(NamedTuple):
     patches: FloatArray
 
 
+class Terrain(NamedTuple):
+    """Height of the ground.
+
+    Attributes:
+        elevation: from `ground_elevation.ElevationConfiguration`, shape (K, 5), flat with K = 0.
+        sampling: distance of the four points that span a road plane, Eq. (5) [m].
+    """
+
+    elevation: FloatArray
+    sampling: float
+
+
+class Losses(NamedTuple):
+    """Losses along the passive directions.
+
+    Attributes:
+        wheel: constants of the wheels by column, shape (N, 5); none, (0, 5), without losses.
+        constant: friction per load [1].
+        growing: friction per load and load, Eq. (19) [1/N].
+        inertia: of a roller against its surface speed [kg].
+    """
+
+    wheel: FloatArray
+    constant: float
+    growing: float
+    inertia: float
+
+
 class Control(NamedTuple):
     """What acts on the vehicle during a call.
 
@@ -120,24 +164,82 @@ def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
     cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
     g_x = cos * plant.centre_x - sin * plant.centre_y
     g_y = sin * plant.centre_x + cos * plant.centre_y
+    v_x = body[V_X] + body[YAW_RATE] * g_y
+    v_y = body[V_Y] - body[YAW_RATE] * g_x
+    if body[TILT_X] != 0.0 or body[TILT_Y] != 0.0:
+        g_x, g_y = level(body[TILT_X], body[TILT_Y], g_x, g_y)
+        v_x, v_y = level(body[TILT_X], body[TILT_Y], v_x, v_y)
     row[0] = body[X] - g_x
     row[1] = body[Y] - g_y
     row[2] = body[YAW]
-    row[3] = body[V_X] + body[YAW_RATE] * g_y
-    row[4] = body[V_Y] - body[YAW_RATE] * g_x
+    row[3] = v_x
+    row[4] = v_y
     row[5] = body[YAW_RATE]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _write_log(
-    plant: Plant, body: FloatArray, wheels: FloatArray, row: FloatArray, energy: FloatArray
+    plant: Plant,
+    terrain: Terrain,
+    body: FloatArray,
+    wheels: FloatArray,
+    row: FloatArray,
+    energy: FloatArray,
 ) -> None:
-    """Write wheel states and the energies: translation, rotation, wheel spin, elastic [J]."""
+    """Write wheel states and energies: translation, rotation, wheel spin, elastic, height [J]."""
     row[:, :] = wheels
     energy[0] = 0.5 * plant.mass * (body[V_X] ** 2 + body[V_Y] ** 2)
     energy[1] = 0.5 * plant.yaw_inertia * body[YAW_RATE] ** 2
     energy[2] = 0.5 * plant.wheel_inertia * np.sum(wheels[:, SPEED] ** 2)
     energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+    energy[4] = plant.mass * GRAVITY * _stand(plant, terrain, body, 0.0)[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stand(
+    plant: Plant, terrain: Terrain, body: FloatArray, ahead: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return how the vehicle will stand after a time [s], as `uneven_ground.stand`."""
+    v_x, v_y = level(body[TILT_X], body[TILT_Y], body[V_X], body[V_Y])
+    yaw = body[YAW] + ahead * body[YAW_RATE]
+    standing: tuple[float, float, float, float, float, float] = stand(
+        terrain.elevation,
+        terrain.sampling,
+        plant.wheel,
+        plant.plane,
+        body[X] + ahead * v_x,
+        body[Y] + ahead * v_y,
+        math.cos(yaw),
+        math.sin(yaw),
+    )
+    return standing
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow_ground(
+    plant: Plant, terrain: Terrain, body: FloatArray
+) -> tuple[float, float, float, float]:
+    """Turn yaw and velocity into the path plane at the middle of the step.
+
+    Returns:
+        Gravity's force in that plane [N], its moment about the normal [N m], and the load per mass
+        on the ground [m/s^2], negative if the vehicle would take off.
+    """
+    old_x, old_y = body[TILT_X], body[TILT_Y]
+    v_x, v_y = level(old_x, old_y, body[V_X], body[V_Y])
+    _, _, _, new_x, new_y, turn = _stand(plant, terrain, body, 0.5 * plant.dt)
+    normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
+    change = normal - math.sqrt(1.0 - old_x * old_x - old_y * old_y)
+    climb = -(old_x * body[V_X] + old_y * body[V_Y])
+    bend = ((new_x - old_x) * v_x + (new_y - old_y) * v_y + change * climb) / plant.dt
+    angle = frame_turn(old_x, old_y, new_x, new_y)
+    cos, sin = math.cos(angle), math.sin(angle)
+    v_x, v_y = body[V_X], body[V_Y]
+    body[V_X], body[V_Y] = cos * v_x - sin * v_y, sin * v_x + cos * v_y
+    body[YAW] += angle
+    body[TILT_X], body[TILT_Y] = new_x, new_y
+    weight = plant.mass * GRAVITY
+    return weight * new_x, weight * new_y, -weight * turn, GRAVITY * normal - bend
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -149,6 +251,58 @@ def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
         pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
         turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
     return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _with_losses(
+    losses: Losses, wheels: FloatArray, forces: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return the resultant with the forces of the passive losses."""
+    pull_x, pull_y, turn = forces
+    for i in range(losses.wheel.shape[0]):
+        pull_x += wheels[i, PASSIVE] * losses.wheel[i, U_X]
+        pull_y += wheels[i, PASSIVE] * losses.wheel[i, U_Y]
+        turn += wheels[i, PASSIVE] * losses.wheel[i, U_MOMENT]
+    return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _resist(
+    plant: Plant,
+    losses: Losses,
+    body: FloatArray,
+    heading: tuple[float, float],
+    ahead: tuple[float, float, float],
+    loads: FloatArray,
+    wheels: FloatArray,
+) -> None:
+    """Compute the losses of all wheels for the step to come; arguments as in `_step_wheels`."""
+    dt = plant.dt
+    cos, sin = heading
+    v_x = cos * body[V_X] + sin * body[V_Y]
+    v_y = cos * body[V_Y] - sin * body[V_X]
+    rate = body[YAW_RATE]
+    for i in range(losses.wheel.shape[0]):
+        wheel = wheels[i]
+        u_x, u_y, moment = losses.wheel[i, U_X], losses.wheel[i, U_Y], losses.wheel[i, U_MOMENT]
+        radius = plant.wheel[i, RADIUS] - loads[i] / plant.vertical_stiffness
+        lever = radius * losses.wheel[i, U_RIM]
+        speed = wheel[SPEED]
+        spin = speed + (speed - wheel[LAST_SPEED])
+        wheel[LAST_SPEED] = speed
+        # The directions turn with the body during the step.
+        turned = dt * rate * (u_x * v_y - u_y * v_x)
+        force = passive_force(
+            u_x * ahead[0] + u_y * ahead[1] + moment * ahead[2] - lever * spin,
+            u_x * v_x + u_y * v_y + moment * rate - lever * speed - turned,
+            wheel[PASSIVE],
+            dt * losses.wheel[i, U_MOBILITY],
+            (losses.constant + losses.growing * loads[i]) * loads[i],
+            losses.inertia,
+            dt,
+        )
+        wheel[PASSIVE] = force
+        wheel[GAIN] = -dt * lever * force / plant.wheel_inertia
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -186,12 +340,10 @@ def _step_wheels(
         wheel = wheels[i]
         n_x, n_y, moment = constants[N_X], constants[N_Y], constants[MOMENT]
         r_x, r_y = constants[R_X], constants[R_Y]
-        friction = friction_at(
-            plant.friction,
-            plant.patches,
-            middle_x + cos * r_x - sin * r_y,
-            middle_y + sin * r_x + cos * r_y,
-        )
+        w_x, w_y = cos * r_x - sin * r_y, sin * r_x + cos * r_y
+        if body[TILT_X] != 0.0 or body[TILT_Y] != 0.0:
+            w_x, w_y = level(body[TILT_X], body[TILT_Y], w_x, w_y)
+        friction = friction_at(plant.friction, plant.patches, middle_x + w_x, middle_y + w_y)
         load = loads[i]
         if load > plant.largest_load:
             counters[OVERLOADED_STEPS] += 1
@@ -203,7 +355,7 @@ def _step_wheels(
         hub = n_x * ahead[0] + n_y * ahead[1] + moment * ahead[2] - mobility * wheel[FORCE]
         rolling = plant.rolling[i]
         force, deflection, new_omega, brake_torque, patch, sliding = wheel_step(
-            omega,
+            omega + wheel[GAIN],
             plant.wheel_inertia,
             control.brake[i],
             control.drive_stiffness,
@@ -232,8 +384,20 @@ def _step_wheels(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _drive_after(control: Control, turned: float) -> tuple[float, float]:
+    """Return the commanded velocity [m/s] in a body that has turned by an angle [rad] since."""
+    cos, sin = math.cos(turned), math.sin(turned)
+    return (
+        cos * control.twist[0] + sin * control.twist[1],
+        cos * control.twist[1] - sin * control.twist[0],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(
     plant: Plant,
+    terrain: Terrain,
+    losses: Losses,
     control: Control,
     body: FloatArray,
     wheels: FloatArray,
@@ -246,42 +410,56 @@ def advance(
 
     Args:
         plant: constants.
+        terrain: height of the ground.
+        losses: along the passive directions.
         control: inputs, constant over the call.
-        body: body state, shape (8,).
-        wheels: wheel states, shape (N, 9).
+        body: body state, shape (10,).
+        wheels: wheel states, shape (N, 12).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
             in the world frame at the start and after each step, shape (n + 1, 6).
-        wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
-        energy_log: receives the energies [J] after each step, shape (n, 4); or (0, 4).
+        wheel_log: receives the wheel states after each step, shape (n, N, 12); or (0, N, 12).
+        energy_log: receives the energies [J] after each step, shape (n, 5); or (0, 5).
     """
     dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
     pull_x, pull_y, turn = _resultant(plant, wheels)
+    uneven, lossy = terrain.elevation.shape[0] > 0, losses.wheel.shape[0] > 0
+    if lossy:
+        pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
+    weight, force_x, force_y, lean = mass * GRAVITY, control.force_x, control.force_y, 0.0
     _write_pose(plant, body, trajectory[0])
 
     for k in range(trajectory.shape[0] - 1):
+        if uneven:
+            down_x, down_y, lean, pressing = _follow_ground(plant, terrain, body)
+            force_x, force_y = control.force_x + down_x, control.force_y + down_y
+            counters[TIPPING_STEPS] += pressing <= 0.0  # the vehicle would take off
+            weight, reach = (
+                mass * max(pressing, 0.0),
+                -plant.height / max(pressing, _LEAST_PRESSING),
+            )
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
         cos, sin = math.cos(yaw), math.sin(yaw)
         if control.hold_world:
-            cos_turned, sin_turned = math.cos(yaw - start_yaw), math.sin(yaw - start_yaw)
-            drive_x = cos_turned * control.twist[0] + sin_turned * control.twist[1]
-            drive_y = cos_turned * control.twist[1] - sin_turned * control.twist[0]
+            drive_x, drive_y = _drive_after(control, yaw - start_yaw)
 
         z_x, z_y = reach * body[A_X], reach * body[A_Y]
-        if wheel_loads(plant.wheel, plant.plane, plant.hull, mass * GRAVITY, z_x, z_y, loads):
+        if wheel_loads(plant.wheel, plant.plane, plant.hull, weight, z_x, z_y, loads):
             counters[TIPPING_STEPS] += 1
 
-        ahead_x = body[V_X] + dt * control.force_x / mass
-        ahead_y = body[V_Y] + dt * control.force_y / mass
+        ahead_x = body[V_X] + dt * force_x / mass
+        ahead_y = body[V_Y] + dt * force_y / mass
         ahead = (
             cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
             cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
-            body[YAW_RATE] + dt * turn / yaw_inertia,
+            body[YAW_RATE] + dt * (turn + lean) / yaw_inertia,
         )
+        if lossy:
+            _resist(plant, losses, body, (cos, sin), ahead, loads, wheels)
         _step_wheels(
             plant,
             control,
@@ -294,15 +472,20 @@ def advance(
             counters,
         )
         pull_x, pull_y, turn = _resultant(plant, wheels)
+        if lossy:
+            pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
         body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
         body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
 
         # Eqs. (39), (40); positions by the trapezoidal rule.
-        gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
-        gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
-        gain_turn = dt * turn / yaw_inertia
-        body[X] += dt * (body[V_X] + 0.5 * gain_x)
-        body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
+        gain_x = dt * (cos * pull_x - sin * pull_y + force_x) / mass
+        gain_y = dt * (sin * pull_x + cos * pull_y + force_y) / mass
+        gain_turn = dt * (turn + lean) / yaw_inertia
+        step_x, step_y = dt * (body[V_X] + 0.5 * gain_x), dt * (body[V_Y] + 0.5 * gain_y)
+        if uneven:
+            step_x, step_y = level(body[TILT_X], body[TILT_Y], step_x, step_y)
+        body[X] += step_x
+        body[Y] += step_y
         body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
         body[V_X] += gain_x
         body[V_Y] += gain_y
@@ -310,4 +493,4 @@ def advance(
 
         _write_pose(plant, body, trajectory[k + 1])
         if wheel_log.shape[0] > 0:
-            _write_log(plant, body, wheels, wheel_log[k], energy_log[k])
+            _write_log(plant, terrain, body, wheels, wheel_log[k], energy_log[k])

@@ -51,8 +51,9 @@ def camera_info(name: str, sensor: LineSensor) -> CameraInfo:
 def ground_truth(observation: Observation) -> Odometry:
     """Return the simulator's true pose in `odom` and twist in `base_link`."""
     x, y, yaw = (float(value) for value in observation.pose)
+    z, roll, pitch = (float(value) for value in observation.attitude)
     message = Odometry(header=header(observation.stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
-    message.pose.pose = Pose(position=Point(x=x, y=y), orientation=_about_z(yaw))
+    message.pose.pose = Pose(position=Point(x=x, y=y, z=z), orientation=_standing(yaw, roll, pitch))
     message.twist.twist.linear.x = float(observation.twist[0])
     message.twist.twist.linear.y = float(observation.twist[1])
     message.twist.twist.angular.z = float(observation.twist[2])
@@ -161,6 +162,16 @@ def _arrow(
 def _point(coordinates: tuple[float, ...]) -> Point:
     x, y, z = (float(value) for value in coordinates)
     return Point(x=x, y=y, z=z)
+
+
+def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
+    """Return the turn by the yaw, then the shortest one that tilts to roll and pitch."""
+    rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
+    up = math.cos(roll) * math.cos(pitch)
+    w = math.sqrt(0.5 * (1.0 + up))  # half the angle of the tilt, about (x, y, 0) in the body
+    x, y = 0.5 * rise_y / w, -0.5 * rise_x / w
+    cos, sin = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return Quaternion(x=cos * x - sin * y, y=sin * x + cos * y, z=w * sin, w=w * cos)
 
 
 def _about_z(yaw: float) -> Quaternion:

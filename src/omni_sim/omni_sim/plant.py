@@ -80,6 +80,45 @@ def build_plant(
     return plant._replace(rolling=PlatformKinematics(mounts).wheel_speeds(np.eye(3)).T.copy())
 
 
+def build_losses(
+    configuration: VehicleConfiguration,
+    kinematics: PlatformKinematics,
+    masses: MassProperties,
+    plant: dynamics.Plant,
+) -> tuple[dynamics.Plant, dynamics.Losses]:
+    """Lay out the passive losses, and the plant as their forces couple to its own.
+
+    Args:
+        configuration: what the vehicle is made of.
+        kinematics: of its wheels.
+        masses: body and load together.
+        plant: from `build_plant`; returned as it is if there are no losses.
+    """
+    losses = configuration.passive_losses
+    if not losses.active:
+        return plant, dynamics.Losses(np.zeros((0, 5)), 0.0, 0.0, 0.0)
+    geometry = kinematics.geometry
+    lever = geometry.position - masses.centre
+    moment = cross(lever, geometry.passive)
+    rim = np.sum(geometry.passive * geometry.rolling, axis=1)
+    mobilities = []
+    for one, other in ((geometry.passive, geometry.active), (geometry.passive, geometry.passive)):
+        product = one @ other.T / masses.mass
+        product += np.outer(moment, cross(lever, other)) / masses.yaw_inertia
+        mobilities.append(np.abs(product))
+    # A wheel's spin couples its tyre and its roller.
+    own = geometry.radius**2 * np.abs(rim) / configuration.wheel_inertia
+    active_rim = np.abs(plant.wheel[:, dynamics.RIM])
+    wheel = plant.wheel.copy()
+    wheel[:, dynamics.MOBILITY] += mobilities[0].sum(axis=0) + own * active_rim
+    mobility = mobilities[0].sum(axis=1) + mobilities[1].sum(axis=1)
+    mobility += own * (active_rim + np.abs(rim))
+    constants = np.column_stack((geometry.passive, moment, rim, mobility))
+    return plant._replace(wheel=wheel), dynamics.Losses(
+        constants, losses.constant_share, losses.growing_share, losses.inertia
+    )
+
+
 def static_loads(plant: dynamics.Plant) -> FloatArray:
     """Return the wheel loads at rest [N], shape (N,)."""
     loads = np.empty(len(plant.wheel))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
 from omni_sim.friction import FrictionMap, FrictionPatch
+from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
@@ -62,6 +63,9 @@ class GroundConfiguration(Configuration):
     )
     patches: Mapping[str, FrictionPatch] = parameter(
         default_factory=dict, description="Patches with another friction"
+    )
+    elevation: ElevationConfiguration = parameter(
+        default_factory=ElevationConfiguration, description="Height of the ground, flat by default"
     )
 
 
@@ -178,6 +182,7 @@ class Observation:
         pedal: the driver's brake demand 0..1.
         command: the driver's drive demand in the body frame [m/s, m/s, rad/s], shape (3,).
         pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
+        attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the noisy sampled sensor, as `twist`, shape (3,).
         velocity_sensor_covariance: of that reading, shape (3, 3).
@@ -195,6 +200,7 @@ class Observation:
     pedal: float
     command: FloatArray
     pose: FloatArray
+    attitude: FloatArray
     twist: FloatArray
     velocity_sensor: FloatArray
     velocity_sensor_covariance: FloatArray
@@ -235,6 +241,7 @@ class Simulator:
             simulation.physics_step,
             self._driver.start_pose,
             self._driver.start_twist,
+            ground.elevation,
         )
         tire = configuration.vehicle.tire
         self._overload_watch = OverloadWatch(
@@ -278,6 +285,7 @@ class Simulator:
             pedal=self._driver.pedal(self._stamp_ns),
             command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
             pose=pose,
+            attitude=vehicle.attitude,
             twist=twist,
             velocity_sensor=reading,
             velocity_sensor_covariance=self._reading_covariance(reading),

@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim import dynamics
+from omni_sim.contact import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.friction import FrictionMap
-from omni_sim.loads import MassProperties
-from omni_sim.plant import build_plant, static_loads
+from omni_sim.ground_elevation import ElevationConfiguration
+from omni_sim.loads import GRAVITY, MassProperties
+from omni_sim.plant import build_losses, build_plant, static_loads
+from omni_sim.uneven_ground import level, orientation, stand
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +23,8 @@ BoolArray = NDArray[np.bool_]
 
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
+
+_PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
 
 
 class VehicleInputError(ValueError):
@@ -38,8 +43,8 @@ class StepLog:
         slip: Eq. (20) with sign [1], (n, N).
         speed: wheel speeds [rad/s], (n, N).
         brake_torque: of the brakes on the wheels [N m], (n, N).
-        energy: kinetic energy of translation, rotation and wheel spin, and energy of the tyres'
-            deflection [J], (n, 4).
+        energy: kinetic energy of translation, rotation and wheel spin, energy of the tyres'
+            deflection, potential energy of the height [J], (n, 5).
     """
 
     trajectory: FloatArray
@@ -53,7 +58,7 @@ class StepLog:
 
 
 class Vehicle:
-    """A vehicle moving in the plane.
+    """A vehicle moving in the plane, or on uneven ground that it keeps to (`uneven_ground`).
 
     The drive follows the inverse kinematics with the rolling radii that the wheels have at rest
     under their static loads, as a calibrated drive does.
@@ -72,6 +77,7 @@ class Vehicle:
         physics_step: float = DEFAULT_PHYSICS_STEP,
         pose: ArrayLike = (0.0, 0.0, 0.0),
         twist: ArrayLike = (0.0, 0.0, 0.0),
+        elevation: ElevationConfiguration | None = None,
     ) -> None:
         """Build the vehicle and place it, rolling perfectly.
 
@@ -81,6 +87,7 @@ class Vehicle:
             physics_step: [s].
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: of base_link in the body frame [m/s, m/s, rad/s].
+            elevation: of the ground; flat by default.
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
@@ -95,13 +102,21 @@ class Vehicle:
         self._plant = build_plant(
             configuration, self.kinematics, self.masses, friction or FrictionMap(), physics_step
         )
+        self._plant, self._losses = build_losses(
+            configuration, self.kinematics, self.masses, self._plant
+        )
+        ground = elevation or ElevationConfiguration()
+        self._terrain = dynamics.Terrain(ground.table(), ground.sampling_distance)
         n = len(configuration.wheels)
         self._body = np.zeros(dynamics.BODY_SIZE)
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
         self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
         self._force = np.zeros(2)
-        self._no_log = np.zeros((0, n, dynamics.WHEEL_SIZE)), np.zeros((0, 4))
+        self._no_log = (
+            np.zeros((0, n, dynamics.WHEEL_SIZE)),
+            np.zeros((0, dynamics.ENERGIES)),
+        )
         self.place(pose, twist)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
@@ -120,12 +135,15 @@ class Vehicle:
         self._body[dynamics.X] = x + cos * g[0] - sin * g[1]
         self._body[dynamics.Y] = y + sin * g[0] + cos * g[1]
         self._body[dynamics.YAW] = yaw
+        self._lean_on_ground(x, y)
         self._body[dynamics.V_X] = cos * v[0] - sin * v[1]
         self._body[dynamics.V_Y] = sin * v[0] + cos * v[1]
         self._body[dynamics.YAW_RATE] = twist_body[2]
         self._wheels[:] = 0.0
         self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
-        self._wheels[:, dynamics.LOAD] = static_loads(self._plant)
+        self._wheels[:, dynamics.LAST_SPEED] = self._wheels[:, dynamics.SPEED]
+        pressing = math.sqrt(1.0 - float(np.sum(self._tilt**2)))
+        self._wheels[:, dynamics.LOAD] = pressing * static_loads(self._plant)
         self._counters[:] = 0
         self._tipping = False
 
@@ -168,7 +186,7 @@ class Vehicle:
         """Advance like `advance` and record every step."""
         control = self._control(pedal, enable, command_twist, hold_world_direction)
         wheels = np.empty((n_steps, *self._wheels.shape))
-        energy = np.empty((n_steps, 4))
+        energy = np.empty((n_steps, dynamics.ENERGIES))
         trajectory = self._run(n_steps, control, wheels, energy)
         return StepLog(
             trajectory=trajectory,
@@ -185,9 +203,47 @@ class Vehicle:
         """Let a constant force act at the centre of gravity from now on.
 
         Args:
-            force: in the world frame [N], shape (2,); the component of gravity on a slope is one.
+            force: along the ground, in the world frame [N], shape (2,).
         """
         self._force = _finite("force", force, (2,))
+
+    def drive_speeds(self, twist: ArrayLike) -> FloatArray:
+        """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).
+
+        Args:
+            twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
+
+        Returns:
+            With the rolling radii under the static loads [rad/s], shape (..., N).
+        """
+        return np.asarray(np.asarray(twist) @ self._plant.rolling.T, dtype=np.float64)
+
+    def _lean_on_ground(self, x: float, y: float) -> None:
+        """Find the path plane at a position of base_link; it tells where the wheels reach."""
+        g_x, g_y = self._body[dynamics.X] - x, self._body[dynamics.Y] - y
+        for _ in range(_PLACEMENTS if len(self._terrain.elevation) else 0):
+            self._body[dynamics.TILT_X : dynamics.TILT_Y + 1] = self._stand()[3:5]
+            d_x, d_y = level(*self._tilt, g_x, g_y)
+            self._body[dynamics.X], self._body[dynamics.Y] = x + d_x, y + d_y
+
+    def _stand(self) -> tuple[float, float, float, float, float, float]:
+        x, y, yaw = self._body[:3]
+        terrain, plant = self._terrain, self._plant
+        standing: tuple[float, float, float, float, float, float] = stand(
+            terrain.elevation,
+            terrain.sampling,
+            plant.wheel,
+            plant.plane,
+            x,
+            y,
+            math.cos(yaw),
+            math.sin(yaw),
+        )
+        return standing
+
+    @property
+    def _tilt(self) -> FloatArray:
+        return self._body[dynamics.TILT_X : dynamics.TILT_Y + 1]
 
     def _control(
         self, pedal: float, enable: ArrayLike, command_twist: ArrayLike, hold_world: bool
@@ -217,6 +273,8 @@ class Vehicle:
         before = int(self._counters[dynamics.TIPPING_STEPS])
         dynamics.advance(
             self._plant,
+            self._terrain,
+            self._losses,
             control,
             self._body,
             self._wheels,
@@ -239,11 +297,12 @@ class Vehicle:
         x, y, yaw = self._body[:3]
         g_x, g_y = self.masses.centre
         cos, sin = math.cos(yaw), math.sin(yaw)
-        return np.array([x - (cos * g_x - sin * g_y), y - (sin * g_x + cos * g_y), yaw])
+        d_x, d_y = level(*self._tilt, cos * g_x - sin * g_y, sin * g_x + cos * g_y)
+        return np.array([x - d_x, y - d_y, yaw])
 
     @property
     def twist(self) -> FloatArray:
-        """Velocity of base_link in the body frame [m/s, m/s, rad/s], shape (3,)."""
+        """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
         v_x, v_y, rate = self._body[dynamics.V_X : dynamics.YAW_RATE + 1]
         g_x, g_y = self.masses.centre
         cos, sin = math.cos(self._body[dynamics.YAW]), math.sin(self._body[dynamics.YAW])
@@ -253,8 +312,42 @@ class Vehicle:
 
     @property
     def velocity_of_gravity_centre(self) -> FloatArray:
-        """Velocity of the centre of gravity in the world frame [m/s], shape (2,)."""
+        """Velocity of the centre of gravity along the ground, in the world frame [m/s], (2,)."""
         return self._body[dynamics.V_X : dynamics.V_Y + 1].copy()
+
+    @property
+    def attitude(self) -> FloatArray:
+        """Height of base_link [m], roll, pitch [rad] on uneven ground, shape (3,); else zeros."""
+        if not len(self._terrain.elevation):
+            return np.zeros(3)
+        height, forward, left, _, _, _ = self._stand()
+        rise = orientation(float(self._body[dynamics.YAW]), forward, left)[2]
+        return np.array(
+            [
+                height - float(rise[:2] @ self.masses.centre),
+                math.atan2(rise[1], rise[2]),
+                -math.asin(rise[0]),
+            ]
+        )
+
+    @property
+    def wheel_contacts(self) -> tuple[WheelContact, ...]:
+        """Contact of each wheel with its road plane, Eqs. (5), (6), in the order of the wheels."""
+        height, forward, left, _, _, _ = self._stand()
+        x, y, yaw = self._body[:3]
+        turn = orientation(yaw, forward, left)
+        base = np.array([x, y, height])
+        geometry, plant = self.kinematics.geometry, self._plant
+        radius = geometry.radius - self.wheel_load / plant.vertical_stiffness
+        contacts = []
+        for lever, rolling, r_s in zip(plant.wheel[:, :2], geometry.rolling, radius, strict=True):
+            centre = base + turn @ [*lever, r_s]
+            c_x, c_y = float(centre[0]), float(centre[1])
+            z, *normal = road_plane_at(*self._terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
+            plane = RoadPlane(np.array([c_x, c_y, z]), np.array(normal))
+            axis = turn @ [-rolling[1], rolling[0], 0.0]
+            contacts.append(wheel_contact(centre, axis, plane))
+        return tuple(contacts)
 
     @property
     def wheel_speed(self) -> FloatArray:
@@ -275,6 +368,20 @@ class Vehicle:
     def wheel_force(self) -> FloatArray:
         """Tyre forces on the vehicle along the active directions [N], shape (N,)."""
         return self._wheels[:, dynamics.FORCE].copy()
+
+    @property
+    def passive_force(self) -> FloatArray:
+        """Forces of the losses on the vehicle along the passive directions [N], shape (N,)."""
+        return self._wheels[:, dynamics.PASSIVE].copy()
+
+    @property
+    def roller_speed(self) -> FloatArray:
+        """Surface speeds of the rollers ``u_w . v_i - omega r_D (u_w . u_i)`` [m/s], (N,)."""
+        geometry = self.kinematics.geometry
+        radius = geometry.radius - self.wheel_load / self._plant.vertical_stiffness
+        rim = np.sum(geometry.passive * geometry.rolling, axis=1)
+        hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
+        return np.asarray(hub - self.wheel_speed * radius * rim, dtype=np.float64)
 
     @property
     def friction_limit(self) -> FloatArray:
@@ -314,7 +421,7 @@ class Vehicle:
 
     @property
     def kinetic_energy(self) -> float:
-        """Energy of translation, rotation and wheel spin [J]."""
+        """Energy of translation, rotation and wheel spin, without that of rollers [J]."""
         v_x, v_y, rate = self._body[dynamics.V_X : dynamics.YAW_RATE + 1]
         return float(
             0.5 * self.masses.mass * (v_x**2 + v_y**2)
@@ -326,6 +433,11 @@ class Vehicle:
     def elastic_energy(self) -> float:
         """Energy of the tyres' deflection [J]."""
         return float(0.5 * self.configuration.tire.stiffness * np.sum(self.deflection**2))
+
+    @property
+    def potential_energy(self) -> float:
+        """Energy ``m g Z`` of the height over the level z = 0 [J]."""
+        return self.masses.mass * GRAVITY * self._stand()[0]
 
     @property
     def overloaded(self) -> BoolArray:

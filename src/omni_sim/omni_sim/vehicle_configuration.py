@@ -17,6 +17,7 @@ from omni_sim.loads import (
     MassProperties,
     support_polygon,
 )
+from omni_sim.passive_losses import PassiveLossConfiguration
 from omni_sim.tire import TireConfiguration
 
 
@@ -85,6 +86,9 @@ class VehicleConfiguration(Configuration):
     )
     drive: DriveConfiguration = parameter(
         description="Drive of every wheel", default_factory=DriveConfiguration
+    )
+    passive_losses: PassiveLossConfiguration = parameter(
+        description="Losses of every wheel's rollers", default_factory=PassiveLossConfiguration
     )
     wheel_inertia: float = parameter(
         1.0,

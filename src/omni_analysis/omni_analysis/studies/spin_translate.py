@@ -1,0 +1,209 @@
+"""Spin while translating on both platforms by inverse kinematics, Figures 19 to 22.
+
+The validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal velocity
+along y and a constant yaw rate, turned into wheel speeds by Eqs. (34) and (35). The commands come
+from the reference alone, without any feedback of position or heading, so the tracking error is
+what the tyres' slip adds up to. The vehicle starts in motion, rolling perfectly, and drives as it
+is configured: the forklift with its load at the front left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import save_figure
+from omni_analysis.metrics import Metric
+from omni_analysis.run_figures import scene_of
+from omni_analysis.spin_translate_figures import draw_commands, draw_snapshots
+from omni_analysis.studies import StudyResult
+from omni_analysis.tracking import Tracking
+from omni_platform.configuration import ConfigurationError
+from omni_sim.vehicle import Vehicle
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+FloatArray = NDArray[np.float64]
+
+_PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
+_TITLES = {
+    "mecanum": ("Mecanum forklift", "Figure 19", "Figure 20"),
+    "three_wheel": ("Three-wheeled robot", "Figure 21", "Figure 22"),
+}
+_PERIOD = 0.01  # time between two commands [s]
+# The vehicle counts as following its command below these.
+_POSITION_LIMIT, _HEADING_LIMIT, _SPEED_LIMIT = 0.05, 1.0, 0.05  # [m], [deg], [rad/s]
+
+
+@dataclasses.dataclass(frozen=True)
+class SpinTranslate:
+    """The maneuver: reference pose and velocity in closed form.
+
+    Attributes:
+        speed: constant velocity along x of the world [m/s].
+        amplitude: of the velocity along y of the world [m/s].
+        period: of the velocity along y [s].
+        yaw_rate: constant [rad/s].
+    """
+
+    speed: float
+    amplitude: float
+    period: float
+    yaw_rate: float
+
+    def pose(self, time: FloatArray) -> FloatArray:
+        """Return x, y [m], yaw [rad] in the world frame at times [s] (T,), shape (T, 3)."""
+        wave = 2.0 * math.pi / self.period
+        y = self.amplitude / wave * (1.0 - np.cos(wave * time))
+        return np.column_stack((self.speed * time, y, self.yaw_rate * time))
+
+    def twist(self, time: FloatArray, yaw: FloatArray) -> FloatArray:
+        """Return the twist in the frame of a body with a yaw [rad] (T,), shape (T, 3)."""
+        v_x = np.full(time.shape, self.speed)
+        v_y = self.amplitude * np.sin(2.0 * math.pi / self.period * time)
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        rate = np.full(time.shape, self.yaw_rate)
+        return np.column_stack((cos * v_x + sin * v_y, cos * v_y - sin * v_x, rate))
+
+
+def track(
+    configuration: VehicleConfiguration, maneuver: SpinTranslate, duration: float
+) -> Tracking:
+    """Drive the maneuver by inverse kinematics and record how well it is followed.
+
+    Args:
+        configuration: the vehicle.
+        maneuver: the reference.
+        duration: [s].
+    """
+    periods = round(duration / _PERIOD)
+    time = np.arange(periods + 1, dtype=np.float64) * np.float64(_PERIOD)
+    reference = maneuver.pose(time)
+    start = maneuver.twist(time[:1], reference[:1, 2])[0]
+    vehicle = Vehicle(configuration, pose=reference[0], twist=start)
+    steps = round(_PERIOD / vehicle.physics_step)
+    # Over a period the drive holds the velocity of its middle, in the direction of the world.
+    command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])
+    released = np.zeros(len(configuration.wheels))
+    pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheel_speed]
+    for demand in command:
+        vehicle.advance(steps, 0.0, released, demand, hold_world_direction=True)
+        pose.append(vehicle.pose)
+        twist.append(vehicle.twist)
+        speed.append(vehicle.wheel_speed)
+    return Tracking(
+        wheel_names=vehicle.wheel_names,
+        time=time,
+        reference=reference,
+        pose=np.array(pose),
+        twist=np.array(twist),
+        wheel_command=vehicle.drive_speeds(maneuver.twist(time, reference[:, 2])),
+        wheel_speed=np.array(speed),
+    )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the maneuver's options."""
+    for name, default, unit, meaning in (
+        ("speed", 1.0, "m/s", "constant velocity along x of the world"),
+        ("amplitude", 0.8, "m/s", "of the velocity along y of the world"),
+        ("period", 5.0, "s", "of the velocity along y"),
+        ("yaw-rate-deg", 36.0, "deg/s", "constant yaw rate"),
+        ("duration", 10.0, "s", "time driven"),
+    ):
+        text = f"{meaning} [{unit}] (default: {default:g})"
+        parser.add_argument(f"--{name}", type=float, default=default, metavar="X", help=text)
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Drive both platforms and write snapshots, commands, data and tracking errors."""
+    _check(options)
+    maneuver = SpinTranslate(
+        options.speed, options.amplitude, options.period, math.radians(options.yaw_rate_deg)
+    )
+    metrics: dict[str, Metric] = {}
+    files: list[Path] = []
+    for name, vehicle in _PLATFORMS.items():
+        experiment = library.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
+        tracking = track(experiment.vehicle, maneuver, options.duration)
+        title, snapshots, commands = _TITLES[name]
+        figure = draw_snapshots(
+            scene_of(experiment), tracking, f"{title}: spin while translating (as {snapshots})"
+        )
+        files.append(save_figure(figure, folder / f"snapshots_{name}.png"))
+        figure = draw_commands(
+            tracking, f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
+        )
+        files.append(save_figure(figure, folder / f"commands_{name}.png"))
+        files.append(_write(tracking, folder / f"{name}.csv"))
+        metrics |= _metrics(name, tracking)
+    findings = tuple(
+        f"{_TITLES[name][0]}: {metrics[f'path_length.{name}'].value:.2f} m driven without "
+        f"feedback, {1000.0 * metrics[f'position_rms.{name}'].value:.1f} mm and "
+        f"{metrics[f'heading_rms.{name}'].value:.3f} deg rms beside the reference"
+        for name in _PLATFORMS
+    )
+    return StudyResult(metrics, tuple(files), findings)
+
+
+def _check(options: argparse.Namespace) -> None:
+    for key, low, high in (
+        ("speed", -5.0, 5.0),
+        ("amplitude", -5.0, 5.0),
+        ("period", 0.5, 1000.0),
+        ("yaw_rate_deg", -180.0, 180.0),
+        ("duration", 0.1, 600.0),
+    ):
+        value = getattr(options, key)
+        if not low <= value <= high:
+            option = "--" + key.replace("_", "-")
+            raise ConfigurationError(option, f"{value:g} must be in {low:g} to {high:g}")
+
+
+def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
+    distance, heading, speed = (
+        tracking.position_error,
+        np.degrees(tracking.heading_error),
+        tracking.wheel_error,
+    )
+    steps = np.diff(tracking.pose[:, :2], axis=0)
+    return {
+        f"position_rms.{name}": Metric(_rms(distance), "m", limit=_POSITION_LIMIT),
+        f"position_max.{name}": Metric(float(np.max(distance)), "m"),
+        f"heading_rms.{name}": Metric(_rms(heading), "deg", limit=_HEADING_LIMIT),
+        f"heading_max.{name}": Metric(float(np.max(np.abs(heading))), "deg"),
+        f"wheel_speed_rms.{name}": Metric(_rms(speed), "rad/s", limit=_SPEED_LIMIT),
+        f"path_length.{name}": Metric(float(np.sum(np.hypot(*steps.T))), "m"),
+    }
+
+
+def _rms(values: FloatArray) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def _write(tracking: Tracking, path: Path) -> Path:
+    """Write one row per control stamp, angles in rad."""
+    wheels = tracking.wheel_names
+    header = ["time_s", "x_ref_m", "y_ref_m", "yaw_ref_rad", "x_m", "y_m", "yaw_rad"]
+    header += [f"{wheel}_command_rad_s" for wheel in wheels]
+    header += [f"{wheel}_speed_rad_s" for wheel in wheels]
+    table = np.column_stack(
+        (
+            tracking.time,
+            tracking.reference,
+            tracking.pose,
+            tracking.wheel_command,
+            tracking.wheel_speed,
+        )
+    )
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows([f"{value:.9g}" for value in row] for row in table.tolist())
+    return path

@@ -1,0 +1,171 @@
+"""Height of the ground over the world: a slope, waves and bumps, which add up.
+
+Every part is an analytic function ``z(x, y)``, smooth enough for the local road plane of
+`contact` (a bump has continuous curvature up to its rim):
+
+    slope   z = g (x cos a + y sin a), uphill towards a
+    wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
+    bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
+
+Without any part the ground is flat and nothing of this is computed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+FloatArray = NDArray[np.float64]
+
+STEEPEST = 0.5
+"""Largest rise over run [1] for which the horizontal projection of the motion may stand."""
+
+_SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
+_STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # of h (1 - r^2/R^2)^3, in h / R
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WaveConfiguration(Configuration):
+    """A wave of the ground that is straight and endless."""
+
+    amplitude: float = parameter(
+        description="Amplitude, half the height from trough to crest",
+        unit="m",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    length: float = parameter(
+        description="Distance from crest to crest", unit="m", minimum=0.2, maximum=1.0e4
+    )
+    direction_deg: float = parameter(
+        0.0,
+        description="Direction across the crests, counter-clockwise from the x axis",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    phase_deg: float = parameter(
+        0.0,
+        description="Phase at the origin; 90 puts a crest there",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BumpConfiguration(Configuration):
+    """A round bump or hollow of the ground."""
+
+    x: float = parameter(description="Centre in the world", unit="m")
+    y: float = parameter(description="Centre in the world", unit="m")
+    height: float = parameter(
+        description="Height at the centre, negative for a hollow",
+        unit="m",
+        minimum=-10.0,
+        maximum=10.0,
+    )
+    radius: float = parameter(description="Radius of its rim", unit="m", minimum=0.1, maximum=1.0e4)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ElevationConfiguration(Configuration):
+    """Height of the ground; the parts add up, and the default is flat."""
+
+    grade: float = parameter(
+        0.0,
+        description="Rise over run of an even slope, 0.05 for 5 %",
+        minimum=0.0,
+        maximum=STEEPEST,
+    )
+    uphill_deg: float = parameter(
+        0.0,
+        description="Direction in which the slope rises, counter-clockwise from the x axis",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    waves: Mapping[str, WaveConfiguration] = parameter(
+        default_factory=dict, description="Waves by name"
+    )
+    bumps: Mapping[str, BumpConfiguration] = parameter(
+        default_factory=dict, description="Bumps and hollows by name"
+    )
+    sampling_distance: float = parameter(
+        0.05,
+        description="Distance from the wheel of the four points that span its road plane (5)",
+        unit="m",
+        minimum=1.0e-3,
+        maximum=1.0,
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse ground that may become steeper than the model holds.
+
+        Raises:
+            ConfigurationError: names the steepest part.
+        """
+        steepness = {"grade": self.grade}
+        for name, wave in self.waves.items():
+            steepness[f"waves.{name}"] = 2.0 * math.pi * wave.amplitude / wave.length
+        for name, bump in self.bumps.items():
+            steepness[f"bumps.{name}"] = _STEEPEST_OF_BUMP * abs(bump.height) / bump.radius
+        total = sum(steepness.values())
+        if total > STEEPEST:
+            worst = max(steepness, key=lambda key: steepness[key])
+            raise ConfigurationError(
+                worst,
+                f"its steepness of up to {steepness[worst]:.3g} makes that of the ground up to "
+                f"{total:.3g}, must be at most {STEEPEST:g}",
+            )
+
+    def table(self) -> FloatArray:
+        """Return the parts as the kernels read them.
+
+        Returns:
+            Rows ``(kind, a, b, c, d)`` of slope (grade along x, along y [1], 0, 0), wave
+            (wave numbers along x and y [rad/m], phase [rad], amplitude [m]) and bump (centre x,
+            y [m], radius, height [m]), shape (K, 5).
+        """
+        rows: list[tuple[float, ...]] = []
+        if self.grade > 0.0:
+            uphill = math.radians(self.uphill_deg)
+            rows.append(
+                (_SLOPE, self.grade * math.cos(uphill), self.grade * math.sin(uphill), 0.0, 0.0)
+            )
+        for wave in self.waves.values():
+            number, angle = 2.0 * math.pi / wave.length, math.radians(wave.direction_deg)
+            along = number * math.cos(angle), number * math.sin(angle)
+            rows.append((_WAVE, *along, math.radians(wave.phase_deg), wave.amplitude))
+        rows += [(_BUMP, b.x, b.y, b.radius, b.height) for b in self.bumps.values()]
+        return np.array(rows, dtype=np.float64).reshape(len(rows), 5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def elevation_at(table: FloatArray, x: float, y: float) -> float:
+    """Return the height of the ground ``z(x, y)`` [m].
+
+    Args:
+        table: from `ElevationConfiguration.table`, shape (K, 5).
+        x: in the world [m].
+        y: in the world [m].
+    """
+    z = 0.0
+    for k in range(table.shape[0]):
+        kind, a, b, c, d = table[k, 0], table[k, 1], table[k, 2], table[k, 3], table[k, 4]
+        if kind == _SLOPE:
+            z += a * x + b * y
+        elif kind == _WAVE:
+            z += d * math.sin(a * x + b * y + c)
+        else:
+            inside = 1.0 - ((x - a) * (x - a) + (y - b) * (y - b)) / (c * c)
+            if inside > 0.0:
+                z += d * inside * inside * inside
+    return z

@@ -1,0 +1,209 @@
+"""Losses along the passive direction: resistance, inertia and rest, in closed form."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omni_sim.ground_elevation import ElevationConfiguration
+from omni_sim.loads import GRAVITY, MassConfiguration
+from omni_sim.passive_losses import PassiveLossConfiguration, passive_force
+from omni_sim.vehicle import Vehicle
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+ON, OFF, NO_COMMAND = np.ones(4), np.zeros(4), np.zeros(3)
+
+
+def losing(vehicle: VehicleConfiguration, losses: PassiveLossConfiguration) -> VehicleConfiguration:
+    """Return a vehicle with losses and its load in the middle."""
+    middle = dataclasses.replace(vehicle.load, x=0.0, y=0.0)
+    return dataclasses.replace(vehicle, load=middle, passive_losses=losses)
+
+
+def inertia_sideways(vehicle: Vehicle) -> float:
+    """Return mass and wheels: ``omega r_D = v_y`` when a Mecanum vehicle moves sideways [kg]."""
+    configuration = vehicle.configuration
+    radius = 0.2 - float(np.mean(vehicle.wheel_load)) / configuration.tire.vertical_stiffness
+    return vehicle.masses.mass + 4.0 * configuration.wheel_inertia / radius**2
+
+
+def test_equation_19_grows_with_load_and_section_and_falls_with_diameter() -> None:
+    base = PassiveLossConfiguration(elasticity=1e-7, roller_diameter=0.1, section_ratio=0.25)
+    load = 3000.0
+    assert base.growing_share * load == pytest.approx(1e-7 * 3000.0 / 0.1 * 0.5)
+    wider = dataclasses.replace(base, roller_diameter=0.2, section_ratio=1.0)
+    assert wider.growing_share == pytest.approx(base.growing_share)
+
+
+def test_nothing_is_lost_by_default() -> None:
+    assert not PassiveLossConfiguration().active
+    assert PassiveLossConfiguration(roller_mass=1.0).active
+
+
+@given(
+    coming=st.floats(-3.0, 3.0),
+    now=st.floats(-3.0, 3.0),
+    mobility=st.floats(1e-8, 1e-4),
+    capacity=st.floats(0.0, 500.0),
+    inertia=st.floats(0.0, 50.0),
+)
+def test_force_obeys_coulomb_and_newton_at_the_end_of_the_step(
+    coming: float, now: float, mobility: float, capacity: float, inertia: float
+) -> None:
+    dt = 5e-4
+    force = passive_force(coming, now, 0.0, mobility, capacity, inertia, dt)
+    speed = coming + mobility * force
+    friction = force + inertia * (speed - now) / dt
+    slack = 1e-6 * (capacity + inertia / dt + 1.0)
+    assert abs(friction) <= capacity + slack
+    if abs(speed) > 1e-9:
+        assert friction == pytest.approx(-math.copysign(capacity, speed), abs=slack)
+
+
+def test_vehicle_coasting_sideways_is_slowed_by_its_rollers(forklift: VehicleConfiguration) -> None:
+    configuration = losing(
+        forklift,
+        PassiveLossConfiguration(
+            rolling_resistance=0.01, bearing_friction=0.002, elasticity=1e-7, section_ratio=0.64
+        ),
+    )
+    vehicle = Vehicle(configuration, twist=(0.0, 2.0, 0.0))
+    vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
+    # The rollers of a Mecanum wheel roll sqrt(2) times as fast as it moves sideways.
+    np.testing.assert_allclose(
+        np.abs(vehicle.roller_speed), math.sqrt(2.0) * vehicle.twist[1], rtol=1e-3
+    )
+    load = vehicle.masses.mass * GRAVITY / 4.0
+    resistance = 4.0 * (0.012 + 1e-7 * load / 0.08 * 0.8) * load * math.sqrt(2.0)
+    slowed = 2.0 - vehicle.twist[1]
+    assert slowed == pytest.approx(0.5 * resistance / inertia_sideways(vehicle), rel=0.01)
+    assert np.max(np.abs(vehicle.twist[[0, 2]])) < 1e-6
+
+
+def test_robot_loses_by_what_each_wheel_moves_across(robot: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02)
+    middle = MassConfiguration(mass=500.0, height=0.1, yaw_inertia=45.0)
+    configuration = dataclasses.replace(
+        robot, load=middle, passive_losses=losses, wheel_inertia=1e-3
+    )
+    vehicle = Vehicle(configuration, twist=(1.0, 0.0, 0.0))
+    vehicle.advance(400, 1.0, np.zeros(3), NO_COMMAND)
+    # Along x one wheel only rolls, and the rollers of the others go at cos(30 deg) of the speed.
+    share = 2.0 / 3.0 * math.cos(math.radians(30.0))
+    assert 1.0 - vehicle.twist[0] == pytest.approx(0.2 * 0.02 * GRAVITY * share, rel=0.02)
+
+
+def test_straight_ahead_no_roller_turns_and_nothing_is_lost(
+    forklift: VehicleConfiguration,
+) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.05, roller_mass=20.0)
+    vehicle = Vehicle(losing(forklift, losses), twist=(2.0, 0.0, 0.0))
+    vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
+    np.testing.assert_allclose(vehicle.twist, [2.0, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("roller_mass", [5.0, 100.0])
+def test_rollers_add_their_inertia_to_the_passive_direction(
+    roller_mass: float, forklift: VehicleConfiguration
+) -> None:
+    accelerated = {}
+    for direction in ((1.0, 0.0), (0.0, 1.0)):
+        losses = PassiveLossConfiguration(roller_mass=roller_mass)
+        vehicle = Vehicle(losing(forklift, losses))
+        vehicle.push(500.0 * np.array(direction))
+        vehicle.advance(2000, 1.0, OFF, NO_COMMAND)
+        accelerated[direction] = 500.0 / float(vehicle.twist[:2] @ direction)
+        inertia = inertia_sideways(vehicle)
+    assert accelerated[1.0, 0.0] == pytest.approx(inertia, rel=1e-3)
+    # Four times m_r / 2 at sqrt(2) times the speed.
+    assert accelerated[0.0, 1.0] == pytest.approx(inertia + 4.0 * roller_mass, rel=1e-3)
+
+
+def test_losses_converge_with_the_step(forklift: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=10.0)
+    ends = []
+    for step in (1e-3, 5e-4, 2.5e-4):
+        vehicle = Vehicle(losing(forklift, losses), physics_step=step, twist=(1.0, 2.0, 0.7))
+        vehicle.advance(round(1.0 / step), 1.0, OFF, NO_COMMAND)
+        ends.append(vehicle.pose)
+    coarse, fine = np.abs(ends[1] - ends[0]), np.abs(ends[2] - ends[1])
+    assert np.max(coarse) < 5e-5
+    assert np.max(fine) < 0.7 * np.max(coarse)
+
+
+def test_energy_lost_is_the_work_of_the_losses(forklift: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.03)
+    vehicle = Vehicle(losing(forklift, losses), twist=(1.0, 1.0, 0.8))
+    start = vehicle.kinetic_energy
+    energies, work = [start], 0.0
+    for _ in range(2000):
+        vehicle.advance(1, 1.0, OFF, NO_COMMAND)
+        work += float(vehicle.passive_force @ vehicle.roller_speed) * vehicle.physics_step
+        energies.append(vehicle.kinetic_energy + vehicle.elastic_energy)
+    assert start - energies[-1] > 200.0
+    assert energies[-1] - start == pytest.approx(work, rel=0.02)
+    assert np.max(np.diff(energies)) < 1e-6 * start
+
+
+def test_coasting_vehicle_comes_to_rest_sideways_and_stays(forklift: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=5.0)
+    vehicle = Vehicle(losing(forklift, losses), twist=(0.0, 0.2, 0.0))
+    log = vehicle.advance_logged(6000, 1.0, OFF, NO_COMMAND)
+    # It stops as it slows down: no force beyond the resistance of some 60 N a wheel.
+    assert np.max(np.abs(log.force)) < 100.0
+    stopped = vehicle.pose
+    assert np.max(np.abs(vehicle.twist)) < 1e-6
+    vehicle.advance(120_000, 1.0, OFF, NO_COMMAND)
+    assert np.max(np.abs(vehicle.pose - stopped)) < 1e-6
+
+
+@pytest.mark.parametrize("uphill_deg", [0.0, 45.0, 90.0])
+def test_parked_vehicle_with_losses_does_not_creep(
+    uphill_deg: float, forklift: VehicleConfiguration
+) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.015, roller_mass=5.0)
+    ground = ElevationConfiguration(grade=0.05, uphill_deg=uphill_deg)
+    vehicle = Vehicle(losing(forklift, losses), elevation=ground)
+    vehicle.advance(8000, 1.0, ON, NO_COMMAND)
+    settled, angle = vehicle.pose, vehicle.wheel_angle
+    vehicle.advance(120_000, 1.0, ON, NO_COMMAND)
+    assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
+    np.testing.assert_array_equal(vehicle.wheel_angle, angle)
+
+
+def test_rolling_resistance_holds_a_vehicle_on_a_gentle_slope_sideways(
+    forklift: VehicleConfiguration,
+) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02)
+    moved = []
+    for grade in (0.02, 0.04):  # it holds up to 0.02 sqrt(2)
+        ground = ElevationConfiguration(grade=grade, uphill_deg=90.0)
+        vehicle = Vehicle(losing(forklift, losses), elevation=ground)
+        vehicle.advance(10_000, 1.0, OFF, NO_COMMAND)
+        moved.append(abs(vehicle.pose[1]))
+    assert moved[0] < 2e-3
+    expected = GRAVITY * (0.04 - 0.02 * math.sqrt(2.0))
+    assert moved[1] == pytest.approx(0.5 * expected * 25.0, rel=0.08)
+
+
+@pytest.mark.parametrize(
+    "direction", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, -0.6, 0.0), (0.0, 0.0, 1.0)]
+)
+def test_speed_passes_smoothly_through_zero_with_losses(
+    direction: tuple[float, float, float], forklift: VehicleConfiguration
+) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=5.0)
+    vehicle = Vehicle(losing(forklift, losses))
+    forces, errors = [], []
+    for k in range(800):
+        amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
+        log = vehicle.advance_logged(20, 0.0, ON, amplitude * np.array(direction))
+        forces.append(log.force)
+        errors.append(np.max(np.abs(vehicle.twist - amplitude * np.array(direction))))
+    assert np.max(errors[200:]) < 0.03
+    assert np.max(np.abs(np.diff(np.concatenate(forces)[4000:], axis=0))) < 40.0
