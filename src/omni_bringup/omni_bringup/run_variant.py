@@ -79,14 +79,16 @@ def run_variant(
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
-    metrics = run_metrics(history) | {"overload_time": _overload_time(report)}
+    metrics = run_metrics(history) | {
+        f"{limit}_time": _time_beyond(limit, report) for limit in ("overload", "tipping")
+    }
     return VariantResult(variant, folder, history, metrics)
 
 
-def _overload_time(report: Mapping[str, Any]) -> Metric:
-    """Return for how long wheels carried more than their tyre model covers, all added up [s]."""
-    overload = report.get("overload", {"time": 0.0, "sentence": ""})
-    return Metric(overload["time"], "s", note=overload["sentence"])
+def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
+    """Return for how long the run was beyond what the simulation covers [s], and its sentence."""
+    time, sentence = report["limits"].get(limit, (0.0, ""))
+    return Metric(time, "s", note=sentence)
 
 
 def _run_graph(

@@ -219,6 +219,7 @@ class Simulator:
         vehicle: the vehicle, to look into.
         control_period_ns: time that one `advance` takes [ns].
         overloaded: whether a wheel carried more than its tyre model covers in the last period.
+        tipping: whether the vehicle would have tipped over in the last period.
     """
 
     def __init__(
@@ -247,7 +248,7 @@ class Simulator:
         self._overload_watch = OverloadWatch(
             self.vehicle.wheel_names, tire.model, tire.largest_load, simulation.physics_step
         )
-        self.overloaded = False
+        self.overloaded = self.tipping = False
         # No step, but the kernel is loaded: the first real step is as fast as the others.
         self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
@@ -313,6 +314,7 @@ class Simulator:
         self.overloaded = self._overload_watch.update(
             self.vehicle.wheel_load, self.vehicle.overloaded_steps
         )
+        self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
         if self._cameras is not None:
             self._batches = self._expose(trajectory, start_ns, self._stamp_ns)
@@ -321,6 +323,14 @@ class Simulator:
     def overload(self) -> Overload | None:
         """Overload of the tyre model since the start of the run, None if there was none."""
         return self._overload_watch.overload
+
+    @property
+    def tipping_time(self) -> float:
+        """For how long the load has lain on one edge of the wheels' polygon [s].
+
+        A real vehicle would have begun to tip over there; the planar model ends.
+        """
+        return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
 
     def _expose(
         self, trajectory: FloatArray, start_ns: int, end_ns: int

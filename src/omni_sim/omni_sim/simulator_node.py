@@ -104,7 +104,7 @@ class SimulatorNode(Node):
         self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist", RELIABLE)
         self._markers = create(MarkerArray, "markers", RELIABLE)
         self._diagnostics = create(DiagnosticArray, "/diagnostics", RELIABLE)
-        self._told_overload = False
+        self._told_limits: frozenset[str] = frozenset()
         self._lines = {}
         self._camera_infos = {}
         for name in self.configuration.sensors:
@@ -115,6 +115,15 @@ class SimulatorNode(Node):
             self._wheel_states,
             self._pedal,
             *self._lines.values(),
+        )
+        # Nobody answers these, so one listener fewer.
+        self.recorded_outputs = (
+            self._clock,
+            self._velocity,
+            self._command,
+            self._truth,
+            self._markers,
+            self._diagnostics,
         )
 
     def publish_camera_infos(self) -> None:
@@ -151,21 +160,40 @@ class SimulatorNode(Node):
         if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
             self._send(self._markers, scene_markers(self.configuration, observation))
 
-        if self.simulator.overloaded != self._told_overload:
-            self._tell_overload(stamp_ns)
+        simulator = self.simulator
+        states = {"overload": simulator.overloaded, "tipping": simulator.tipping}
+        exceeded = frozenset(state for state, holds in states.items() if holds)
+        if exceeded != self._told_limits:
+            self._tell_limits(stamp_ns, exceeded)
 
-    def _tell_overload(self, stamp_ns: int) -> None:
-        """Say that wheels begin or cease to carry more than their tyre model covers."""
-        self._told_overload = self.simulator.overloaded
-        overload = self.simulator.overload
-        words = overload.sentence() if overload is not None else ""
-        if self._told_overload:
-            self.get_logger().warning(words)
-            status = diagnostics(stamp_ns, self.get_name(), 1, words, {"state": "overload"})
-        else:
-            status = diagnostics(
-                stamp_ns, self.get_name(), 0, "the overload has ended", {"state": "ok"}
+    def limits_exceeded(self) -> dict[str, tuple[float, str]]:
+        """Return for how long [s] the run left what the model covers, and a sentence, by limit."""
+        exceeded = {}
+        overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
+        if overload is not None:
+            exceeded["overload"] = overload.time, overload.sentence()
+        if tipping_time > 0.0:
+            exceeded["tipping"] = (
+                tipping_time,
+                f"tipping: for {tipping_time:.3g} s the loads lay on one edge of the wheels' "
+                "polygon, where a real vehicle tips over; the planar model keeps it upright",
             )
+        return exceeded
+
+    def _tell_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
+        """Say that the vehicle leaves what its model covers, or comes back."""
+        self._told_limits = exceeded
+        sentences = self.limits_exceeded()
+        words = "; ".join(sentences[state][1] for state in sorted(exceeded))
+        if exceeded:
+            self.get_logger().warning(words)
+        status = diagnostics(
+            stamp_ns,
+            self.get_name(),
+            1 if exceeded else 0,
+            words or "within the limits of the model again",
+            {"state": ", ".join(sorted(exceeded)) or "ok"},
+        )
         self._send(self._diagnostics, status)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
@@ -223,7 +251,9 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         NodeError: in lockstep a reply does not come within the limit; names the silent node.
     """
     simulator = node.simulator
-    await_subscribers(node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout)
+    expected, timeout = node.startup.subscribers, node.startup.match_timeout
+    await_subscribers(node.outputs, expected, spinner, timeout)
+    await_subscribers(node.recorded_outputs, max(0, expected - 1), spinner, timeout)
     node.publish_camera_infos()
     progress = RunProgress(node.configuration)
     started = time.monotonic()
@@ -243,9 +273,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         simulator.advance(node.enable_for(observation.stamp_ns))
     wall = time.monotonic() - started
     final: dict[str, object] = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
-    overload = simulator.overload
-    if overload is not None:
-        final["overload"] = {"time": overload.time, "sentence": overload.sentence()}
+    final["limits"] = node.limits_exceeded()
     report(progress.report() | final)
 
 

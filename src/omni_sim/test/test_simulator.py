@@ -162,3 +162,27 @@ def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
         assert observation.stamp_ns * 1e-9 < 3.0
     else:
         assert observation.stamp_ns == 1_000_000_000
+
+
+def test_tipping_is_told_and_timed() -> None:
+    """Centre of gravity 5 m up, braking at about 6 m/s^2: the moment exceeds that of the weight."""
+    upright = configuration().vehicle
+    high = dataclasses.replace(
+        upright, load=dataclasses.replace(upright.load, mass=2000.0, height=5.0)
+    )
+    no_lines = SimulationConfiguration(render_lines=False)
+    maneuver = ManeuverConfiguration(brake_time=0.0)
+    tipped = []
+    for vehicle in (upright, high):
+        simulator = Simulator(
+            configuration(vehicle=vehicle, simulation=no_lines, maneuver=maneuver)
+        )
+        states = []
+        for _ in range(100):
+            simulator.advance(ON)
+            states.append(simulator.tipping)
+        tipped.append((simulator.tipping_time, sum(states)))
+    assert tipped[0] == (0.0, 0)
+    time, periods = tipped[1]
+    assert time > 0.1
+    assert 0.01 * (periods - 2) <= time <= 0.01 * (periods + 2)
