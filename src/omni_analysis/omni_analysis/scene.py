@@ -9,9 +9,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.geometry import WheelMount
+from omni_platform.geometry import PlatformGeometry, WheelMount
 
 FloatArray = NDArray[np.float64]
+
+# The mount of a wheel does not tell its width: drawn this wide, in diameters.
+_WHEEL_WIDTH = 0.45
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +64,39 @@ class Scene:
     centre_of_gravity: tuple[float, float] | None = None
     load: tuple[float, float] | None = None
     patches: tuple[GroundPatch, ...] = ()
+
+    @property
+    def chassis(self) -> FloatArray:
+        """Corners of the chassis in the body frame [m], shape (4, 2)."""
+        return rectangle(self.chassis_length, self.chassis_width)
+
+    @property
+    def wheel_outlines(self) -> tuple[FloatArray, ...]:
+        """Corners of each wheel in the body frame [m], shape (4, 2) each, in their order."""
+        geometry = PlatformGeometry.from_wheels(self.wheels)
+        outlines = []
+        for row in range(len(geometry.names)):
+            diameter = 2.0 * float(geometry.radius[row])
+            heading = np.arctan2(geometry.rolling[row, 1], geometry.rolling[row, 0])
+            mount = np.append(geometry.position[row], heading)
+            outlines.append(placed(rectangle(diameter, _WHEEL_WIDTH * diameter), mount))
+        return tuple(outlines)
+
+    @property
+    def load_arm(self) -> FloatArray | None:
+        """Ends of the line from the chassis to a load outside it [m], shape (2, 2), or None."""
+        if self.load is None:
+            return None
+        load = np.array(self.load)
+        edge = np.clip(load, np.min(self.chassis, axis=0), np.max(self.chassis, axis=0))
+        return None if np.array_equal(edge, load) else np.array([edge, load])
+
+    @property
+    def drawn_points(self) -> FloatArray:
+        """Points in the body frame [m] between which all of the vehicle lies, shape (M, 2)."""
+        points = [self.chassis, *self.wheel_outlines]
+        points += [np.array([p]) for p in (self.load, self.centre_of_gravity) if p is not None]
+        return np.concatenate(points)
 
 
 def rectangle(length: float, width: float) -> FloatArray:
