@@ -147,7 +147,9 @@ def _free_instants(
 ) -> list[float]:
     """Return those instants at which nothing lies on the snapshots before or on the last one."""
     last = len(span.history.stamp_ns) - 1
-    taken = [snapshot_outlines(scene, span.history, index, arrow_scale) for index in (span.start, last)]
+    taken = [
+        snapshot_outlines(scene, span.history, index, arrow_scale) for index in (span.start, last)
+    ]
     free = []
     for instant in instants:
         if 0.0 < instant < span.duration:

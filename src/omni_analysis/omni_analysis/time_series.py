@@ -117,8 +117,7 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     axes.axhline(0.0, color=style.GREY, linewidth=0.8)
     error = _while_braking(history, history.error)
     for column, name in enumerate(history.wheel_names):
-        colour = style.wheel_colour(wheels.index(name))
-        axes.plot(history.braking_time, error[:, column], color=colour, linewidth=1.4)
+        axes.plot(history.braking_time, error[:, column], **_wheel_line(wheels.index(name)))
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
@@ -126,7 +125,8 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
-    edges = np.append(history.braking_time, history.time[-1])  # an enable holds until the next stamp
+    time = history.braking_time
+    edges = np.append(time, time[-1])  # an enable holds until the next stamp
     pressed = history.pedal > 0.0
     for column, name in enumerate(history.wheel_names):
         row = wheels.index(name)
@@ -155,7 +155,9 @@ def _row_scales(shown: Sequence[FloatArray], noisy: Sequence[FloatArray]) -> lis
     for place, values in enumerate(shown):
         known = np.append(values[np.isfinite(values)], 0.0)
         hidden = _LEAST_SPAN < np.ptp(known) < _HIDDEN_SHARE * (common[1] - common[0])
-        scales.append(_limits([values], noisy[place : place + 1]) if hidden else common)
+        low, high = _limits([values], noisy[place : place + 1]) if hidden else common
+        # A scale of its own leaves room to say so.
+        scales.append((low, high + (0.15 * (high - low) if hidden else 0.0)))
     return scales
 
 
@@ -179,7 +181,7 @@ def _set_scales(
                 axes.text(
                     0.98,
                     0.97,
-                    f"own scale, {finer:.2g} times finer",
+                    f"own scale, {finer:.0f}× finer",
                     transform=axes.transAxes,
                     ha="right",
                     va="top",
@@ -214,7 +216,7 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
     pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
     odometry = Line2D([], [], label="odometry", **_ODOMETRY)
     by_wheel = [
-        Line2D([], [], color=style.wheel_colour(row), linewidth=2, label=name.replace("_", " "))
+        Line2D([], [], label=name.replace("_", " "), **_wheel_line(row))
         for row, name in enumerate(wheels)
     ]
     rows: tuple[list[Line2D | Patch], ...] = (
@@ -231,8 +233,15 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
             borderaxespad=0.3,
             fontsize=style.TICK_SIZE,
             frameon=False,
-            handlelength=1.6,
+            handlelength=2.0,
         )
+
+
+def _wheel_line(row: int) -> dict[str, Any]:
+    """Return the look of a wheel's line: in grey, where colours pair up, dashes part the pairs."""
+    dashes = ("-", "-", (0, (4, 1)), (0, (4, 1)), (0, (1, 1)), (0, (1, 1)))
+    colour = style.wheel_colour(row)
+    return {"color": colour, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}
 
 
 def _truth(colour: str, label: str) -> Line2D:

@@ -208,7 +208,8 @@ def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterat
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
     # Beside the path, which leads up the page when panels stand side by side.
     sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]
-    for gap in (0.1, 0.6):  # in heights of the label
-        reach = (high - low + size) / 2.0 + gap * size[1]
-        for side in (*sides, *((y, x) for x, y in sides)):
-            yield (low + high) / 2.0 + reach * side
+    for first, second in (sides, [(y, x) for x, y in sides]):
+        for gap in (0.1, 0.6):  # in heights of the label
+            reach = (high - low + size) / 2.0 + gap * size[1]
+            yield (low + high) / 2.0 + reach * first
+            yield (low + high) / 2.0 + reach * second
