@@ -181,7 +181,7 @@ def _set_scales(
                 axes.text(
                     0.98,
                     0.97,
-                    f"own scale, {finer:.0f}× finer",
+                    rf"own scale, {finer:.0f}$\times$ finer",
                     transform=axes.transAxes,
                     ha="right",
                     va="top",

@@ -192,7 +192,8 @@ def _label_snapshots(
             if on_page and not crowded and not box.count_overlaps(taken):
                 taken.append(box)
                 axes.text(
-                    *centre,
+                    float(centre[0]),
+                    float(centre[1]),
                     label,
                     fontsize=_LABEL_POINTS,
                     ha="center",
