@@ -2,8 +2,8 @@
 
 The first snapshot is the start of braking, the last one the final position. Those between them
 follow at about equal distances along the longest path of all variants, at round times, and as
-many as there is room for. Every variant shows the same moments, so that they compare, except
-where its vehicle or arrow would lie on one that is already there.
+many as there is room for. Every variant shows the same moments, so that they compare; where its
+vehicle or arrow would lie on one that is already there, it shows a moment close by, or none.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 _MOST_BETWEEN = 5
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
+_SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, the best first
 # Arrows shorter than this, in lengths of the chassis, say nothing.
 _SHORTEST_ARROW = 0.1
 # How far the tip of an arrow or a load on its arm stays away from other snapshots, likewise.
@@ -74,12 +75,12 @@ def choose_snapshots(
     longest = max(spans.values(), key=lambda span: float(span.travelled[-1]))
     step = next((s for s in _STEPS if 20.0 * s <= longest.duration), _STEPS[-1])
     choices = [
-        _free_instants(scene, longest, _equal_distances(longest, count, step), arrow_scale)
+        _free_instants(scene, longest, _equal_distances(longest, count, step), step, arrow_scale)
         for count in range(_MOST_BETWEEN + 1)
     ]
     common = max(choices, key=len)
     return {
-        name: _snapshots(span, _free_instants(scene, span, common, arrow_scale))
+        name: _snapshots(span, _free_instants(scene, span, common, step, arrow_scale))
         for name, span in spans.items()
     }
 
@@ -143,25 +144,27 @@ def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
 
 
 def _free_instants(
-    scene: Scene, span: _Span, instants: Iterable[float], arrow_scale: float
+    scene: Scene, span: _Span, instants: Iterable[float], step: float, arrow_scale: float
 ) -> list[float]:
-    """Return those instants at which nothing lies on the snapshots before or on the last one."""
+    """Return times at or near `instants` at which no snapshot lies on another, in order."""
     last = len(span.history.stamp_ns) - 1
-    taken = [
-        snapshot_outlines(scene, span.history, index, arrow_scale) for index in (span.start, last)
-    ]
+    taken = [snapshot_outlines(scene, span.history, i, arrow_scale) for i in (span.start, last)]
     free = []
     for instant in instants:
-        if 0.0 < instant < span.duration:
-            pieces = snapshot_outlines(scene, span.history, span.stamp_at(instant), arrow_scale)
-            if not any(_touch(pieces, others) for others in taken):
-                free.append(instant)
-                taken.append(pieces)
-    return free
+        for shift in _SHIFTS:
+            moved = round(instant + shift * step, 3)
+            if not 0.0 < moved < span.duration:
+                continue
+            outlines = snapshot_outlines(scene, span.history, span.stamp_at(moved), arrow_scale)
+            if not any(_touch(outlines, others) for others in taken):
+                free.append(moved)
+                taken.append(outlines)
+                break
+    return sorted(free)
 
 
-def _touch(pieces: Sequence[Path], others: Sequence[Path]) -> bool:
-    return any(a.intersects_path(b, filled=True) for a in pieces for b in others)
+def _touch(outlines: Sequence[Path], others: Sequence[Path]) -> bool:
+    return any(a.intersects_path(b, filled=True) for a in outlines for b in others)
 
 
 def _snapshots(span: _Span, between: Sequence[float]) -> Snapshots:
