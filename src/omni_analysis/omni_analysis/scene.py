@@ -109,3 +109,20 @@ def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) ->
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
+
+
+def overlap(a: FloatArray, b: FloatArray) -> bool:
+    """Return whether two convex outlines, or lines between two points, have a point in common.
+
+    Args:
+        a: corners in order [m], shape (M, 2), at least two.
+        b: corners in order [m], shape (K, 2), at least two.
+    """
+    # Convex outlines are apart if their shadows on some axis are: that of an edge or across it.
+    edges = np.concatenate([np.roll(a, 1, axis=0) - a, np.roll(b, 1, axis=0) - b])
+    axes = np.concatenate([edges, edges[:, ::-1] * (-1.0, 1.0)])
+    shadow_a, shadow_b = axes @ a.T, axes @ b.T
+    apart = (shadow_a.max(axis=1) < shadow_b.min(axis=1)) | (
+        shadow_b.max(axis=1) < shadow_a.min(axis=1)
+    )
+    return not bool(np.any(apart))

@@ -12,12 +12,11 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from omni_analysis.metrics import RestCriterion
 from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import Scene, placed
+from omni_analysis.scene import Scene, overlap, placed
 
 FloatArray = NDArray[np.float64]
 
@@ -108,24 +107,26 @@ def velocity_arrow(
 
 def snapshot_outlines(
     scene: Scene, history: RunHistory, index: int, arrow_scale: float
-) -> list[Path]:
-    """Return in `odom` what a snapshot covers: chassis, wheels, load arm and velocity arrow.
+) -> list[FloatArray]:
+    """Return what a snapshot covers: chassis, wheels, load arm and velocity arrow, in this order.
 
     Args:
         scene: the vehicle.
         history: its run.
         index: of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
+
+    Returns:
+        Corners of each, or both ends, in `odom` [m], shape (4, 2) or (2, 2).
     """
     pose = history.pose[index]
-    solid = (scene.chassis, *scene.wheel_outlines)
-    outlines = [Path(placed(corners[[0, 1, 2, 3, 0]], pose)) for corners in solid]
+    outlines = [placed(corners, pose) for corners in (scene.chassis, *scene.wheel_outlines)]
     arm = None if scene.load_arm is None else placed(scene.load_arm, pose)
     for line in (arm, velocity_arrow(scene, history, index, arrow_scale)):
         if line is not None:
             along = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
             tip = line[1] + _CLEARANCE * scene.chassis_length * along
-            outlines.append(Path([line[0], tip]))
+            outlines.append(np.array([line[0], tip]))
     return outlines
 
 
@@ -163,8 +164,8 @@ def _free_instants(
     return sorted(free)
 
 
-def _touch(outlines: Sequence[Path], others: Sequence[Path]) -> bool:
-    return any(a.intersects_path(b, filled=True) for a in outlines for b in others)
+def _touch(outlines: Sequence[FloatArray], others: Sequence[FloatArray]) -> bool:
+    return any(overlap(a, b) for a in outlines for b in others)
 
 
 def _snapshots(span: _Span, between: Sequence[float]) -> Snapshots:

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from omni_analysis import figure_style as style
 from omni_analysis.metrics import RestCriterion, run_metrics
 from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import Scene, placed
+from omni_analysis.scene import Scene, overlap, placed, rectangle
 from omni_analysis.snapshots import Snapshots, choose_snapshots, snapshot_outlines
 from omni_analysis.top_view_drawing import draw_ground, draw_paths, draw_snapshot, legend_handles
 
@@ -176,7 +175,7 @@ def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str
 
 
 def _label_snapshots(
-    axes: Axes, covered: Sequence[Sequence[Path]], labels: Sequence[str], view: _View
+    axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
 ) -> None:
     """Write each label beside what its snapshot covers, where it hides nothing."""
     line = _LABEL_POINTS / 72.0 / view.inches_per_metre  # [m]
@@ -185,10 +184,11 @@ def _label_snapshots(
     for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
         label = labels[place]
         size = np.array([0.6 * line * (len(label) + 1), 1.4 * line])
-        for centre in _label_places(covered[place][0].vertices, size, view.side_by_side):
+        for centre in _label_places(covered[place][0], size, view.side_by_side):
             box = Bbox([centre - size / 2.0, centre + size / 2.0])
             on_page = np.all(box.min > view.low) and np.all(box.max < view.high)
-            crowded = any(outline.intersects_bbox(box) for outline in outlines)
+            corners = rectangle(*size.tolist()) + centre
+            crowded = any(overlap(corners, outline) for outline in outlines)
             if on_page and not crowded and not box.count_overlaps(taken):
                 taken.append(box)
                 axes.text(
