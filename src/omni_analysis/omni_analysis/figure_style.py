@@ -6,10 +6,13 @@ Figures are made with matplotlib's objects, never with pyplot, so nothing global
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from omni_analysis.run_history import RunHistory
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -36,6 +39,12 @@ def style_axes(axes: Axes) -> None:
     axes.grid(True, color=PALE, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TICK_SIZE, colors=BLACK, length=3)
+
+
+def time_label(histories: Iterable[RunHistory]) -> str:
+    """Return what `RunHistory.braking_time` of these runs counts."""
+    braking = any(history.brake_start is not None for history in histories)
+    return "time since braking" if braking else "time since the start"
 
 
 def save_figure(figure: Figure, path: Path | str) -> Path:

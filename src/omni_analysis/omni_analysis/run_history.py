@@ -188,6 +188,12 @@ class RunHistory:
         return int(pressed[0]) if pressed.size else None
 
     @property
+    def braking_time(self) -> FloatArray:
+        """Time since the pedal goes down [s], since the first stamp if it never does, (T,)."""
+        stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
+        return np.asarray(stamps * 1e-9, dtype=np.float64)
+
+    @property
     def velocity_world(self) -> FloatArray:
         """True velocity of `base_link` in `odom` [m/s], shape (T, 2)."""
         cos, sin = np.cos(self.pose[:, 2]), np.sin(self.pose[:, 2])

@@ -9,9 +9,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.geometry import WheelMount
+from omni_platform.geometry import PlatformGeometry, WheelMount
 
 FloatArray = NDArray[np.float64]
+
+# The mount of a wheel does not tell its width: drawn this wide, in diameters.
+_WHEEL_WIDTH = 0.45
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +65,39 @@ class Scene:
     load: tuple[float, float] | None = None
     patches: tuple[GroundPatch, ...] = ()
 
+    @property
+    def chassis(self) -> FloatArray:
+        """Corners of the chassis in the body frame [m], shape (4, 2)."""
+        return rectangle(self.chassis_length, self.chassis_width)
+
+    @property
+    def wheel_outlines(self) -> tuple[FloatArray, ...]:
+        """Corners of each wheel in the body frame [m], shape (4, 2) each, in their order."""
+        geometry = PlatformGeometry.from_wheels(self.wheels)
+        outlines = []
+        for row in range(len(geometry.names)):
+            diameter = 2.0 * float(geometry.radius[row])
+            heading = np.arctan2(geometry.rolling[row, 1], geometry.rolling[row, 0])
+            mount = np.append(geometry.position[row], heading)
+            outlines.append(placed(rectangle(diameter, _WHEEL_WIDTH * diameter), mount))
+        return tuple(outlines)
+
+    @property
+    def load_arm(self) -> FloatArray | None:
+        """Ends of the line from the chassis to a load outside it [m], shape (2, 2), or None."""
+        if self.load is None:
+            return None
+        load = np.array(self.load)
+        edge = np.clip(load, np.min(self.chassis, axis=0), np.max(self.chassis, axis=0))
+        return None if np.array_equal(edge, load) else np.array([edge, load])
+
+    @property
+    def drawn_points(self) -> FloatArray:
+        """Points in the body frame [m] between which all of the vehicle lies, shape (M, 2)."""
+        points = [self.chassis, *self.wheel_outlines]
+        points += [np.array([p]) for p in (self.load, self.centre_of_gravity) if p is not None]
+        return np.concatenate(points)
+
 
 def rectangle(length: float, width: float) -> FloatArray:
     """Return the corners of a rectangle about the origin, `length` [m] along x, shape (4, 2)."""
@@ -73,3 +109,20 @@ def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) ->
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
+
+
+def overlap(a: FloatArray, b: FloatArray) -> bool:
+    """Return whether two convex outlines, or lines between two points, have a point in common.
+
+    Args:
+        a: corners in order [m], shape (M, 2), at least two.
+        b: corners in order [m], shape (K, 2), at least two.
+    """
+    # Convex outlines are apart if their shadows on some axis are: that of an edge or across it.
+    edges = np.concatenate([np.roll(a, 1, axis=0) - a, np.roll(b, 1, axis=0) - b])
+    axes = np.concatenate([edges, edges[:, ::-1] * (-1.0, 1.0)])
+    shadow_a, shadow_b = axes @ a.T, axes @ b.T
+    apart = (shadow_a.max(axis=1) < shadow_b.min(axis=1)) | (
+        shadow_b.max(axis=1) < shadow_a.min(axis=1)
+    )
+    return not bool(np.any(apart))

@@ -1,47 +1,38 @@
 """Braking seen from above: snapshots of every variant, like Figures 24 and 30.
 
-One panel per variant, all at the same scale, so that distances compare by eye. Snapshots follow
-at regular intervals of time from the start of braking; the last one is the final position.
+One panel per variant, all at the same scale, so that distances compare by eye. Times count from
+the start of braking; `snapshots` says which moments are shown.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from omni_analysis import figure_style as style
 from omni_analysis.metrics import RestCriterion, run_metrics
 from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import Scene, placed, rectangle
+from omni_analysis.scene import Scene, overlap, placed, rectangle
+from omni_analysis.snapshots import Snapshots, choose_snapshots, snapshot_outlines
 from omni_analysis.top_view_drawing import draw_ground, draw_paths, draw_snapshot, legend_handles
 
 FloatArray = NDArray[np.float64]
 
 _WIDTH, _GREATEST_HEIGHT, _LEAST_PANEL = 14.0, 10.0, 1.3  # [inch]
 _LEFT, _RIGHT, _BOTTOM, _GAP, _LEGEND_ROW = 0.75, 0.3, 0.6, 0.25, 0.25  # [inch]
-_LEGEND_COLUMNS = 6
-_FEWEST_SNAPSHOTS, _MOST_SNAPSHOTS = 3, 7
-_INTERVALS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)  # [s]
+_LEGEND_COLUMNS = 7
 _LABEL_POINTS, _LABEL_WIDTH, _LABEL_HEIGHT = 9.0, 0.55, 0.2  # the last two in [inch]
-# The arrow of the fastest snapshot, in lengths of the chassis.
-_LONGEST_ARROW = 1.2
-
-
-@dataclasses.dataclass(frozen=True)
-class _Snapshots:
-    """Indices of the stamps to draw and what to write beside them."""
-
-    indices: tuple[int, ...]
-    labels: tuple[str, ...]
+# The arrow of the greatest speed, in lengths of the chassis.
+_LONGEST_ARROW = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,11 +66,12 @@ def top_view(
     if not histories:
         raise ValueError("a top view needs at least one history")
     criterion = rest or RestCriterion()
-    snapshots = _choose_snapshots(histories, criterion, scene.chassis_length)
-    fastest = max(_greatest_speed(histories[name], snapshots[name]) for name in histories)
-    arrow_scale = _LONGEST_ARROW * scene.chassis_length / fastest if fastest > 0.0 else 0.0
+    greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
+    arrow_scale = _LONGEST_ARROW * scene.chassis_length / greatest if greatest > 0.0 else 0.0
+    snapshots = choose_snapshots(scene, histories, criterion, arrow_scale)
+    fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
-    handles = legend_handles(scene, fastest)
+    handles = legend_handles(scene, fastest, style.time_label(histories.values()))
     figure, panels = _lay_out(view, len(histories), len(handles), title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
         axes.set_title(
@@ -92,7 +84,8 @@ def top_view(
         chosen = snapshots[name].indices
         for age, index in enumerate(reversed(chosen)):
             draw_snapshot(axes, scene, history, index, arrow_scale, age / len(chosen))
-        _label_snapshots(axes, scene, history, snapshots[name], view)
+        covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
+        _label_snapshots(axes, covered, snapshots[name].labels, view)
     figure.legend(
         handles=handles,
         loc="lower center",
@@ -103,56 +96,22 @@ def top_view(
     return figure
 
 
-def _choose_snapshots(
-    histories: Mapping[str, RunHistory], rest: RestCriterion, chassis_length: float
-) -> dict[str, _Snapshots]:
-    """Choose one interval for all variants: a few snapshots that do not hide one another."""
-    spans: dict[str, tuple[int, int]] = {}
-    duration = distance = 0.0
-    for name, history in histories.items():
-        start = history.brake_start or 0
-        stop = rest.first_stamp(history.twist, start)
-        spans[name] = start, len(history.stamp_ns) - 1 if stop is None else stop
-        duration = max(duration, float(history.time[spans[name][1]] - history.time[start]))
-        distance = max(distance, math.hypot(*(history.pose[-1, :2] - history.pose[start, :2])))
-    most = min(max(int(distance / chassis_length) + 2, _FEWEST_SNAPSHOTS), _MOST_SNAPSHOTS)
-    interval = next((step for step in _INTERVALS if duration / step <= most - 1), duration / 2)
-    return {
-        name: _snapshots_of(histories[name], start, stop, interval)
-        for name, (start, stop) in spans.items()
-    }
-
-
-def _snapshots_of(history: RunHistory, start: int, stop: int, interval: float) -> _Snapshots:
-    time = history.time - history.time[start]
-    # A regular snapshot just before the last one would only hide behind it.
-    regular = np.arange(0.0, max(float(time[stop]) - 0.25 * interval, 1e-9), interval)
-    indices = np.searchsorted(time, regular - 1e-9).tolist()
-    labels = [f"{instant:g} s" for instant in np.round(regular, 3).tolist()]
-    last = len(time) - 1  # the vehicle may still rock a little after it stops
-    if last not in indices:
-        indices.append(last)
-        labels.append(f"{time[stop]:.2f} s")
-    return _Snapshots(tuple(indices), tuple(labels))
-
-
-def _greatest_speed(history: RunHistory, snapshots: _Snapshots) -> float:
-    twist = history.twist[list(snapshots.indices)]
+def _greatest_speed(history: RunHistory, stamps: slice | list[int]) -> float:
+    twist = history.twist[stamps]
     return float(np.max(np.hypot(twist[:, 0], twist[:, 1])))
 
 
 def _choose_view(
     scene: Scene,
     histories: Mapping[str, RunHistory],
-    snapshots: Mapping[str, _Snapshots],
+    snapshots: Mapping[str, Snapshots],
     arrow_scale: float,
 ) -> _View:
     """Frame all snapshots of all variants and find the largest scale that fits the page."""
     points = []
-    outline = rectangle(scene.chassis_length, scene.chassis_width)
     for name, history in histories.items():
         indices = list(snapshots[name].indices)
-        points += [placed(outline, history.pose[index]) for index in indices]
+        points += [placed(scene.drawn_points, history.pose[index]) for index in indices]
         points.append(history.pose[indices, :2] + arrow_scale * history.velocity_world[indices])
         points.append(history.pose[indices[0] :, :2])
     everything = np.concatenate(points)
@@ -216,33 +175,42 @@ def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str
 
 
 def _label_snapshots(
-    axes: Axes, scene: Scene, history: RunHistory, snapshots: _Snapshots, view: _View
+    axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
 ) -> None:
-    """Write the time since the start of braking beside each snapshot, where there is room."""
-    outline = rectangle(scene.chassis_length, scene.chassis_width)
-    chassis = [placed(outline, history.pose[index]) for index in snapshots.indices]
+    """Write each label beside what its snapshot covers, where it hides nothing."""
     line = _LABEL_POINTS / 72.0 / view.inches_per_metre  # [m]
-    taken: list[tuple[float, float]] = []
-    for place in (len(chassis) - 1, *range(len(chassis) - 1)):  # the last one matters most
-        x, y = history.pose[snapshots.indices[place], :2].tolist()
-        label = snapshots.labels[place]
-        width = 0.65 * line * (len(label) + 1)
-        # Beside the path, which leads up the page when panels stand side by side.
-        if view.side_by_side:
-            x = float(np.min(chassis[place][:, 0])) - 0.5 * width
-        else:
-            y = float(np.max(chassis[place][:, 1])) + 0.8 * line
-        hidden = any(Path(other).contains_point((x, y)) for other in chassis[place + 1 :])
-        crowded = any(abs(x - x0) < width and abs(y - y0) < 1.5 * line for x0, y0 in taken)
-        if not hidden and not crowded:
-            taken.append((x, y))
-            axes.text(
-                x,
-                y,
-                label,
-                fontsize=_LABEL_POINTS,
-                ha="center",
-                va="center",
-                zorder=20,
-                path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
-            )
+    outlines = [outline for snapshot in covered for outline in snapshot]
+    taken: list[Bbox] = []
+    for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
+        label = labels[place]
+        size = np.array([0.6 * line * (len(label) + 1), 1.4 * line])
+        for centre in _label_places(covered[place][0], size, view.side_by_side):
+            box = Bbox([centre - size / 2.0, centre + size / 2.0])
+            on_page = np.all(box.min > view.low) and np.all(box.max < view.high)
+            corners = rectangle(*size.tolist()) + centre
+            crowded = any(overlap(corners, outline) for outline in outlines)
+            if on_page and not crowded and not box.count_overlaps(taken):
+                taken.append(box)
+                axes.text(
+                    float(centre[0]),
+                    float(centre[1]),
+                    label,
+                    fontsize=_LABEL_POINTS,
+                    ha="center",
+                    va="center",
+                    zorder=20,
+                    path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
+                )
+                break
+
+
+def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
+    """Yield where a label of a size [m] may stand about a chassis, the best places first."""
+    low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
+    # Beside the path, which leads up the page when panels stand side by side.
+    sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]
+    for first, second in (sides, [(y, x) for x, y in sides]):
+        for gap in (0.1, 0.6):  # in heights of the label
+            reach = (high - low + size) / 2.0 + gap * size[1]
+            yield (low + high) / 2.0 + reach * first
+            yield (low + high) / 2.0 + reach * second

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from omni_analysis import figure_style as style
 from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import Scene, placed, rectangle
+from omni_analysis.scene import Scene, placed
+from omni_analysis.snapshots import velocity_arrow
 from omni_platform.geometry import PlatformGeometry
 
 FloatArray = NDArray[np.float64]
 
-# The mount of a wheel does not tell its width: drawn this wide, in diameters.
-_WHEEL_WIDTH = 0.45
 _CHASSIS = "#F2EBDD"
 _LOAD: dict[str, Any] = {"marker": "o", "color": style.GREY, "markeredgecolor": style.BLACK}
+_LOAD_ARM: dict[str, Any] = {"color": style.BLACK, "linewidth": 2.5}
 _GRAVITY: dict[str, Any] = {"marker": "P", "color": "white", "markeredgecolor": style.BLACK}
 _TRAIL: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
 _FIRST_LINE: dict[str, Any] = {"color": style.GREY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
@@ -60,13 +60,16 @@ def draw_snapshot(
     pose = history.pose[index]
     layer = 3.0 + 4.0 * (1.0 - age)
     faint = 1.0 - 0.65 * age
-    chassis = placed(rectangle(scene.chassis_length, scene.chassis_width), pose)
+    chassis = placed(scene.chassis, pose)
     axes.add_patch(
         Polygon(chassis, facecolor=_CHASSIS, edgecolor=style.BLACK, alpha=faint, zorder=layer)
     )
     nose = scene.chassis_length * np.array([(0.48, 0.0), (0.38, 0.06), (0.38, -0.06)])
     axes.add_patch(Polygon(placed(nose, pose), color=style.BLACK, alpha=faint, zorder=layer + 0.1))
     _draw_wheels(axes, scene, history, index, layer + 0.2, faint)
+    if scene.load_arm is not None:
+        arm = placed(scene.load_arm, pose)
+        axes.plot(arm[:, 0], arm[:, 1], alpha=faint, zorder=layer + 0.25, **_LOAD_ARM)
     for point, look, size in (
         (scene.load, _LOAD, 10.0),
         (scene.centre_of_gravity, _GRAVITY, 7.0),
@@ -74,12 +77,12 @@ def draw_snapshot(
         if point is not None:
             x, y = placed(np.array([point]), pose)[0]
             axes.plot([x], [y], markersize=size, alpha=faint, zorder=layer + 0.3, **look)
-    tip = pose[:2] + arrow_scale * history.velocity_world[index]
-    if np.hypot(*(tip - pose[:2])) > 0.1 * scene.chassis_length:
+    arrow = velocity_arrow(scene, history, index, arrow_scale)
+    if arrow is not None:
         axes.add_patch(
             FancyArrowPatch(
-                (pose[0], pose[1]),
-                (tip[0], tip[1]),
+                (arrow[0, 0], arrow[0, 1]),
+                (arrow[1, 0], arrow[1, 1]),
                 arrowstyle="-|>",
                 mutation_scale=12,
                 shrinkA=0,
@@ -97,15 +100,11 @@ def _draw_wheels(
     """Draw wheels in their colours, filled while braking, with the active direction across."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
-    for row, name in enumerate(geometry.names):
+    for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
         colour = style.wheel_colour(row)
-        heading = float(np.arctan2(geometry.rolling[row, 1], geometry.rolling[row, 0]))
-        diameter = 2.0 * geometry.radius[row]
-        outline = rectangle(diameter, _WHEEL_WIDTH * diameter)
-        mount = np.append(geometry.position[row], heading)
         axes.add_patch(
             Polygon(
-                placed(placed(outline, mount), pose),
+                placed(outline, pose),
                 facecolor=colour if _is_braking(history, index, name) else "white",
                 edgecolor=colour,
                 linewidth=1.4,
@@ -113,7 +112,7 @@ def _draw_wheels(
                 zorder=layer,
             )
         )
-        reach = 0.3 * diameter * geometry.active[row]
+        reach = 0.6 * geometry.radius[row] * geometry.active[row]
         ends = placed(geometry.position[row] + np.array([reach, -reach]), pose)
         axes.plot(
             ends[:, 0],
@@ -132,12 +131,13 @@ def _is_braking(history: RunHistory, index: int, wheel: str) -> bool:
     return not history.enable[index, history.wheel_names.index(wheel)] < 0.5
 
 
-def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
+def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
     """Return the legend of a top view.
 
     Args:
         scene: decides which entries there are.
         fastest: speed of the longest arrow [m/s].
+        time_label: what the times beside the snapshots are.
     """
     handles: list[Line2D | Patch] = [
         Patch(facecolor=style.wheel_colour(row), label=name.replace("_", " "))
@@ -169,6 +169,16 @@ def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
             marker=">",
             markevery=[1],
             label=f"velocity (longest {fastest:.1f} m/s)",
+        ),
+        Line2D(
+            [],
+            [],
+            color=style.BLACK,
+            marker=r"$\mathrm{0.5\ s}$",
+            markersize=22,
+            markeredgewidth=0.1,
+            linestyle="",
+            label=time_label,
         ),
     ]
     for friction in sorted({patch.friction for patch in scene.patches}):

@@ -1,29 +1,37 @@
-"""Figures show every variant at one scale, with units, and no text on top of other text."""
+"""Figures show every variant at one scale, with units, and nothing hides anything else."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path as FilePath
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.path import Path
 from matplotlib.text import Text
+from numpy.typing import NDArray
 
+from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
+from omni_analysis.run_figures import scene_of
 from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import GroundPatch, Scene, placed, rectangle
+from omni_analysis.scene import GroundPatch, Scene, overlap, placed, rectangle
 from omni_analysis.time_series import time_series
 from omni_analysis.top_view import top_view
 from omni_platform.geometry import WheelMount
 
+FloatArray = NDArray[np.float64]
 MakeHistory = Callable[..., RunHistory]
 NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")
 
@@ -138,7 +146,155 @@ def test_released_brakes_leave_gaps_in_the_strip(make_history: MakeHistory) -> N
     strips = [collection.get_paths() for collection in figure.axes[3].collections]
     spans = [[(path.get_extents().x0, path.get_extents().x1) for path in strip] for strip in strips]
     assert [len(span) for span in spans] == [1, 2, 1, 1]
-    np.testing.assert_allclose(spans[1], [(0.5, 1.0), (1.5, 3.0)], atol=1e-9)
+    np.testing.assert_allclose(spans[1], [(0.0, 0.5), (1.0, 2.5)], atol=1e-9)  # pedal at 0.5 s
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.3, 0.03], ids=["same", "smaller", "tiny"])
+def test_errors_get_their_own_scale_only_where_sharing_hides_them(
+    make_history: MakeHistory, scale: float
+) -> None:
+    large = make_history()
+    figure = time_series({"large": large, "other": make_history(error=scale * large.error)})
+    left, right = figure.axes[2], figure.axes[6]
+    shared = left.get_ylim() == right.get_ylim()
+    assert shared == (scale > 0.1)
+    filled = 2.0 * scale * np.max(np.abs(large.error)) / np.ptp(right.get_ylim())
+    assert filled > 0.2
+    # Whoever sees a panel of another scale is told so, and can read its values.
+    assert any("own scale" in text.get_text() for text in right.texts) == (not shared)
+    assert not any("own scale" in text.get_text() for text in left.texts)
+    assert right.yaxis.get_tick_params()["labelleft"] == (not shared)
+    assert left.yaxis.get_tick_params()["labelleft"]
+    for row in (0, 1, 3):
+        assert figure.axes[row].get_ylim() == figure.axes[4 + row].get_ylim()
+
+
+def test_both_figures_count_time_from_the_pedal(make_history: MakeHistory) -> None:
+    histories = {
+        "early": make_history(brakes_at=0.5),
+        "late": make_history(brakes_at=1.5, deceleration=4.0),
+    }
+    figure = time_series(histories)
+    for panels in (figure.axes[:4], figure.axes[4:]):
+        assert panels[-1].get_xlabel() == "time since braking [s]"
+        time, speed = np.asarray(panels[0].lines[1].get_xydata()).T
+        braking = time[speed < 10.0 - 1e-9]
+        assert 0.0 < braking[0] < 0.011  # the first stamp after the pedal
+    seen = top_view(scene(), histories)
+    assert "time since braking" in [text.get_text() for text in seen.legends[0].get_texts()]
+    for axes, stop in zip(seen.axes, (2.0, 2.5), strict=True):
+        labels = [text.get_text() for text in axes.texts]
+        assert "0 s" in labels
+        assert max(float(label.removesuffix(" s")) for label in labels) == pytest.approx(
+            stop, abs=0.03
+        )
+    coasting = time_series({"coasting": make_history(pedal=np.zeros(301))})
+    assert coasting.axes[3].get_xlabel() == "time since the start [s]"
+
+
+def drawn_chassis(axes: Axes) -> list[FloatArray]:
+    """Return the corners of the snapshots' chassis [m], as drawn, from the first to the last."""
+    sides = [1.2, 1.6, 1.2, 1.6]
+    corners = [
+        np.asarray(patch.get_xy())[:4]
+        for patch in sorted(axes.patches, key=lambda patch: patch.zorder)
+        if isinstance(patch, Polygon) and len(patch.get_xy()) == 5
+    ]
+    edges = [np.hypot(*(np.roll(points, 1, axis=0) - points).T) for points in corners]
+    return [p for p, edge in zip(corners, edges, strict=True) if np.allclose(edge, sides)]
+
+
+def covered_share(a: FloatArray, b: FloatArray) -> float:
+    """Return the share of rectangle a that lies in rectangle b, by counting points."""
+    u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*2 * [np.linspace(0.0, 1.0, 41)]))
+    points = a[0] + u * (a[1] - a[0]) + v * (a[3] - a[0])
+    inside = np.ones(len(points), dtype=bool)
+    for along in (b[1] - b[0], b[3] - b[0]):
+        part = (points - b[0]) @ along / (along @ along)
+        inside &= (part > 0.0) & (part < 1.0)
+    return float(np.mean(inside))
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 7.0], ids=["straight", "turned", "more than once"])
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2.0], ids=["along", "across"])
+def test_no_snapshot_label_or_arrow_hides_another_snapshot(
+    make_history: MakeHistory, turn: float, heading: float
+) -> None:
+    histories = {
+        "long": make_history(turn=turn, heading=heading, deceleration=4.0),
+        "short": make_history(turn=-turn, heading=heading, deceleration=9.0),
+    }
+    figure = top_view(scene(), histories)
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
+    for axes, history in zip(figure.axes, histories.values(), strict=True):
+        snapshots = drawn_chassis(axes)
+        assert len(snapshots) >= 3
+        start = history.brake_start
+        for corners, index in ((snapshots[0], start), (snapshots[-1], -1)):
+            np.testing.assert_allclose(np.mean(corners, axis=0), history.pose[index, :2], atol=1e-9)
+        for a, b in itertools.permutations(snapshots, 2):
+            assert covered_share(a, b) == 0.0
+        centres = np.mean(snapshots, axis=1)
+        for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):
+            drawn = np.asarray(arrow.get_path().vertices)
+            own = int(np.argmin(np.hypot(*(centres - drawn[0]).T)))
+            for corners in snapshots[:own] + snapshots[own + 1 :]:
+                assert not np.any(Path(corners[[0, 1, 2, 3, 0]]).contains_points(drawn))
+        assert len(axes.texts) == len(snapshots)
+        for text in axes.texts:
+            box = text.get_window_extent()
+            for corners in snapshots:
+                outline = Path(axes.transData.transform(corners[[0, 1, 2, 3, 0]]))
+                assert not outline.intersects_bbox(box)
+
+
+def test_outlines_overlap_where_they_share_a_point() -> None:
+    square = rectangle(2.0, 2.0)
+    for angle in (0.0, 0.3, math.pi / 2.0):
+        assert overlap(square, placed(square, (1.9, 0.0, angle)))
+        assert not overlap(square, placed(square, (2.5, 0.0, angle)))
+        line = np.array([(-0.1, 0.0), (0.1, 0.0)])
+        assert overlap(square, placed(line, (0.5, 0.5, angle)))  # wholly inside
+        assert overlap(placed(line, (1.0, 1.0, angle)), placed(line, (1.0, 1.0, angle + 1.0)))
+        ahead = placed(placed(line, (0.3, 0.0, 0.0)), (0.0, 0.0, angle))
+        assert not overlap(placed(line, (0.0, 0.0, angle)), ahead)  # on one line, apart
+    # Their bounding boxes overlap, they do not.
+    assert not overlap(square, placed(square, (1.8, 1.8, math.pi / 4.0)))
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, math.pi / 2.0], ids=["along", "skew", "across"])
+def test_wheels_and_load_outside_the_chassis_lie_in_the_picture(
+    make_history: MakeHistory, heading: float
+) -> None:
+    load = (3.0, 0.5)
+    wide = {name: dataclasses.replace(wheel, y=3.0 * wheel.y) for name, wheel in star(3).items()}
+    vehicle = Scene(1.6, 1.2, wide, None, load)
+    history = make_history(heading=heading, turn=1.0, wheel_names=tuple(wide))
+    (axes,) = top_view(vehicle, {"a": history}).axes
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    hubs = [(wheel.x, wheel.y) for wheel in wide.values()]
+    for corners in (snapshots := drawn_chassis(axes)):
+        centre = np.mean(corners, axis=0)
+        forward, left = (corners[0] - corners[1]) / 1.6, (corners[0] - corners[3]) / 1.2
+        for x, y in (*hubs, load):
+            point = centre + x * forward + y * left
+            assert np.all(point > low + 0.1)
+            assert np.all(point < high - 0.1)
+    # Each snapshot ties its load to its chassis, here from the front edge.
+    lines = [np.asarray(line.get_xydata()) for line in axes.lines]
+    lengths = [np.hypot(*(line[1] - line[0])) for line in lines if len(line) == 2]
+    assert np.count_nonzero(np.isclose(lengths, 3.0 - 0.8)) == len(snapshots)
+
+
+@pytest.mark.parametrize("vehicle", ["mecanum_forklift", "three_wheel_robot"])
+def test_the_chassis_of_each_vehicle_fits_its_wheels(vehicle: str) -> None:
+    library = ExperimentLibrary(FilePath(__file__).resolve().parents[3] / "config")
+    drawn = scene_of(library.load("straight_line", "assisted", [f"vehicle={vehicle}"]))
+    half = np.array([drawn.chassis_length, drawn.chassis_width]) / 2.0
+    for wheel, outline in zip(drawn.wheels.values(), drawn.wheel_outlines, strict=True):
+        np.testing.assert_allclose(np.mean(outline, axis=0), (wheel.x, wheel.y), atol=1e-12)
+        assert np.all(np.abs(outline) <= half + 0.1)  # a wheel may stand out a little
+        assert np.all(np.abs((wheel.x, wheel.y)) < half)
 
 
 def test_runs_without_odometry_rest_or_braking_are_drawn(make_history: MakeHistory) -> None:
@@ -168,7 +324,7 @@ def test_nothing_to_draw_is_refused() -> None:
 
 
 def test_files_are_readable_and_repeat_to_the_byte(
-    tmp_path: Path, make_history: MakeHistory
+    tmp_path: FilePath, make_history: MakeHistory
 ) -> None:
     for suffix in ("png", "svg"):
         paths = [
