@@ -23,6 +23,7 @@ from omni_sim.characteristic import curve_at_load
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
+from omni_sim.roller_geometry import nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -37,8 +38,9 @@ SPEED, ANGLE, DEFLECTION, FORCE, SLIDING, LOAD, BRAKE, SLIP, LIMIT = range(9)
 WHEEL_SIZE = 9
 
 # Columns of the wheel constants: contact relative to the centre of gravity, active direction,
-# cross(r_i - r_g, n_w), n_w . u, radius, mobility W.
+# cross(r_i - r_g, n_w), n_w . u, radius, mobility W. The contacts have those up to RIM.
 R_X, R_Y, N_X, N_Y, MOMENT, RIM, RADIUS, MOBILITY = range(8)
+CONTACT_SIZE = 6
 
 # Entries of the counters.
 TIPPING_STEPS, OVERLOADED_STEPS = range(2)
@@ -69,6 +71,8 @@ class Plant(NamedTuple):
         slip_speed: v_num [m/s].
         friction: factor of the ground outside the patches [1].
         patches: from `friction.FrictionMap`, shape (P, 7).
+        rollers: geometry of the rollers, rows for `roller_geometry.roller_contact`, (N, 5).
+        roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
     """
 
     dt: float
@@ -92,6 +96,8 @@ class Plant(NamedTuple):
     slip_speed: float
     friction: float
     patches: FloatArray
+    rollers: FloatArray
+    roller_pitch: float
 
 
 class Control(NamedTuple):
@@ -115,7 +121,7 @@ class Control(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
+def write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
     g_x = cos * plant.centre_x - sin * plant.centre_y
@@ -141,14 +147,35 @@ def _write_log(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
+def _resultant(contacts: FloatArray, wheels: FloatArray) -> tuple[float, float, float]:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
-        pull_x += wheels[i, FORCE] * plant.wheel[i, N_X]
-        pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
-        turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
+        pull_x += wheels[i, FORCE] * contacts[i, N_X]
+        pull_y += wheels[i, FORCE] * contacts[i, N_Y]
+        turn += wheels[i, FORCE] * contacts[i, MOMENT]
     return pull_x, pull_y, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) -> None:
+    """Move the contacts to where the rollers touch the ground, Eqs. (9), (10).
+
+    Args:
+        plant: constants, with a roller pitch.
+        wheels: wheel states, shape (N, 9).
+        contacts: written in place, shape (N, 6).
+    """
+    for i in range(wheels.shape[0]):
+        angle = wheels[i, ANGLE] + 0.5 * plant.dt * wheels[i, SPEED]
+        nearest = nearest_roller(angle, plant.roller_pitch)
+        gamma = angle - plant.roller_pitch * nearest
+        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
+        r_x, r_y = plant.wheel[i, R_X] + x, plant.wheel[i, R_Y] + y
+        contacts[i, R_X], contacts[i, R_Y] = r_x, r_y
+        contacts[i, N_X], contacts[i, N_Y] = n_x, n_y
+        contacts[i, MOMENT] = r_x * n_y - r_y * n_x
+        contacts[i, RIM] = rim
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -160,6 +187,7 @@ def _step_wheels(
     ahead: tuple[float, float, float],
     drive: tuple[float, float, float],
     loads: FloatArray,
+    contacts: FloatArray,
     wheels: FloatArray,
     counters: IntArray,
 ) -> None:
@@ -174,6 +202,7 @@ def _step_wheels(
             forces did not change, in the body frame.
         drive: commanded twist in the body frame.
         loads: wheel loads [N].
+        contacts: where and in which directions the wheels touch the ground.
         wheels: wheel states, changed in place.
         counters: counts overloaded wheels.
     """
@@ -184,8 +213,8 @@ def _step_wheels(
     for i in range(wheels.shape[0]):
         constants = plant.wheel[i]
         wheel = wheels[i]
-        n_x, n_y, moment = constants[N_X], constants[N_Y], constants[MOMENT]
-        r_x, r_y = constants[R_X], constants[R_Y]
+        n_x, n_y, moment = contacts[i, N_X], contacts[i, N_Y], contacts[i, MOMENT]
+        r_x, r_y = contacts[i, R_X], contacts[i, R_Y]
         friction = friction_at(
             plant.friction,
             plant.patches,
@@ -209,7 +238,7 @@ def _step_wheels(
             control.drive_stiffness,
             rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
             plant.drive_limit,
-            radius * constants[RIM],
+            radius * contacts[i, RIM],
             wheel[DEFLECTION],
             hub,
             mobility,
@@ -232,10 +261,70 @@ def _step_wheels(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def velocity_ahead(
+    plant: Plant,
+    control: Control,
+    body: FloatArray,
+    heading: tuple[float, float],
+    push: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return the velocity at the end of the step if the wheels' forces did not change.
+
+    Args:
+        plant: constants.
+        control: inputs.
+        body: body state at the start of the step.
+        heading: cosine and sine of the yaw at the middle of the step.
+        push: forces [N] and moment [N m] of all wheels in the step before, body frame.
+
+    Returns:
+        Velocity of the centre of gravity in the body frame [m/s], yaw rate [rad/s].
+    """
+    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
+    cos, sin = heading
+    pull_x, pull_y, turn = push
+    ahead_x = body[V_X] + dt * control.force_x / mass
+    ahead_y = body[V_Y] + dt * control.force_y / mass
+    return (
+        cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
+        cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
+        body[YAW_RATE] + dt * turn / yaw_inertia,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def move_body(
+    plant: Plant,
+    control: Control,
+    body: FloatArray,
+    heading: tuple[float, float],
+    push: tuple[float, float, float],
+) -> None:
+    """Advance the body state in place by one step; arguments as in `velocity_ahead`."""
+    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
+    cos, sin = heading
+    pull_x, pull_y, turn = push
+    body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
+    body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
+
+    # Eqs. (39), (40); positions by the trapezoidal rule.
+    gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
+    gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
+    gain_turn = dt * turn / yaw_inertia
+    body[X] += dt * (body[V_X] + 0.5 * gain_x)
+    body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
+    body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
+    body[V_X] += gain_x
+    body[V_Y] += gain_y
+    body[YAW_RATE] += gain_turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(
     plant: Plant,
     control: Control,
     body: FloatArray,
+    contacts: FloatArray,
     wheels: FloatArray,
     counters: IntArray,
     trajectory: FloatArray,
@@ -248,6 +337,8 @@ def advance(
         plant: constants.
         control: inputs, constant over the call.
         body: body state, shape (8,).
+        contacts: of the last step, with the columns of the wheel constants, shape (N, 6); change
+            only if there is a roller pitch.
         wheels: wheel states, shape (N, 9).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
@@ -255,13 +346,13 @@ def advance(
         wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
         energy_log: receives the energies [J] after each step, shape (n, 4); or (0, 4).
     """
-    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
+    dt, mass = plant.dt, plant.mass
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
-    pull_x, pull_y, turn = _resultant(plant, wheels)
+    push = _resultant(contacts, wheels)
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
-    _write_pose(plant, body, trajectory[0])
+    write_pose(plant, body, trajectory[0])
 
     for k in range(trajectory.shape[0] - 1):
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
@@ -275,39 +366,22 @@ def advance(
         if wheel_loads(plant.wheel, plant.plane, plant.hull, mass * GRAVITY, z_x, z_y, loads):
             counters[TIPPING_STEPS] += 1
 
-        ahead_x = body[V_X] + dt * control.force_x / mass
-        ahead_y = body[V_Y] + dt * control.force_y / mass
-        ahead = (
-            cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
-            cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
-            body[YAW_RATE] + dt * turn / yaw_inertia,
-        )
+        if plant.roller_pitch > 0.0:
+            displace_contacts(plant, wheels, contacts)
         _step_wheels(
             plant,
             control,
             body,
             (cos, sin),
-            ahead,
+            velocity_ahead(plant, control, body, (cos, sin), push),
             (drive_x, drive_y, control.twist[2]),
             loads,
+            contacts,
             wheels,
             counters,
         )
-        pull_x, pull_y, turn = _resultant(plant, wheels)
-        body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
-        body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
-
-        # Eqs. (39), (40); positions by the trapezoidal rule.
-        gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
-        gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
-        gain_turn = dt * turn / yaw_inertia
-        body[X] += dt * (body[V_X] + 0.5 * gain_x)
-        body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
-        body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
-        body[V_X] += gain_x
-        body[V_Y] += gain_y
-        body[YAW_RATE] += gain_turn
-
-        _write_pose(plant, body, trajectory[k + 1])
+        push = _resultant(contacts, wheels)
+        move_body(plant, control, body, (cos, sin), push)
+        write_pose(plant, body, trajectory[k + 1])
         if wheel_log.shape[0] > 0:
             _write_log(plant, body, wheels, wheel_log[k], energy_log[k])

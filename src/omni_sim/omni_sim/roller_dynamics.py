@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from omni_sim import dynamics
 from omni_sim.characteristic import curve_at_load
-from omni_sim.dynamics import Control, Plant, _write_pose
+from omni_sim.dynamics import Control, Plant, move_body, velocity_ahead, write_pose
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
-from omni_sim.roller_geometry import roller_contact
+from omni_sim.roller_geometry import U_X, U_Y, nearest_roller, roller_contact
 from omni_sim.roller_wheel import load_share, roller_step
 
 FloatArray = NDArray[np.float64]
@@ -41,22 +41,11 @@ class RollerPlant(NamedTuple):
     """What rollers add to `dynamics.Plant`.
 
     Attributes:
-        cosine: of the roller angle of each wheel [1], shape (N,).
-        sine: likewise, shape (N,).
-        axis: rolling direction ``u`` of each wheel in the body frame, shape (N, 2).
-        mobility: by how much all forces together change a contact's velocity at most
-            [m/s per N and s], shape (N,).
-        distance: ``d`` of each wheel [m], shape (N,).
         curve_y: of the tyre's direction y, shape (10,).
         inertia: of a roller [kg m^2].
-        overlap: see `roller_wheel.RollerConfiguration`.
+        overlap: see `roller_configuration.RollerConfiguration`.
     """
 
-    cosine: FloatArray
-    sine: FloatArray
-    axis: FloatArray
-    mobility: FloatArray
-    distance: FloatArray
     curve_y: FloatArray
     inertia: float
     overlap: float
@@ -79,7 +68,7 @@ def _step_contact(
     drive_stiffness: float,
     drive_speed: float,
     roller: FloatArray,
-    wrench: FloatArray,
+    push: FloatArray,
 ) -> tuple[float, float]:
     """Advance wheel `i` with one roller; see `roller_wheel.roller_step`.
 
@@ -99,33 +88,32 @@ def _step_contact(
         drive_stiffness: of the clutch [N m s/rad].
         drive_speed: commanded wheel speed [rad/s].
         roller: state of the roller, changed in place.
-        wrench: force [N] and moment [N m] on the body, added to, shape (3,).
+        push: force [N] and moment [N m] of the wheel on the body, added to, shape (3,).
 
     Returns:
         Wheel speed [rad/s], brake torque [N m].
     """
     dt = plant.dt
     constants = plant.wheel[i]
-    u_x, u_y = more.axis[i, 0], more.axis[i, 1]
-    b_u, b_n, length, along, depth = roller_contact(gamma, more.cosine[i], more.sine[i])
-    along *= more.distance[i]
-    # The wheel axis is (-u_y, u_x); active against the roller axis as in `geometry`.
-    n_x, n_y = -(b_u * u_x - b_n * u_y), -(b_u * u_y + b_n * u_x)
+    u_x, u_y = plant.rollers[i, U_X], plant.rollers[i, U_Y]
+    n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(gamma, plant.rollers[i])
     p_x, p_y = n_y, -n_x
-    r_x, r_y = constants[dynamics.R_X] - along * u_y, constants[dynamics.R_Y] + along * u_x
+    r_x += constants[dynamics.R_X]
+    r_y += constants[dynamics.R_Y]
     x, y, cos, sin = where
     friction = friction_at(
         plant.friction, plant.patches, x + cos * r_x - sin * r_y, y + sin * r_x + cos * r_y
     )
     clamped = min(load, plant.largest_load)
     radius = constants[dynamics.RADIUS] - wheel_load / plant.vertical_stiffness
-    spin_lever = max(radius - depth * more.distance[i], 1e-3) * length
-    lever = (radius * (u_x * n_x + u_y * n_y), radius * (u_x * p_x + u_y * p_y))
+    # Tipping may flatten a tyre to the roller's axis.
+    spin_lever = max(radius - depth, 1e-3) * length
+    lever = (radius * rim_active, radius * (u_x * p_x + u_y * p_y))
     # Speed of the rubber through the contact: wheel along u, roller along its passive direction.
     spin = spin_lever * roller[SPIN]
     rim = radius * turning
     speed = math.hypot(rim * u_x + spin * p_x, rim * u_y + spin * p_y) + plant.slip_speed
-    mobility = dt * more.mobility[i]
+    mobility = dt * constants[dynamics.MOBILITY]
     hub_x = ahead[0] - ahead[2] * r_y  # Eq. (11)
     hub_y = ahead[1] + ahead[2] * r_x
     forces, deflection, roller[SPIN], new_omega, brake_torque, slides, q, slip, grip = roller_step(
@@ -161,9 +149,9 @@ def _step_contact(
     roller[CARRIES], roller[GRIP], roller[SLIPS] = load, grip, slip
     f_x = forces[0] * n_x + forces[1] * p_x
     f_y = forces[0] * n_y + forces[1] * p_y
-    wrench[0] += f_x
-    wrench[1] += f_y
-    wrench[2] += r_x * f_y - r_y * f_x
+    push[0] += f_x
+    push[1] += f_y
+    push[2] += r_x * f_y - r_y * f_x
     roller[TORQUE] = -(lever[0] * forces[0] + lever[1] * forces[1])
     return new_omega, brake_torque
 
@@ -189,14 +177,13 @@ def _step_wheel(
     drive_speed: float,
     wheel: FloatArray,
     rollers: FloatArray,
-    wrench: FloatArray,
+    push: FloatArray,
 ) -> None:
     """Advance wheel `i` with the one or two rollers that carry it."""
     dt, omega = plant.dt, wheel[dynamics.SPEED]
-    count = rollers.shape[0]
-    pitch = 2.0 * math.pi / count
+    count, pitch = rollers.shape[0], plant.roller_pitch
     angle = wheel[dynamics.ANGLE] + 0.5 * dt * omega
-    nearest = math.floor(angle / pitch + 0.5)
+    nearest = nearest_roller(angle, pitch)
     gamma = angle - pitch * nearest
     share = load_share(gamma, 0.5 * pitch, more.overlap)
     beside = nearest + (1 if gamma > 0.0 else -1)
@@ -205,7 +192,7 @@ def _step_wheel(
 
     shared = share < 1.0
     held = rollers[second, TORQUE] if shared else 0.0  # of the step before
-    push_x, push_y = wrench[0], wrench[1]
+    push[:] = 0.0
     new_omega, brake_torque = _step_contact(
         plant,
         more,
@@ -222,7 +209,7 @@ def _step_wheel(
         control.drive_stiffness,
         drive_speed,
         rollers[first],
-        wrench,
+        push,
     )
     wheel[dynamics.LIMIT] = rollers[first, GRIP]
     if shared:
@@ -242,12 +229,12 @@ def _step_wheel(
             0.0,
             0.0,
             rollers[second],
-            wrench,
+            push,
         )
         wheel[dynamics.LIMIT] += rollers[second, GRIP]
-    push_x, push_y = wrench[0] - push_x, wrench[1] - push_y
+    wheel[dynamics.DEFLECTION] = rollers[first, E_A]
     wheel[dynamics.FORCE] = (
-        push_x * plant.wheel[i, dynamics.N_X] + push_y * plant.wheel[i, dynamics.N_Y]
+        push[0] * plant.wheel[i, dynamics.N_X] + push[1] * plant.wheel[i, dynamics.N_Y]
     )
     wheel[dynamics.SPEED] = new_omega
     wheel[dynamics.ANGLE] += 0.5 * dt * (omega + new_omega)
@@ -255,6 +242,17 @@ def _step_wheel(
     wheel[dynamics.BRAKE] = brake_torque
     wheel[dynamics.SLIDING] = rollers[first, SLIDES]
     wheel[dynamics.SLIP] = rollers[first, SLIPS]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _total(pushes: FloatArray) -> tuple[float, float, float]:
+    """Return force [N] and moment [N m] of all wheels."""
+    pull_x, pull_y, turn = 0.0, 0.0, 0.0
+    for i in range(pushes.shape[0]):
+        pull_x += pushes[i, 0]
+        pull_y += pushes[i, 1]
+        turn += pushes[i, 2]
+    return pull_x, pull_y, turn
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -284,7 +282,7 @@ def advance_rollers(
     body: FloatArray,
     wheels: FloatArray,
     rollers: FloatArray,
-    wrench: FloatArray,
+    pushes: FloatArray,
     counters: IntArray,
     trajectory: FloatArray,
     wheel_log: FloatArray,
@@ -299,19 +297,21 @@ def advance_rollers(
         body: body state, shape (8,).
         wheels: wheel states, shape (N, 9).
         rollers: roller states, shape (N, n rollers, 12).
-        wrench: force [N] and moment [N m] of all contacts in the last step, body frame, (3,).
+        pushes: force [N] and moment about the centre of gravity [N m] of each wheel in the last
+            step, body frame, shape (N, 3).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
             in the world frame at the start and after each step, shape (n + 1, 6).
         wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
         energy_log: receives the energies [J] after each step, shape (n, 4); or (0, 4).
     """
-    dt, mass = plant.dt, plant.mass
+    dt, weight = plant.dt, plant.mass * GRAVITY
     loads = np.empty(wheels.shape[0])
     start_yaw = body[dynamics.YAW]
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
-    _write_pose(plant, body, trajectory[0])
+    push = _total(pushes)
+    write_pose(plant, body, trajectory[0])
 
     for k in range(trajectory.shape[0] - 1):
         yaw = body[dynamics.YAW] + 0.5 * dt * body[dynamics.YAW_RATE]
@@ -321,23 +321,16 @@ def advance_rollers(
             drive_x = cos_turned * control.twist[0] + sin_turned * control.twist[1]
             drive_y = cos_turned * control.twist[1] - sin_turned * control.twist[0]
         z_x, z_y = reach * body[dynamics.A_X], reach * body[dynamics.A_Y]
-        if wheel_loads(plant.wheel, plant.plane, plant.hull, mass * GRAVITY, z_x, z_y, loads):
+        if wheel_loads(plant.wheel, plant.plane, plant.hull, weight, z_x, z_y, loads):
             counters[dynamics.TIPPING_STEPS] += 1
 
-        ahead_x = body[dynamics.V_X] + dt * control.force_x / mass
-        ahead_y = body[dynamics.V_Y] + dt * control.force_y / mass
-        ahead = (
-            cos * ahead_x + sin * ahead_y + dt * wrench[0] / mass,
-            cos * ahead_y - sin * ahead_x + dt * wrench[1] / mass,
-            body[dynamics.YAW_RATE] + dt * wrench[2] / plant.yaw_inertia,
-        )
+        ahead = velocity_ahead(plant, control, body, (cos, sin), push)
         where = (
             body[dynamics.X] + 0.5 * dt * body[dynamics.V_X],
             body[dynamics.Y] + 0.5 * dt * body[dynamics.V_Y],
             cos,
             sin,
         )
-        wrench[:] = 0.0
         for i in range(wheels.shape[0]):
             if loads[i] > plant.largest_load:
                 counters[dynamics.OVERLOADED_STEPS] += 1
@@ -353,22 +346,10 @@ def advance_rollers(
                 rolling[0] * drive_x + rolling[1] * drive_y + rolling[2] * control.twist[2],
                 wheels[i],
                 rollers[i],
-                wrench,
+                pushes[i],
             )
-        body[dynamics.A_X] += plant.filter_share * (wrench[0] / mass - body[dynamics.A_X])
-        body[dynamics.A_Y] += plant.filter_share * (wrench[1] / mass - body[dynamics.A_Y])
-
-        # Eqs. (39), (40); positions by the trapezoidal rule.
-        gain_x = dt * (cos * wrench[0] - sin * wrench[1] + control.force_x) / mass
-        gain_y = dt * (sin * wrench[0] + cos * wrench[1] + control.force_y) / mass
-        gain_turn = dt * wrench[2] / plant.yaw_inertia
-        body[dynamics.X] += dt * (body[dynamics.V_X] + 0.5 * gain_x)
-        body[dynamics.Y] += dt * (body[dynamics.V_Y] + 0.5 * gain_y)
-        body[dynamics.YAW] += dt * (body[dynamics.YAW_RATE] + 0.5 * gain_turn)
-        body[dynamics.V_X] += gain_x
-        body[dynamics.V_Y] += gain_y
-        body[dynamics.YAW_RATE] += gain_turn
-
-        _write_pose(plant, body, trajectory[k + 1])
+        push = _total(pushes)
+        move_body(plant, control, body, (cos, sin), push)
+        write_pose(plant, body, trajectory[k + 1])
         if wheel_log.shape[0] > 0:
             _write_log(plant, more, body, wheels, rollers, wheel_log[k], energy_log[k])

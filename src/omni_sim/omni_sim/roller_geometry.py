@@ -4,7 +4,8 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel", Computer Aided
 Geometric Design 25 (2008) 784-791.
 
-The wheel axis ``a`` is horizontal at the angle ``alpha``. The axis ``b`` of a roller is inclined
+The wheel axis ``a`` is horizontal at the angle ``alpha``; Eq. (10), which prints ``a_x`` for two
+things, means by it the wheel centre. The axis ``b`` of a roller is inclined
 to it by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
 roller is lowest. The roller touches the ground under the point in which ``b`` crosses the
 vertical plane through ``a``; while the wheel turns, this point runs along ``a`` from one edge of
@@ -26,25 +27,52 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
+# Columns of the constants of the wheels: rolling direction u in the body frame, cosine and sine of
+# the roller angle at the ground (sin delta, -cos delta), distance d.
+U_X, U_Y, COS, SIN, DISTANCE = range(5)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def roller_contact(gamma: float, cos_angle: float, sin_angle: float) -> tuple[float, ...]:
-    """Return axis and contact of a roller in the wheel's own directions ``(u, n)``.
+def nearest_roller(angle: float, pitch: float) -> float:
+    """Return the number of the roller that is lowest, not wrapped to 0..n-1 [1].
+
+    Args:
+        angle: of the wheel, 0 with roller 0 lowest [rad].
+        pitch: ``2 pi / n`` [rad].
+    """
+    return math.floor(angle / pitch + 0.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roller_contact(gamma: float, roller: FloatArray) -> tuple[float, ...]:
+    """Return where and in which direction a roller touches the ground.
 
     Args:
         gamma: wheel angle from where the roller is lowest [rad].
-        cos_angle: cosine of the roller angle at the ground, ``sin delta`` [1].
-        sin_angle: its sine, ``-cos delta`` [1].
+        roller: `RollerGeometry.table_row`, shape (5,).
 
     Returns:
-        Components along ``u`` and ``n`` of the unit vector of the axis' projection on the
-        ground; length of that projection of the unit axis [1]; contact point along ``n`` and
-        depth of the roller's axis under the wheel's, both as a share of ``d`` [1].
+        Active direction ``n_w`` in the body frame [1], two components with the sign of
+        `omni_platform.geometry`; contact point from under the wheel centre [m], two components;
+        ``n_w . u`` [1]; length of the horizontal part of the unit axis [1]; depth of the axis
+        under the wheel's over the contact [m].
     """
+    u_x, u_y = roller[U_X], roller[U_Y]
     cosine = math.cos(gamma)
-    b_u = cos_angle * cosine
-    length = math.sqrt(b_u * b_u + sin_angle * sin_angle)  # Eq. (9) without b_z
-    along = sin_angle * math.sin(gamma) / (cos_angle * cosine)  # Eq. (10)
-    return b_u / length, sin_angle / length, length, along, 1.0 / cosine
+    b_u, b_n = roller[COS] * cosine, roller[SIN]
+    length = math.sqrt(b_u * b_u + b_n * b_n)  # Eq. (9) without b_z
+    b_u, b_n = b_u / length, b_n / length
+    # The wheel axis is k x u = (-u_y, u_x).
+    along = roller[DISTANCE] * math.tan(gamma) * roller[SIN] / roller[COS]  # Eq. (10)
+    return (
+        b_n * u_y - b_u * u_x,
+        -b_u * u_y - b_n * u_x,
+        -along * u_y,
+        along * u_x,
+        -b_u,
+        length,
+        roller[DISTANCE] / cosine,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,6 +178,13 @@ class RollerGeometry:
         """Return the height of the roller's axis over the ground at the contact [m]."""
         cosine = np.cos(np.asarray(gamma, dtype=np.float64))
         return np.asarray(self.radius - self.distance / cosine, dtype=np.float64)
+
+    @property
+    def table_row(self) -> FloatArray:
+        """The constants of `roller_contact`, shape (5,)."""
+        # u = a x k
+        u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
+        return np.array([u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance])
 
     @property
     def jump(self) -> float:

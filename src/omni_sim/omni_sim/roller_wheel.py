@@ -23,12 +23,10 @@ Neglected: that a roller's spin turns with the wheel, and roller bearings' frict
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 from numba import njit
 
-from omni_platform.configuration import Configuration, parameter
 from omni_sim.drivetrain import wheel_step
 from omni_sim.wheel import Curve
 
@@ -38,30 +36,6 @@ _MAXIMUM_ITERATIONS = 20
 _TOLERANCE = 1e-16  # of the squared change of direction
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RollerConfiguration(Configuration):
-    """The rollers of an individual-roller wheel."""
-
-    count: int = parameter(12, description="Rollers of a wheel, n", minimum=4, maximum=64)
-    radius: float = parameter(
-        0.045, description="Radius of a roller at its middle", unit="m", above=0.0, maximum=1.0
-    )
-    inertia: float = parameter(
-        8.0e-4,
-        description="Moment of inertia of a roller about its axis",
-        unit="kg m^2",
-        minimum=1.0e-7,
-        maximum=10.0,
-    )
-    overlap: float = parameter(
-        0.1,
-        description="Share of half a pitch before and after a change of rollers, in which both "
-        "carry the load",
-        minimum=0.01,
-        maximum=0.5,
-    )
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     """Return the share of the wheel's load that the lowest roller carries, 0.5..1.
@@ -69,7 +43,7 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     Args:
         gamma: angle of that roller from its lowest position [rad], up to `half_pitch`.
         half_pitch: ``pi / n`` [rad].
-        overlap: see `RollerConfiguration`.
+        overlap: see `roller_configuration.RollerConfiguration`.
     """
     into = (abs(gamma) / half_pitch - 1.0) / (2.0 * overlap) + 0.5
     if into <= 0.0:
@@ -185,8 +159,8 @@ def roller_step(
             deflection[0] * q[0] + deflection[1] * q[1],
             hub[0] * q[0] + hub_p * q[1],
             mobility + passive_mobility * q[1] * q[1],
-            speed,
-            (curve[0] / stretch, curve[1] * stretch, curve[2], curve[3] * stretch, curve[4]),
+            speed * stretch,  # so that the curve is met at its normalised slip
+            curve,
             stiffness,
             damping,
             dt,

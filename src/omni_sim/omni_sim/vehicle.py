@@ -63,7 +63,10 @@ class Vehicle:
         kinematics: of the unloaded wheels, with the names and the order of all wheel arrays.
         masses: body and load together.
         physics_step: [s].
+        wheel_model: that this class simulates.
     """
+
+    wheel_model = "single"
 
     def __init__(
         self,
@@ -72,6 +75,7 @@ class Vehicle:
         physics_step: float = DEFAULT_PHYSICS_STEP,
         pose: ArrayLike = (0.0, 0.0, 0.0),
         twist: ArrayLike = (0.0, 0.0, 0.0),
+        wheel_angle: ArrayLike = 0.0,
     ) -> None:
         """Build the vehicle and place it, rolling perfectly.
 
@@ -81,11 +85,18 @@ class Vehicle:
             physics_step: [s].
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: of base_link in the body frame [m/s, m/s, rad/s].
+            wheel_angle: of the wheels when placed, 0 with a roller's middle on the ground [rad],
+                a number or shape (N,).
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
             VehicleInputError: a number is out of range.
         """
+        if configuration.wheel_model != self.wheel_model:
+            raise VehicleInputError(
+                f"{type(self).__name__} has wheels of the model {self.wheel_model!r}, not "
+                f"{configuration.wheel_model!r}; vehicle_factory.build_vehicle takes either"
+            )
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
@@ -98,6 +109,8 @@ class Vehicle:
         n = len(configuration.wheels)
         self._body = np.zeros(dynamics.BODY_SIZE)
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
+        self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
+        self._start_angle = np.broadcast_to(np.asarray(wheel_angle, dtype=np.float64), (n,)).copy()
         self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
         self._force = np.zeros(2)
@@ -126,8 +139,23 @@ class Vehicle:
         self._wheels[:] = 0.0
         self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
         self._wheels[:, dynamics.LOAD] = static_loads(self._plant)
+        self._wheels[:, dynamics.ANGLE] = self._start_angle
+        if self._plant.roller_pitch > 0.0:
+            self._wheels[:, dynamics.SPEED] = self._rolling_speed(v, twist_body[2])
         self._counters[:] = 0
         self._tipping = False
+
+    def _rolling_speed(self, velocity: FloatArray, yaw_rate: float) -> FloatArray:
+        """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
+        self._wheels[:, dynamics.SPEED] = 0.0
+        dynamics.displace_contacts(self._plant, self._wheels, self._contacts)
+        twist = np.array([*velocity, yaw_rate])
+        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ twist
+        radius = self._plant.wheel[:, dynamics.RADIUS] - self.wheel_load / (
+            self._plant.vertical_stiffness
+        )
+        speed: FloatArray = hub / (radius * self._contacts[:, dynamics.RIM])
+        return speed
 
     def advance(
         self,
@@ -215,18 +243,29 @@ class Vehicle:
             raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         trajectory = np.empty((n_steps + 1, 6))
         before = int(self._counters[dynamics.TIPPING_STEPS])
+        self._advance(control, trajectory, wheels, energy)
+        self._tipping = int(self._counters[dynamics.TIPPING_STEPS]) > before
+        return trajectory
+
+    def _advance(
+        self,
+        control: dynamics.Control,
+        trajectory: FloatArray,
+        wheels: FloatArray,
+        energy: FloatArray,
+    ) -> None:
+        """Run the kernel over the steps that the arrays have room for."""
         dynamics.advance(
             self._plant,
             control,
             self._body,
+            self._contacts,
             self._wheels,
             self._counters,
             trajectory,
             wheels,
             energy,
         )
-        self._tipping = int(self._counters[dynamics.TIPPING_STEPS]) > before
-        return trajectory
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
@@ -277,6 +316,12 @@ class Vehicle:
         return self._wheels[:, dynamics.FORCE].copy()
 
     @property
+    def wheel_force_body(self) -> FloatArray:
+        """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
+        direction = self._contacts[:, dynamics.N_X : dynamics.N_Y + 1]
+        return np.asarray(self.wheel_force[:, np.newaxis] * direction, dtype=np.float64)
+
+    @property
     def friction_limit(self) -> FloatArray:
         """Largest force that load and ground allowed each wheel in the last step [N], (N,)."""
         return self._wheels[:, dynamics.LIMIT].copy()
@@ -289,12 +334,12 @@ class Vehicle:
     @property
     def slip_velocity(self) -> FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
-        w = self._plant.wheel
-        radius = w[:, dynamics.RADIUS] - self.wheel_load / self._plant.vertical_stiffness
-        hub = np.sum(
-            self.kinematics.geometry.active * self.kinematics.wheel_velocities(self.twist), axis=1
-        )
-        return np.asarray(hub - self.wheel_speed * radius * w[:, dynamics.RIM], dtype=np.float64)
+        radius = self._plant.wheel[:, dynamics.RADIUS]
+        radius = radius - self.wheel_load / self._plant.vertical_stiffness
+        active = self._contacts[:, dynamics.N_X : dynamics.N_Y + 1]
+        hub = np.sum(active * self.kinematics.wheel_velocities(self.twist), axis=1)
+        rim = self.wheel_speed * radius * self._contacts[:, dynamics.RIM]
+        return np.asarray(hub - rim, dtype=np.float64)
 
     @property
     def sliding(self) -> BoolArray:
