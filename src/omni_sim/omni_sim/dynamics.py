@@ -23,6 +23,14 @@ from omni_sim.characteristic import curve_at_load
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
+from omni_sim.roller_dynamics import (
+    E_A,
+    SLIDES,
+    SLIPS,
+    Rollers,
+    roller_energies,
+    step_roller_wheel,
+)
 from omni_sim.roller_geometry import nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +129,7 @@ class Control(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
+def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
     g_x = cos * plant.centre_x - sin * plant.centre_y
@@ -136,24 +144,41 @@ def write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _write_log(
-    plant: Plant, body: FloatArray, wheels: FloatArray, row: FloatArray, energy: FloatArray
+    plant: Plant,
+    body: FloatArray,
+    rollers: Rollers | None,
+    wheels: FloatArray,
+    row: FloatArray,
+    energy: FloatArray,
 ) -> None:
     """Write wheel states and the energies: translation, rotation, wheel spin, elastic [J]."""
     row[:, :] = wheels
     energy[0] = 0.5 * plant.mass * (body[V_X] ** 2 + body[V_Y] ** 2)
     energy[1] = 0.5 * plant.yaw_inertia * body[YAW_RATE] ** 2
     energy[2] = 0.5 * plant.wheel_inertia * np.sum(wheels[:, SPEED] ** 2)
-    energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+    if rollers is None:
+        energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+    else:
+        spin, elastic = roller_energies(rollers)
+        energy[2] += spin
+        energy[3] = elastic
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _resultant(contacts: FloatArray, wheels: FloatArray) -> tuple[float, float, float]:
+def _resultant(
+    rollers: Rollers | None, contacts: FloatArray, wheels: FloatArray
+) -> tuple[float, float, float]:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
-        pull_x += wheels[i, FORCE] * contacts[i, N_X]
-        pull_y += wheels[i, FORCE] * contacts[i, N_Y]
-        turn += wheels[i, FORCE] * contacts[i, MOMENT]
+        if rollers is None:
+            pull_x += wheels[i, FORCE] * contacts[i, N_X]
+            pull_y += wheels[i, FORCE] * contacts[i, N_Y]
+            turn += wheels[i, FORCE] * contacts[i, MOMENT]
+        else:
+            pull_x += rollers.push[i, 0]
+            pull_y += rollers.push[i, 1]
+            turn += rollers.push[i, 2]
     return pull_x, pull_y, turn
 
 
@@ -261,62 +286,53 @@ def _step_wheels(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def velocity_ahead(
+def _step_roller_wheels(
     plant: Plant,
     control: Control,
     body: FloatArray,
     heading: tuple[float, float],
-    push: tuple[float, float, float],
-) -> tuple[float, float, float]:
-    """Return the velocity at the end of the step if the wheels' forces did not change.
-
-    Args:
-        plant: constants.
-        control: inputs.
-        body: body state at the start of the step.
-        heading: cosine and sine of the yaw at the middle of the step.
-        push: forces [N] and moment [N m] of all wheels in the step before, body frame.
-
-    Returns:
-        Velocity of the centre of gravity in the body frame [m/s], yaw rate [rad/s].
-    """
-    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
-    cos, sin = heading
-    pull_x, pull_y, turn = push
-    ahead_x = body[V_X] + dt * control.force_x / mass
-    ahead_y = body[V_Y] + dt * control.force_y / mass
-    return (
-        cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
-        cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
-        body[YAW_RATE] + dt * turn / yaw_inertia,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def move_body(
-    plant: Plant,
-    control: Control,
-    body: FloatArray,
-    heading: tuple[float, float],
-    push: tuple[float, float, float],
+    ahead: tuple[float, float, float],
+    drive: tuple[float, float, float],
+    loads: FloatArray,
+    rollers: Rollers,
+    wheels: FloatArray,
+    counters: IntArray,
 ) -> None:
-    """Advance the body state in place by one step; arguments as in `velocity_ahead`."""
-    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
-    cos, sin = heading
-    pull_x, pull_y, turn = push
-    body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
-    body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
-
-    # Eqs. (39), (40); positions by the trapezoidal rule.
-    gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
-    gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
-    gain_turn = dt * turn / yaw_inertia
-    body[X] += dt * (body[V_X] + 0.5 * gain_x)
-    body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
-    body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
-    body[V_X] += gain_x
-    body[V_Y] += gain_y
-    body[YAW_RATE] += gain_turn
+    """Advance all wheels with individual rollers by one step; arguments as in `_step_wheels`."""
+    dt = plant.dt
+    where = (body[X] + 0.5 * dt * body[V_X], body[Y] + 0.5 * dt * body[V_Y], *heading)
+    for i in range(wheels.shape[0]):
+        constants = plant.wheel[i]
+        wheel = wheels[i]
+        if loads[i] > plant.largest_load:
+            counters[OVERLOADED_STEPS] += 1
+        rolling = plant.rolling[i]
+        omega = wheel[SPEED]
+        new_omega, brake_torque, first, limit = step_roller_wheel(
+            plant,
+            rollers,
+            i,
+            omega,
+            wheel[ANGLE] + 0.5 * dt * omega,
+            control.brake[i],
+            control.drive_stiffness,
+            rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
+            loads[i],
+            (constants[R_X], constants[R_Y]),
+            constants[RADIUS] - loads[i] / plant.vertical_stiffness,  # r_D of Eq. (1)
+            dt * constants[MOBILITY],
+            where,
+            ahead,
+        )
+        wheel[SPEED] = new_omega
+        wheel[ANGLE] += 0.5 * dt * (omega + new_omega)
+        wheel[DEFLECTION] = rollers.state[i, first, E_A]
+        wheel[FORCE] = rollers.push[i, 0] * constants[N_X] + rollers.push[i, 1] * constants[N_Y]
+        wheel[SLIDING] = rollers.state[i, first, SLIDES]
+        wheel[LOAD] = loads[i]
+        wheel[BRAKE] = brake_torque
+        wheel[SLIP] = rollers.state[i, first, SLIPS]
+        wheel[LIMIT] = limit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -325,6 +341,7 @@ def advance(
     control: Control,
     body: FloatArray,
     contacts: FloatArray,
+    rollers: Rollers | None,
     wheels: FloatArray,
     counters: IntArray,
     trajectory: FloatArray,
@@ -338,7 +355,9 @@ def advance(
         control: inputs, constant over the call.
         body: body state, shape (8,).
         contacts: of the last step, with the columns of the wheel constants, shape (N, 6); change
-            only if there is a roller pitch.
+            only if there is a roller pitch; individual rollers leave them alone.
+        rollers: individual rollers of the wheels, if there are any; the kernel is compiled for
+            either case.
         wheels: wheel states, shape (N, 9).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
@@ -346,13 +365,13 @@ def advance(
         wheel_log: receives the wheel states after each step, shape (n, N, 9); or (0, N, 9).
         energy_log: receives the energies [J] after each step, shape (n, 4); or (0, 4).
     """
-    dt, mass = plant.dt, plant.mass
+    dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
-    push = _resultant(contacts, wheels)
+    pull_x, pull_y, turn = _resultant(rollers, contacts, wheels)
     drive_x, drive_y = control.twist[0], control.twist[1]
     reach = -plant.height / GRAVITY
-    write_pose(plant, body, trajectory[0])
+    _write_pose(plant, body, trajectory[0])
 
     for k in range(trajectory.shape[0] - 1):
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
@@ -366,22 +385,57 @@ def advance(
         if wheel_loads(plant.wheel, plant.plane, plant.hull, mass * GRAVITY, z_x, z_y, loads):
             counters[TIPPING_STEPS] += 1
 
-        if plant.roller_pitch > 0.0:
-            displace_contacts(plant, wheels, contacts)
-        _step_wheels(
-            plant,
-            control,
-            body,
-            (cos, sin),
-            velocity_ahead(plant, control, body, (cos, sin), push),
-            (drive_x, drive_y, control.twist[2]),
-            loads,
-            contacts,
-            wheels,
-            counters,
+        ahead_x = body[V_X] + dt * control.force_x / mass
+        ahead_y = body[V_Y] + dt * control.force_y / mass
+        ahead = (
+            cos * ahead_x + sin * ahead_y + dt * pull_x / mass,
+            cos * ahead_y - sin * ahead_x + dt * pull_y / mass,
+            body[YAW_RATE] + dt * turn / yaw_inertia,
         )
-        push = _resultant(contacts, wheels)
-        move_body(plant, control, body, (cos, sin), push)
-        write_pose(plant, body, trajectory[k + 1])
+        drive = (drive_x, drive_y, control.twist[2])
+        if rollers is None:
+            if plant.roller_pitch > 0.0:
+                displace_contacts(plant, wheels, contacts)
+            _step_wheels(
+                plant,
+                control,
+                body,
+                (cos, sin),
+                ahead,
+                drive,
+                loads,
+                contacts,
+                wheels,
+                counters,
+            )
+        else:
+            _step_roller_wheels(
+                plant,
+                control,
+                body,
+                (cos, sin),
+                ahead,
+                drive,
+                loads,
+                rollers,
+                wheels,
+                counters,
+            )
+        pull_x, pull_y, turn = _resultant(rollers, contacts, wheels)
+        body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
+        body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
+
+        # Eqs. (39), (40); positions by the trapezoidal rule.
+        gain_x = dt * (cos * pull_x - sin * pull_y + control.force_x) / mass
+        gain_y = dt * (sin * pull_x + cos * pull_y + control.force_y) / mass
+        gain_turn = dt * turn / yaw_inertia
+        body[X] += dt * (body[V_X] + 0.5 * gain_x)
+        body[Y] += dt * (body[V_Y] + 0.5 * gain_y)
+        body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
+        body[V_X] += gain_x
+        body[V_Y] += gain_y
+        body[YAW_RATE] += gain_turn
+
+        _write_pose(plant, body, trajectory[k + 1])
         if wheel_log.shape[0] > 0:
-            _write_log(plant, body, wheels, wheel_log[k], energy_log[k])
+            _write_log(plant, body, rollers, wheels, wheel_log[k], energy_log[k])

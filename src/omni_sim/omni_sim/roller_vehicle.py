@@ -41,15 +41,6 @@ class RollerVehicle(Vehicle):
     ) -> None:
         """Build the vehicle and place it, rolling; arguments and errors as for `Vehicle`."""
         self.rollers = configuration.rollers
-        n = len(configuration.wheels)
-        self._rollers = np.zeros((n, self.rollers.count, roller_dynamics.ROLLER_SIZE))
-        self._pushes = np.zeros((n, 3))
-        tire = configuration.tire
-        self._more = roller_dynamics.RollerPlant(
-            curve_y=curve_coefficients(tire.y, tire.nominal_load_1, tire.nominal_load_2),
-            inertia=self.rollers.inertia,
-            overlap=self.rollers.overlap,
-        )
         super().__init__(configuration, friction, physics_step, pose, twist, wheel_angle)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
@@ -60,10 +51,20 @@ class RollerVehicle(Vehicle):
             twist: of base_link in the body frame [m/s, m/s, rad/s].
         """
         super().place(pose, twist)
-        self._pushes[:] = 0.0
-        self._rollers[:] = 0.0
-        self._rollers[:, :, roller_dynamics.Q_A] = 1.0
-        self._rollers[:, :, roller_dynamics.SPIN] = self._rolling_spin()[:, np.newaxis]
+        tire, rollers, n = self.configuration.tire, self.rollers, len(self._wheels)
+        self._state = np.zeros((n, rollers.count, roller_dynamics.ROLLER_SIZE))
+        self._state[:, :, roller_dynamics.Q_A] = 1.0
+        self._state[:, :, roller_dynamics.SPIN] = self._rolling_spin()[:, np.newaxis]
+        self._push = np.zeros((n, 3))
+        self._individual_rollers = roller_dynamics.Rollers(
+            curve_y=curve_coefficients(tire.y, tire.nominal_load_1, tire.nominal_load_2),
+            inertia=rollers.inertia,
+            stiffness=rollers.stiffness,
+            damping=rollers.damping,
+            overlap=rollers.overlap,
+            state=self._state,
+            push=self._push,
+        )
         self._contacts[:] = self._plant.wheel[:, : dynamics.CONTACT_SIZE]
 
     def _rolling_spin(self) -> FloatArray:
@@ -87,52 +88,31 @@ class RollerVehicle(Vehicle):
             spin[i] = (slip_x * n_y - slip_y * n_x) / ((radius - depth) * length)
         return spin
 
-    def _advance(
-        self,
-        control: dynamics.Control,
-        trajectory: FloatArray,
-        wheels: FloatArray,
-        energy: FloatArray,
-    ) -> None:
-        roller_dynamics.advance_rollers(
-            self._plant,
-            self._more,
-            control,
-            self._body,
-            self._wheels,
-            self._rollers,
-            self._pushes,
-            self._counters,
-            trajectory,
-            wheels,
-            energy,
-        )
-
     @property
     def wheel_force_body(self) -> FloatArray:
         """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
-        return self._pushes[:, :2].copy()
+        return self._push[:, :2].copy()
 
     @property
     def roller_spin(self) -> FloatArray:
         """Spin of the rollers about their axes [rad/s], shape (N, n)."""
-        return self._rollers[:, :, roller_dynamics.SPIN].copy()
+        return self._state[:, :, roller_dynamics.SPIN].copy()
 
     @property
     def roller_force(self) -> FloatArray:
         """Forces along the rollers' axes and across them [N], shape (N, n, 2)."""
         f_a, f_p = roller_dynamics.F_A, roller_dynamics.F_P
-        return self._rollers[:, :, f_a : f_p + 1].copy()
+        return self._state[:, :, f_a : f_p + 1].copy()
 
     @property
     def roller_load(self) -> FloatArray:
         """Vertical loads of the rollers [N], shape (N, n)."""
-        return self._rollers[:, :, roller_dynamics.CARRIES].copy()
+        return self._state[:, :, roller_dynamics.CARRIES].copy()
 
     @property
     def roller_limit(self) -> FloatArray:
         """Largest force that load, ground and direction allowed each roller [N], (N, n)."""
-        return self._rollers[:, :, roller_dynamics.GRIP].copy()
+        return self._state[:, :, roller_dynamics.GRIP].copy()
 
     @property
     def kinetic_energy(self) -> float:
@@ -144,5 +124,5 @@ class RollerVehicle(Vehicle):
     def elastic_energy(self) -> float:
         """Energy of the rollers' deflection [J]."""
         e_a, e_p = roller_dynamics.E_A, roller_dynamics.E_P
-        deflection = self._rollers[:, :, e_a : e_p + 1]
-        return float(0.5 * self.configuration.tire.stiffness * np.sum(deflection**2))
+        deflection = self._state[:, :, e_a : e_p + 1]
+        return float(0.5 * self.rollers.stiffness * np.sum(deflection**2))

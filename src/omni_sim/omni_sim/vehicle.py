@@ -13,6 +13,7 @@ from omni_sim import dynamics
 from omni_sim.friction import FrictionMap
 from omni_sim.loads import MassProperties
 from omni_sim.plant import build_plant, static_loads
+from omni_sim.roller_dynamics import Rollers
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
 FloatArray = NDArray[np.float64]
@@ -110,6 +111,7 @@ class Vehicle:
         self._body = np.zeros(dynamics.BODY_SIZE)
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
         self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
+        self._individual_rollers: Rollers | None = None
         self._start_angle = np.broadcast_to(np.asarray(wheel_angle, dtype=np.float64), (n,)).copy()
         self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
@@ -243,29 +245,20 @@ class Vehicle:
             raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         trajectory = np.empty((n_steps + 1, 6))
         before = int(self._counters[dynamics.TIPPING_STEPS])
-        self._advance(control, trajectory, wheels, energy)
-        self._tipping = int(self._counters[dynamics.TIPPING_STEPS]) > before
-        return trajectory
-
-    def _advance(
-        self,
-        control: dynamics.Control,
-        trajectory: FloatArray,
-        wheels: FloatArray,
-        energy: FloatArray,
-    ) -> None:
-        """Run the kernel over the steps that the arrays have room for."""
         dynamics.advance(
             self._plant,
             control,
             self._body,
             self._contacts,
+            self._individual_rollers,
             self._wheels,
             self._counters,
             trajectory,
             wheels,
             energy,
         )
+        self._tipping = int(self._counters[dynamics.TIPPING_STEPS]) > before
+        return trajectory
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
