@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from omni_analysis.figure_style import (
     BLACK,
@@ -24,7 +26,15 @@ from omni_analysis.figure_style import (
 from omni_analysis.wheel_trials import ForceTrace, Outcome
 from omni_sim.roller_geometry import RollerGeometry
 
-_COLOURS = (BLACK, SKY, VERMILLION, BLUE)
+FloatArray = NDArray[np.float64]
+
+# The first wheel of a figure is the reference, dashed over the others that may cover it.
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": BLACK, "linestyle": "--", "zorder": 3.0},
+    {"color": SKY},
+    {"color": VERMILLION},
+    {"color": BLUE},
+)
 _TRIAL_COLOURS = (BLUE, SKY, VERMILLION, ORANGE, GREEN, PURPLE)
 
 
@@ -88,11 +98,11 @@ def draw_forces(traces: Mapping[str, Mapping[str, ForceTrace]]) -> Figure:
         reference = next(iter(wheels.values())).force.mean(axis=0)
         active = reference / np.linalg.norm(reference)
         passive = np.array([-active[1], active[0]])
-        for (name, trace), colour in zip(wheels.items(), _COLOURS, strict=False):
+        for (name, trace), style in zip(wheels.items(), _STYLES, strict=False):
             angle = np.degrees(np.abs(trace.angle - trace.angle[0]))
             for row, direction in enumerate((active, passive)):
                 panels[row, column].plot(
-                    angle, trace.force @ direction, color=colour, linewidth=1.5, label=name
+                    angle, trace.force @ direction, linewidth=1.5, label=name, **style
                 )
         panels[0, column].set_title(title, fontsize=LABEL_SIZE, loc="left")
         panels[1, column].set_xlabel("turned by [deg]", fontsize=LABEL_SIZE)
@@ -127,9 +137,9 @@ def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> 
             ("brake", 1, 2, 180.0 / np.pi),
             ("push", 2, 1, 1.0),
         ):
-            for (name, result), colour in zip(trials[trial].items(), _COLOURS, strict=False):
+            for (name, result), style in zip(trials[trial].items(), _STYLES, strict=False):
                 values = result.motion[:, :, entry] * scale
-                _band(panels[row, column], result, values, colour, name)
+                _band(panels[row, column], result.time, values, name, style)
         panels[row, 0].set_ylabel(
             f"{title}\n\nspeed forward, full braking [m/s]", fontsize=LABEL_SIZE
         )
@@ -144,11 +154,13 @@ def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> 
     return figure
 
 
-def _band(axes: Axes, result: Outcome, values: np.ndarray, colour: str, name: str) -> None:
+def _band(
+    axes: Axes, time: FloatArray, values: FloatArray, name: str, style: dict[str, Any]
+) -> None:
     if len(values) > 1:
         low, high = values.min(axis=0), values.max(axis=0)
-        axes.fill_between(result.time, low, high, color=colour, alpha=0.2, linewidth=0.0)
-    axes.plot(result.time, values.mean(axis=0), color=colour, linewidth=1.5, label=name)
+        axes.fill_between(time, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
+    axes.plot(time, values.mean(axis=0), linewidth=1.5, label=name, **style)
 
 
 def draw_differences(

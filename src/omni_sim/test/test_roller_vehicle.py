@@ -14,6 +14,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_sim.loads import GRAVITY
 from omni_sim.roller_configuration import RollerConfiguration
 from omni_sim.roller_vehicle import RollerVehicle
+from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
 from omni_sim.vehicle import Vehicle, VehicleInputError
 from omni_sim.vehicle_configuration import VehicleConfiguration
 from omni_sim.vehicle_factory import build_vehicle
@@ -274,3 +275,32 @@ def test_rollers_agree_with_the_single_roller_in_the_mean(
             for _ in range(8)
         ]
         assert np.mean(stops) == pytest.approx(single, rel=0.05)
+
+
+def test_what_is_left_of_a_sideways_push_is_the_inertia_of_the_rollers(
+    forklift: VehicleConfiguration,
+) -> None:
+    # At 45 deg a wheel turns with v_y / R, and its rollers with sqrt(2) v_y over their radius.
+    single = Vehicle(forklift)
+    light = RollerConfiguration(inertia=1.0e-6)
+    individual = build_vehicle(dataclasses.replace(forklift, wheel_model="rollers", rollers=light))
+    for vehicle in (single, individual):
+        vehicle.push((0.0, 0.15 * vehicle.masses.mass * GRAVITY))
+        vehicle.advance(4000, 0.1, np.zeros(4), NO_COMMAND)
+    assert individual.pose[1] == pytest.approx(single.pose[1], rel=0.003)
+
+
+def test_simulator_runs_on_individual_rollers(forklift: VehicleConfiguration) -> None:
+    simulator = Simulator(
+        SimulatorConfiguration(
+            vehicle=dataclasses.replace(forklift, wheel_model="rollers"),
+            sensors={},
+            simulation=SimulationConfiguration(render_lines=False),
+        )
+    )
+    assert isinstance(simulator.vehicle, RollerVehicle)
+    for _ in range(20):
+        simulator.advance(np.ones(4))
+    observation = simulator.observe()
+    assert observation.stamp_ns == 200_000_000
+    np.testing.assert_array_equal(observation.wheel_force_body, simulator.vehicle.wheel_force_body)

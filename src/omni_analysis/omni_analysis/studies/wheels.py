@@ -52,7 +52,7 @@ _COUNTS = (6, 8, 12, 16, 24)
 _COMPARED = 12  # rollers of the wheels in figures and metrics
 _COSTED = 6  # rollers of the wheels whose cost is measured, as in section 2.4.1
 _AGREEMENT, _REFINEMENT, _STANDSTILL = 0.05, 0.01, 0.001  # [1], [1], [m]
-_REPEATS = 8
+_REPEATS = 40
 
 # By vehicle, then trial, then number of rollers.
 Outcomes = dict[str, dict[str, dict[int, Outcome]]]
@@ -127,7 +127,7 @@ def _agreement(singles: dict[str, dict[str, Outcome]], rollers: Outcomes) -> dic
 
 
 def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]:
-    metrics = {}
+    metrics: dict[str, Metric] = {}
     for name, vehicle in vehicles.items():
         for model in _MODELS:
             wheeled = with_wheels(vehicle, model, _COMPARED)
