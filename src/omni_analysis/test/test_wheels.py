@@ -85,8 +85,8 @@ def test_study_shows_agreement_rest_and_cost(
 ) -> None:
     monkeypatch.setattr(wheels, "_COUNTS", (12, 24))
     monkeypatch.setattr(wheels, "_REPEATS", 1)
-    monkeypatch.setattr(wheels, "movement_after_stop", lambda configuration: 0.0)
-    monkeypatch.setattr(wheels, "creep", lambda configuration, wheel_angle: 0.0)
+    monkeypatch.setattr(wheels, "movement_after_stop", lambda *_: 0.0)
+    monkeypatch.setattr(wheels, "creep", lambda *_: 0.0)
     result = wheels.run(argparse.Namespace(starts=3, seed=1), library, tmp_path)
     limited = {key: metric for key, metric in result.metrics.items() if metric.limit is not None}
     assert len(limited) == 2 * 6 * 3 + 2 * 3 * 3
