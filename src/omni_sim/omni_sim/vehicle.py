@@ -91,7 +91,7 @@ class Vehicle:
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
-            VehicleInputError: a number is out of range.
+            VehicleInputError: a number is out of range, or the configuration has other wheels.
         """
         if configuration.wheel_model != self.wheel_model:
             raise VehicleInputError(
@@ -112,7 +112,9 @@ class Vehicle:
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
         self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
         self._individual_rollers: Rollers | None = None
-        self._start_angle = np.broadcast_to(np.asarray(wheel_angle, dtype=np.float64), (n,)).copy()
+        if np.ndim(wheel_angle) == 0:
+            wheel_angle = np.full(n, wheel_angle)
+        self._start_angle = _finite("wheel angle", wheel_angle, (n,))
         self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
         self._force = np.zeros(2)
@@ -329,8 +331,10 @@ class Vehicle:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
         radius = self._plant.wheel[:, dynamics.RADIUS]
         radius = radius - self.wheel_load / self._plant.vertical_stiffness
-        active = self._contacts[:, dynamics.N_X : dynamics.N_Y + 1]
-        hub = np.sum(active * self.kinematics.wheel_velocities(self.twist), axis=1)
+        v_x, v_y, rate = self.twist
+        g_x, g_y = self.masses.centre
+        centre = np.array([v_x - rate * g_y, v_y + rate * g_x, rate])
+        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ centre
         rim = self.wheel_speed * radius * self._contacts[:, dynamics.RIM]
         return np.asarray(hub - rim, dtype=np.float64)
 

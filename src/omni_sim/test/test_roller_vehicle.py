@@ -69,6 +69,12 @@ def test_configuration_chooses_the_wheel(forklift: VehicleConfiguration) -> None
             kind(configuration)
 
 
+@pytest.mark.parametrize("angle", [math.nan, [0.0, 0.1], [0.0, 0.0, 0.0, math.inf]])
+def test_bad_wheel_angles_are_refused(angle: Any, forklift: VehicleConfiguration) -> None:
+    with pytest.raises(VehicleInputError, match="wheel angle"):
+        Vehicle(forklift, wheel_angle=angle)
+
+
 @pytest.mark.parametrize("radius", [0.005, 0.25])
 def test_rollers_that_do_not_fit_are_refused(radius: float, forklift: VehicleConfiguration) -> None:
     rollers = RollerConfiguration(radius=radius)
@@ -95,6 +101,8 @@ def test_placed_vehicle_rolls_as_equation_16(
         )
     ]
     np.testing.assert_allclose(vehicle.wheel_speed, rates, rtol=1e-12)
+    if configuration.contact == "roller":
+        np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
     # Nothing slides, so a first step finds hardly any force; the grip is some 3000 N.
     vehicle.advance(1, 0.05, np.zeros(n), NO_COMMAND)
     assert np.max(np.abs(vehicle.wheel_force_body)) < 5.0
