@@ -47,6 +47,10 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.study_command import study
 
         return study(options, workspace())
+    if options.command == "fit-tire":
+        from omni_bringup.fit_tire_command import fit_tire_command
+
+        return fit_tire_command(options, workspace())
     from omni_bringup.run_command import run
 
     return run(options, workspace())
@@ -105,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_studies(
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
+    _add_fit_tire(commands.add_parser("fit-tire", help="fit a tyre model to measured forces"))
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
 
@@ -124,6 +129,32 @@ def _add_studies(parser: argparse.ArgumentParser) -> None:
             "--out", type=Path, metavar="DIR", help="folder of the figures and data (results/STUDY)"
         )
         one.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def _add_fit_tire(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Estimate the parameters of a tyre model from measured forces, and write a tyre that a "
+        "vehicle can use and a figure of data against curve."
+    )
+    parser.add_argument(
+        "data",
+        type=Path,
+        metavar="DATA.csv",
+        help="file whose first line names the columns slip [1], load [N] and force [N]",
+    )
+    parser.add_argument(
+        "--model",
+        default="tmeasy",
+        metavar="NAME",
+        help="tyre model, such as tmeasy, linear, magic_formula (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the tyre and the figure (default: results/fit-tire/DATA)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 if __name__ == "__main__":

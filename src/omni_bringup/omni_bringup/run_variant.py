@@ -80,7 +80,14 @@ def run_variant(
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
-    return VariantResult(variant, folder, history, run_metrics(history))
+    metrics = run_metrics(history) | {"overload_time": _overload_time(report)}
+    return VariantResult(variant, folder, history, metrics)
+
+
+def _overload_time(report: Mapping[str, Any]) -> Metric:
+    """Return for how long wheels carried more than their tyre model covers, all added up [s]."""
+    overload = report.get("overload", {"time": 0.0, "sentence": ""})
+    return Metric(overload["time"], "s", note=overload["sentence"])
 
 
 def _run_graph(

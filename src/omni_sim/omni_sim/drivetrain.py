@@ -127,7 +127,7 @@ def wheel_step(
             this tyre made no force [m/s].
         mobility: by how much the force changes that velocity [m/s per N].
         speed: ``V = r_D |omega| + v_num`` [m/s].
-        curve: from `characteristic.curve_at_load`.
+        curve: of any tyre model, from `tire_model.curve_at`.
         stiffness: ``c`` of the tyre [N/m].
         damping: ``d`` of the tyre [N s/m].
         dt: step [s].

@@ -13,13 +13,12 @@ lags by one step, an error of second order that energy tests find only with very
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from omni_sim.characteristic import curve_at_load
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
@@ -32,6 +31,7 @@ from omni_sim.roller_dynamics import (
     step_roller_wheel,
 )
 from omni_sim.roller_geometry import nearest_roller, roller_contact
+from omni_sim.tire_model import curve_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -71,7 +71,7 @@ class Plant(NamedTuple):
         hull: from `loads.support_polygon`.
         wheel_inertia: I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
-        curve: from `tmeasy.curve_coefficients`, shape (10,).
+        tire: constants of the tyre model; their type chooses it.
         largest_load: at which the tyre's load is clamped [N].
         stiffness: c_x [N/m].
         damping: d_x [N s/m].
@@ -96,7 +96,7 @@ class Plant(NamedTuple):
     hull: IntArray
     wheel_inertia: float
     drive_limit: float
-    curve: FloatArray
+    tire: Any
     largest_load: float
     stiffness: float
     damping: float
@@ -249,7 +249,7 @@ def _step_wheels(
         load = loads[i]
         if load > plant.largest_load:
             counters[OVERLOADED_STEPS] += 1
-        curve = curve_at_load(plant.curve, min(load, plant.largest_load), friction)
+        curve = curve_at(plant.tire, min(load, plant.largest_load), friction)
         radius = constants[RADIUS] - load / plant.vertical_stiffness  # r_D of Eq. (1)
         omega = wheel[SPEED]
         speed = radius * abs(omega) + plant.slip_speed  # denominator of Eq. (20)
@@ -282,7 +282,7 @@ def _step_wheels(
         wheel[LOAD] = load
         wheel[BRAKE] = brake_torque
         wheel[SLIP] = patch / speed
-        wheel[LIMIT] = curve[2]
+        wheel[LIMIT] = curve.peak_force
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -13,7 +13,6 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim import dynamics
 from omni_sim.friction import FrictionMap
 from omni_sim.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
-from omni_sim.tmeasy import curve_coefficients
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
 FloatArray = NDArray[np.float64]
@@ -75,8 +74,8 @@ def build_plant(
         hull=support_polygon(lever),
         wheel_inertia=configuration.wheel_inertia,
         drive_limit=configuration.drive.max_torque,
-        curve=curve_coefficients(tire.x, tire.nominal_load_1, tire.nominal_load_2),
-        largest_load=tire.nominal_load_2,
+        tire=tire.kernel_parameters,
+        largest_load=tire.largest_load,
         stiffness=tire.stiffness,
         damping=tire.damping,
         vertical_stiffness=tire.vertical_stiffness,

@@ -9,16 +9,16 @@ one and feels the other's force of the step before.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from omni_sim.characteristic import curve_at_load
 from omni_sim.friction import friction_at
 from omni_sim.roller_geometry import U_X, U_Y, nearest_roller, roller_contact
 from omni_sim.roller_wheel import load_share, roller_step
+from omni_sim.tire_model import curve_at
 
 if TYPE_CHECKING:
     from omni_sim.dynamics import Plant
@@ -41,7 +41,7 @@ class Rollers(NamedTuple):
     """The individual rollers of all wheels: what they add to `dynamics.Plant`, and their state.
 
     Attributes:
-        curve_y: of the tyre's direction y, shape (10,).
+        tire_y: constants of the tyre model in the direction y.
         inertia: of a roller [kg m^2].
         stiffness: of a roller's tread [N/m].
         damping: of a roller's tread [N s/m].
@@ -51,7 +51,7 @@ class Rollers(NamedTuple):
             step, body frame, shape (N, 3).
     """
 
-    curve_y: FloatArray
+    tire_y: Any
     inertia: float
     stiffness: float
     damping: float
@@ -141,8 +141,8 @@ def _step_contact(
         ),
         mobility,
         speed,
-        curve_at_load(plant.curve, clamped, friction),
-        curve_at_load(rollers.curve_y, clamped, friction),
+        curve_at(plant.tire, clamped, friction),
+        curve_at(rollers.tire_y, clamped, friction),
         rollers.stiffness,
         rollers.damping,
         plant.dt,

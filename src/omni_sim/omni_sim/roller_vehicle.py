@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from omni_sim import dynamics, roller_dynamics
 from omni_sim.friction import FrictionMap
 from omni_sim.roller_geometry import U_X, U_Y, nearest_roller, roller_contact
-from omni_sim.tmeasy import curve_coefficients
+from omni_sim.roller_tire import passive_parameters
 from omni_sim.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
@@ -57,7 +57,7 @@ class RollerVehicle(Vehicle):
         self._state[:, :, roller_dynamics.SPIN] = self._rolling_spin()[:, np.newaxis]
         self._push = np.zeros((n, 3))
         self._individual_rollers = roller_dynamics.Rollers(
-            curve_y=curve_coefficients(tire.y, tire.nominal_load_1, tire.nominal_load_2),
+            tire_y=passive_parameters(tire),
             inertia=rollers.inertia,
             stiffness=rollers.stiffness,
             damping=rollers.damping,

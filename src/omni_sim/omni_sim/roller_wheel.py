@@ -24,11 +24,12 @@ Neglected: that a roller's spin turns with the wheel, and roller bearings' frict
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from numba import njit
 
 from omni_sim.drivetrain import wheel_step
-from omni_sim.wheel import Curve
+from omni_sim.roller_tire import curve_in_direction
 
 Pair = tuple[float, float]
 
@@ -52,37 +53,6 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def slip_norms(active: Curve, passive: Curve) -> Pair:
-    """Return Rill's factors that normalise the slips of two directions [1]; their sum is 2."""
-    if active[2] <= 0.0 or passive[2] <= 0.0:
-        return 1.0, 1.0
-    peak = active[1] + passive[1]
-    knee_a, knee_p = active[2] / active[0], passive[2] / passive[0]
-    knee = knee_a + knee_p
-    return active[1] / peak + knee_a / knee, passive[1] / peak + knee_p / knee
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def combined_curve(active: Curve, passive: Curve, norms: Pair, q: Pair) -> Curve:
-    """Return the curve of force over normalised slip in a direction.
-
-    Args:
-        active: curve along the roller's axis, from `characteristic.curve_at_load`.
-        passive: curve across it.
-        norms: from `slip_norms`.
-        q: unit vector of the normalised slip, active and passive component [1].
-    """
-    c, s = abs(q[0]), abs(q[1])
-    return (
-        math.hypot(active[0] * norms[0] * c, passive[0] * norms[1] * s),
-        math.hypot(active[1] / norms[0] * c, passive[1] / norms[1] * s),
-        math.hypot(active[2] * c, passive[2] * s),
-        math.hypot(active[3] / norms[0] * c, passive[3] / norms[1] * s),
-        math.hypot(active[4] * c, passive[4] * s),
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def roller_step(
     omega: float,
     inertia: float,
@@ -98,8 +68,8 @@ def roller_step(
     hub: Pair,
     mobility: float,
     speed: float,
-    active: Curve,
-    passive: Curve,
+    active: Any,
+    passive: Any,
     stiffness: float,
     damping: float,
     dt: float,
@@ -126,7 +96,7 @@ def roller_step(
             made no force [m/s].
         mobility: by how much the force changes it, in any direction [m/s per N].
         speed: ``V`` [m/s].
-        active: curve along the axis, from `characteristic.curve_at_load`.
+        active: curve along the axis, from `tire_model.curve_at`.
         passive: curve across it.
         stiffness: ``c`` of the tyre [N/m].
         damping: ``d`` of the tyre [N s/m].
@@ -139,15 +109,14 @@ def roller_step(
         torque on the wheel [N m], sliding, direction of the friction, slip in it [1], the
         friction limit there [N].
     """
-    norms = slip_norms(active, passive)
     effective = damping + stiffness * dt
     passive_mobility = dt * spin_lever * spin_lever / spin_inertia
     hub_p = hub[1] - spin_lever * spin
     q = guess
     for _ in range(_MAXIMUM_ITERATIONS):
         used = q
+        curve, norms = curve_in_direction(active, passive, q)
         stretch = norms[0] * q[0] * q[0] + norms[1] * q[1] * q[1]
-        curve = combined_curve(active, passive, norms, q)
         force, _, new_omega, brake_torque, patch, now_sliding = wheel_step(
             omega,
             inertia,
@@ -198,5 +167,5 @@ def roller_step(
         now_sliding,
         q,
         abs(patch) / (speed * stretch),
-        curve[2],
+        curve.peak_force,
     )

@@ -19,6 +19,7 @@ from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
 from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
+from omni_sim.overload import Overload, OverloadWatch
 from omni_sim.pose_interpolation import interpolate_poses
 from omni_sim.texture_cache import TextureCache
 from omni_sim.vehicle_configuration import VehicleConfiguration
@@ -211,6 +212,7 @@ class Simulator:
         configuration: everything that it depends on.
         vehicle: the vehicle, to look into.
         control_period_ns: time that one `advance` takes [ns].
+        overloaded: whether a wheel carried more than its tyre model covers in the last period.
     """
 
     def __init__(
@@ -234,6 +236,11 @@ class Simulator:
             self._driver.start_pose,
             self._driver.start_twist,
         )
+        tire = configuration.vehicle.tire
+        self._overload_watch = OverloadWatch(
+            self.vehicle.wheel_names, tire.model, tire.largest_load, simulation.physics_step
+        )
+        self.overloaded = False
         # No step, but the kernel is loaded: the first real step is as fast as the others.
         self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
@@ -294,9 +301,17 @@ class Simulator:
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
             hold_world_direction=self.configuration.maneuver.hold_world_direction,
         )
+        self.overloaded = self._overload_watch.update(
+            self.vehicle.wheel_load, self.vehicle.overloaded_steps
+        )
         self._stamp_ns = start_ns + self.control_period_ns
         if self._cameras is not None:
             self._batches = self._expose(trajectory, start_ns, self._stamp_ns)
+
+    @property
+    def overload(self) -> Overload | None:
+        """Overload of the tyre model since the start of the run, None if there was none."""
+        return self._overload_watch.overload
 
     def _expose(
         self, trajectory: FloatArray, start_ns: int, end_ns: int

@@ -14,6 +14,7 @@ import sys
 import time
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from visualization_msgs.msg import MarkerArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_ros.messages import (
+    diagnostics,
     joint_state,
     line_image,
     planar_twist,
@@ -99,6 +101,8 @@ class SimulatorNode(Node):
         self._truth = create(Odometry, "ground_truth/odom", RELIABLE)
         self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist", RELIABLE)
         self._markers = create(MarkerArray, "markers", RELIABLE)
+        self._diagnostics = create(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._told_overload = False
         self._lines = {}
         self._camera_infos = {}
         for name in self.configuration.sensors:
@@ -144,6 +148,23 @@ class SimulatorNode(Node):
         self._send(self._truth, ground_truth(observation))
         if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
             self._send(self._markers, scene_markers(self.configuration, observation))
+
+        if self.simulator.overloaded != self._told_overload:
+            self._tell_overload(stamp_ns)
+
+    def _tell_overload(self, stamp_ns: int) -> None:
+        """Say that wheels begin or cease to carry more than their tyre model covers."""
+        self._told_overload = self.simulator.overloaded
+        overload = self.simulator.overload
+        words = overload.sentence() if overload is not None else ""
+        if self._told_overload:
+            self.get_logger().warning(words)
+            status = diagnostics(stamp_ns, self.get_name(), 1, words, {"state": "overload"})
+        else:
+            status = diagnostics(
+                stamp_ns, self.get_name(), 0, "the overload has ended", {"state": "ok"}
+            )
+        self._send(self._diagnostics, status)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
         """Return the enables (N,) to brake with; all on where they are missing or too old."""
@@ -214,6 +235,9 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     if node.loop.progress:
         wall = time.monotonic() - started
         final = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
+        overload = simulator.overload
+        if overload is not None:
+            final["overload"] = {"time": overload.time, "sentence": overload.sentence()}
         print(json.dumps(progress.report() | final), flush=True)
 
 

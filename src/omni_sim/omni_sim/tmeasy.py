@@ -121,34 +121,6 @@ class TMeasyConfiguration(Configuration):
     )
     x: TMeasyCurve = parameter(description="Longitudinal curve", default_factory=_table_1_x)
     y: TMeasyCurve = parameter(description="Lateral curve", default_factory=_table_1_y)
-    stiffness: float = parameter(
-        2.0e5,
-        description="Stiffness c_x of the tyre against horizontal deflection",
-        unit="N/m",
-        minimum=1.0e3,
-        maximum=1.0e8,
-    )
-    damping: float = parameter(
-        5000.0,
-        description="Damping d_x of the horizontal deflection",
-        unit="N s/m",
-        minimum=0.0,
-        maximum=1.0e7,
-    )
-    vertical_stiffness: float = parameter(
-        1.0e6,
-        description="Vertical stiffness c_z, which sets the dynamic rolling radius",
-        unit="N/m",
-        minimum=1.0e4,
-        maximum=1.0e9,
-    )
-    slip_speed: float = parameter(
-        1.0e-6,
-        description="Speed v_num that keeps the slip of a standing wheel finite",
-        unit="m/s",
-        minimum=1.0e-9,
-        maximum=0.1,
-    )
 
     def check_consistency(self) -> None:
         """Refuse curves that turn negative or cross between zero load and the largest."""

@@ -19,7 +19,7 @@ from omni_sim.loads import (
 )
 from omni_sim.roller_configuration import RollerConfiguration, roller_geometries
 from omni_sim.roller_geometry import RollerGeometry
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire import TireConfiguration
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,8 +79,8 @@ class VehicleConfiguration(Configuration):
         description="Movable load",
         default_factory=lambda: MassConfiguration(mass=0.0, height=0.0),
     )
-    tire: TMeasyConfiguration = parameter(
-        description="Tyre of every wheel", default_factory=TMeasyConfiguration
+    tire: TireConfiguration = parameter(
+        description="Tyre of every wheel", default_factory=TireConfiguration
     )
     wheel_model: str = parameter(
         "single",
@@ -132,7 +132,7 @@ class VehicleConfiguration(Configuration):
         Raises:
             ConfigurationError: the rollers do not fit on a wheel.
         """
-        squeeze = self.tire.nominal_load_2 / self.tire.vertical_stiffness
+        squeeze = self.tire.largest_load / self.tire.vertical_stiffness
         return roller_geometries(self.wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:

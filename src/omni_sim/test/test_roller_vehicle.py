@@ -15,6 +15,7 @@ from omni_sim.loads import GRAVITY
 from omni_sim.roller_configuration import RollerConfiguration
 from omni_sim.roller_vehicle import RollerVehicle
 from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
+from omni_sim.tire_models import MODELS
 from omni_sim.vehicle import Vehicle, VehicleInputError
 from omni_sim.vehicle_configuration import VehicleConfiguration
 from omni_sim.vehicle_factory import build_vehicle
@@ -312,3 +313,18 @@ def test_simulator_runs_on_individual_rollers(forklift: VehicleConfiguration) ->
     observation = simulator.observe()
     assert observation.stamp_ns == 200_000_000
     np.testing.assert_array_equal(observation.wheel_force_body, simulator.vehicle.wheel_force_body)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_any_tire_makes_rollers_that_agree_with_the_single_roller(
+    model: str, platform: VehicleConfiguration
+) -> None:
+    tire = dataclasses.replace(platform.tire, model=model)
+    single = dataclasses.replace(platform, tire=tire)
+    individual = dataclasses.replace(single, wheel_model="rollers")
+    stops = [
+        float(np.linalg.norm(braked(configuration, (4.0, 0.0, 0.0), physics_step=step).pose[:2]))
+        for configuration, step in ((single, 0.0005), (individual, 0.0005), (individual, 0.00025))
+    ]
+    assert stops[1] == pytest.approx(stops[0], rel=0.05)
+    assert stops[1] == pytest.approx(stops[2], rel=0.01)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from omni_sim.characteristic import TMeasy, steady_force
-from omni_sim.roller_wheel import combined_curve, load_share, roller_step, slip_norms
+from omni_sim.combined_slip import combined_curve, slip_norms
+from omni_sim.roller_wheel import load_share, roller_step
 from omni_sim.tmeasy import TMeasyConfiguration
 
 LOAD = 3000.0

@@ -11,7 +11,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics, UnusablePlatformError
 from omni_sim.loads import MassConfiguration, MassProperties
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire import TireConfiguration
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
 
@@ -42,8 +42,8 @@ def test_robot_is_the_platform_of_equation_34(robot: VehicleConfiguration) -> No
 def test_both_stand_on_the_tire_of_table_1(
     forklift: VehicleConfiguration, robot: VehicleConfiguration
 ) -> None:
-    assert forklift.tire == TMeasyConfiguration()
-    assert robot.tire == TMeasyConfiguration()
+    assert forklift.tire == TireConfiguration()
+    assert robot.tire == TireConfiguration()
 
 
 def test_centre_of_gravity_beside_the_wheels_is_refused(forklift: VehicleConfiguration) -> None:

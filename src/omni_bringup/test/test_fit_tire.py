@@ -1,0 +1,109 @@
+"""``./omni fit-tire``: what it writes and prints, what it refuses, and what help costs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_bringup.cli import main
+from omni_sim.tire import Tire, TireConfiguration
+
+CONFIG = Path(__file__).parents[3] / "config"
+
+
+@pytest.fixture
+def measurements(tmp_path: Path) -> Path:
+    random = np.random.default_rng(7)
+    slip = random.uniform(-0.8, 0.8, 300)
+    load = random.choice([2000.0, 3500.0, 5000.0], 300)
+    force = Tire(TireConfiguration()).force(slip, load) + random.normal(0.0, 30.0, 300)
+    path = tmp_path / "rig.csv"
+    rows = (f"{s:.6f},{fz:g},{f:.3f}" for s, fz, f in zip(slip, load, force, strict=True))
+    path.write_text("slip,load,force\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def omni(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["fit-tire", *map(str, arguments)])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+@pytest.mark.parametrize("model", ["linear", "magic_formula", "tmeasy"])
+def test_fitted_tire_is_one_that_a_vehicle_can_use(
+    model: str, measurements: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert omni(measurements, "--model", model, "--out", out) == 0
+    assert "standard error" in capsys.readouterr().out
+    assert (out / "rig.png").read_bytes().startswith(b"\x89PNG")
+    overrides = [f"vehicle.tire={out / 'rig.yaml'}"]
+    tire = ExperimentLibrary(CONFIG).load("straight_line", "assisted", overrides).vehicle.tire
+    assert tire.model == model
+    assert tire.largest_load == 5000.0
+    assert float(Tire(tire).force(0.6, 3500.0)) == pytest.approx(
+        float(Tire(TireConfiguration()).force(0.6, 3500.0)), rel=0.1
+    )
+
+
+def test_json_is_one_document_with_values_units_and_errors(
+    measurements: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert omni(measurements, "--json", "--out", tmp_path / "out") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((tmp_path / "out" / "summary.json").read_text())
+    entry = document["metrics"]["x_peak_force_1.tmeasy"]
+    expected = Tire(TireConfiguration()).curve(2500.0).peak_force  # half of the largest load
+    assert entry["unit"] == "N"
+    assert abs(entry["value"] - expected) < 4.0 * entry["standard_error"]
+
+
+def test_what_cannot_be_fitted_is_refused_and_nothing_is_written(
+    measurements: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    broken = tmp_path / "broken.csv"
+    broken.write_text(measurements.read_text() + "0.1,nan,200\n")
+    lost = tmp_path / "lost.csv"
+    lost.write_text(measurements.read_text().replace("load", "weight", 1))
+    for path, model, reason in (
+        (broken, "tmeasy", "line 302: the load 'nan' is not finite"),
+        (lost, "tmeasy", "no column 'load'"),
+        (measurements, "brush", "'brush' is not one of linear, magic_formula, tmeasy"),
+        (tmp_path / "none.csv", "tmeasy", "cannot read"),
+    ):
+        assert omni(path, "--model", model, "--json", "--out", out) == 2
+        captured = capsys.readouterr()
+        assert reason in captured.err
+        assert captured.out == ""
+    assert not out.exists()
+
+
+def test_folder_that_cannot_be_written_is_refused(
+    measurements: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert omni(measurements, "--model", "linear", "--out", measurements) == 2
+    assert "cannot write" in capsys.readouterr().err
+
+
+def test_help_loads_nothing_heavy() -> None:
+    program = """
+import sys
+from omni_bringup.cli import main
+try:
+    main(["run", "--help"])
+except SystemExit:
+    pass
+print([name for name in ("scipy", "numba", "matplotlib", "rclpy") if name in sys.modules])
+"""
+    answer = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.splitlines()[-1] == "[]"
