@@ -24,6 +24,15 @@ from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
 from omni_sim.passive_losses import passive_force
+from omni_sim.roller_dynamics import (
+    E_A,
+    SLIDES,
+    SLIPS,
+    Rollers,
+    roller_energies,
+    step_roller_wheel,
+)
+from omni_sim.roller_geometry import nearest_roller, roller_contact
 from omni_sim.tire_model import curve_at
 from omni_sim.uneven_ground import frame_turn, level, stand
 
@@ -46,8 +55,9 @@ PASSIVE, GAIN, LAST_SPEED = range(9, 12)
 WHEEL_SIZE = 12
 
 # Columns of the wheel constants: contact relative to the centre of gravity, active direction,
-# cross(r_i - r_g, n_w), n_w . u, radius, mobility W.
+# cross(r_i - r_g, n_w), n_w . u, radius, mobility W. The contacts have those up to RIM.
 R_X, R_Y, N_X, N_Y, MOMENT, RIM, RADIUS, MOBILITY = range(8)
+CONTACT_SIZE = 6
 
 # Columns of the constants of passive losses: passive direction, cross(r_i - r_g, u_w), u_w . u,
 # sum of the absolute mobilities that couple the roller to any force.
@@ -85,6 +95,8 @@ class Plant(NamedTuple):
         slip_speed: v_num [m/s].
         friction: factor of the ground outside the patches [1].
         patches: from `friction.FrictionMap`, shape (P, 7).
+        rollers: geometry of the rollers, rows for `roller_geometry.roller_contact`, (N, 5).
+        roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
     """
 
     dt: float
@@ -108,6 +120,8 @@ class Plant(NamedTuple):
     slip_speed: float
     friction: float
     patches: FloatArray
+    rollers: FloatArray
+    roller_pitch: float
 
 
 class Terrain(NamedTuple):
@@ -182,6 +196,7 @@ def _write_log(
     plant: Plant,
     terrain: Terrain,
     body: FloatArray,
+    rollers: Rollers | None,
     wheels: FloatArray,
     row: FloatArray,
     energy: FloatArray,
@@ -191,7 +206,12 @@ def _write_log(
     energy[0] = 0.5 * plant.mass * (body[V_X] ** 2 + body[V_Y] ** 2)
     energy[1] = 0.5 * plant.yaw_inertia * body[YAW_RATE] ** 2
     energy[2] = 0.5 * plant.wheel_inertia * np.sum(wheels[:, SPEED] ** 2)
-    energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+    if rollers is None:
+        energy[3] = 0.5 * plant.stiffness * np.sum(wheels[:, DEFLECTION] ** 2)
+    else:
+        spin, elastic = roller_energies(rollers)
+        energy[2] += spin
+        energy[3] = elastic
     energy[4] = plant.mass * GRAVITY * _stand(plant, terrain, body, 0.0)[0]
 
 
@@ -243,13 +263,20 @@ def _follow_ground(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _resultant(plant: Plant, wheels: FloatArray) -> tuple[float, float, float]:
+def _resultant(
+    rollers: Rollers | None, contacts: FloatArray, wheels: FloatArray
+) -> tuple[float, float, float]:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
-        pull_x += wheels[i, FORCE] * plant.wheel[i, N_X]
-        pull_y += wheels[i, FORCE] * plant.wheel[i, N_Y]
-        turn += wheels[i, FORCE] * plant.wheel[i, MOMENT]
+        if rollers is None:
+            pull_x += wheels[i, FORCE] * contacts[i, N_X]
+            pull_y += wheels[i, FORCE] * contacts[i, N_Y]
+            turn += wheels[i, FORCE] * contacts[i, MOMENT]
+        else:
+            pull_x += rollers.push[i, 0]
+            pull_y += rollers.push[i, 1]
+            turn += rollers.push[i, 2]
     return pull_x, pull_y, turn
 
 
@@ -306,6 +333,27 @@ def _resist(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) -> None:
+    """Move the contacts to where the rollers touch the ground, Eqs. (9), (10).
+
+    Args:
+        plant: constants, with a roller pitch.
+        wheels: wheel states, shape (N, 9).
+        contacts: written in place, shape (N, 6).
+    """
+    for i in range(wheels.shape[0]):
+        angle = wheels[i, ANGLE] + 0.5 * plant.dt * wheels[i, SPEED]
+        nearest = nearest_roller(angle, plant.roller_pitch)
+        gamma = angle - plant.roller_pitch * nearest
+        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
+        r_x, r_y = plant.wheel[i, R_X] + x, plant.wheel[i, R_Y] + y
+        contacts[i, R_X], contacts[i, R_Y] = r_x, r_y
+        contacts[i, N_X], contacts[i, N_Y] = n_x, n_y
+        contacts[i, MOMENT] = r_x * n_y - r_y * n_x
+        contacts[i, RIM] = rim
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _step_wheels(
     plant: Plant,
     control: Control,
@@ -314,6 +362,7 @@ def _step_wheels(
     ahead: tuple[float, float, float],
     drive: tuple[float, float, float],
     loads: FloatArray,
+    contacts: FloatArray,
     wheels: FloatArray,
     counters: IntArray,
 ) -> None:
@@ -328,6 +377,7 @@ def _step_wheels(
             forces did not change, in the body frame.
         drive: commanded twist in the body frame.
         loads: wheel loads [N].
+        contacts: where and in which directions the wheels touch the ground.
         wheels: wheel states, changed in place.
         counters: counts overloaded wheels.
     """
@@ -338,8 +388,8 @@ def _step_wheels(
     for i in range(wheels.shape[0]):
         constants = plant.wheel[i]
         wheel = wheels[i]
-        n_x, n_y, moment = constants[N_X], constants[N_Y], constants[MOMENT]
-        r_x, r_y = constants[R_X], constants[R_Y]
+        n_x, n_y, moment = contacts[i, N_X], contacts[i, N_Y], contacts[i, MOMENT]
+        r_x, r_y = contacts[i, R_X], contacts[i, R_Y]
         w_x, w_y = cos * r_x - sin * r_y, sin * r_x + cos * r_y
         if body[TILT_X] != 0.0 or body[TILT_Y] != 0.0:
             w_x, w_y = level(body[TILT_X], body[TILT_Y], w_x, w_y)
@@ -361,7 +411,7 @@ def _step_wheels(
             control.drive_stiffness,
             rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
             plant.drive_limit,
-            radius * constants[RIM],
+            radius * contacts[i, RIM],
             wheel[DEFLECTION],
             hub,
             mobility,
@@ -394,12 +444,99 @@ def _drive_after(control: Control, turned: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _step_roller_wheels(
+    plant: Plant,
+    control: Control,
+    body: FloatArray,
+    heading: tuple[float, float],
+    ahead: tuple[float, float, float],
+    drive: tuple[float, float, float],
+    loads: FloatArray,
+    rollers: Rollers,
+    wheels: FloatArray,
+    counters: IntArray,
+) -> None:
+    """Advance all wheels with individual rollers by one step; arguments as in `_step_wheels`."""
+    dt = plant.dt
+    where = (body[X] + 0.5 * dt * body[V_X], body[Y] + 0.5 * dt * body[V_Y], *heading)
+    for i in range(wheels.shape[0]):
+        constants = plant.wheel[i]
+        wheel = wheels[i]
+        if loads[i] > plant.largest_load:
+            counters[OVERLOADED_STEPS] += 1
+        rolling = plant.rolling[i]
+        omega = wheel[SPEED]
+        new_omega, brake_torque, first, limit = step_roller_wheel(
+            plant,
+            rollers,
+            i,
+            omega,
+            wheel[ANGLE] + 0.5 * dt * omega,
+            control.brake[i],
+            control.drive_stiffness,
+            rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
+            loads[i],
+            (constants[R_X], constants[R_Y]),
+            constants[RADIUS] - loads[i] / plant.vertical_stiffness,  # r_D of Eq. (1)
+            dt * constants[MOBILITY],
+            where,
+            ahead,
+        )
+        wheel[SPEED] = new_omega
+        wheel[ANGLE] += 0.5 * dt * (omega + new_omega)
+        wheel[DEFLECTION] = rollers.state[i, first, E_A]
+        wheel[FORCE] = rollers.push[i, 0] * constants[N_X] + rollers.push[i, 1] * constants[N_Y]
+        wheel[SLIDING] = rollers.state[i, first, SLIDES]
+        wheel[LOAD] = loads[i]
+        wheel[BRAKE] = brake_torque
+        wheel[SLIP] = rollers.state[i, first, SLIPS]
+        wheel[LIMIT] = limit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move(
+    plant: Plant,
+    body: FloatArray,
+    heading: tuple[float, float],
+    pull: tuple[float, float, float],
+    force_x: float,
+    force_y: float,
+) -> None:
+    """Advance the body by one step, Eqs. (39), (40); positions by the trapezoidal rule.
+
+    Args:
+        plant: constants.
+        body: body state, changed in place.
+        heading: cosine and sine of the yaw at the middle of the step.
+        pull: forces in the body frame [N], and all moments about the centre of gravity [N m].
+        force_x: other force on the centre of gravity along x of the world frame [N].
+        force_y: the same along y [N].
+    """
+    dt, mass = plant.dt, plant.mass
+    cos, sin = heading
+    gain_x = dt * (cos * pull[0] - sin * pull[1] + force_x) / mass
+    gain_y = dt * (sin * pull[0] + cos * pull[1] + force_y) / mass
+    gain_turn = dt * pull[2] / plant.yaw_inertia
+    step_x, step_y = dt * (body[V_X] + 0.5 * gain_x), dt * (body[V_Y] + 0.5 * gain_y)
+    if body[TILT_X] != 0.0 or body[TILT_Y] != 0.0:
+        step_x, step_y = level(body[TILT_X], body[TILT_Y], step_x, step_y)
+    body[X] += step_x
+    body[Y] += step_y
+    body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
+    body[V_X] += gain_x
+    body[V_Y] += gain_y
+    body[YAW_RATE] += gain_turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(
     plant: Plant,
     terrain: Terrain,
     losses: Losses,
     control: Control,
     body: FloatArray,
+    contacts: FloatArray,
+    rollers: Rollers | None,
     wheels: FloatArray,
     counters: IntArray,
     trajectory: FloatArray,
@@ -414,6 +551,10 @@ def advance(
         losses: along the passive directions.
         control: inputs, constant over the call.
         body: body state, shape (10,).
+        contacts: of the last step, with the columns of the wheel constants, shape (N, 6); change
+            only if there is a roller pitch; individual rollers leave them alone.
+        rollers: individual rollers of the wheels, if there are any; the kernel is compiled for
+            either case.
         wheels: wheel states, shape (N, 12).
         counters: counts steps with tipping and wheel-steps with overload, shape (2,).
         trajectory: receives x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link
@@ -424,7 +565,7 @@ def advance(
     dt, mass, yaw_inertia = plant.dt, plant.mass, plant.yaw_inertia
     loads = np.empty(wheels.shape[0])
     start_yaw = body[YAW]
-    pull_x, pull_y, turn = _resultant(plant, wheels)
+    pull_x, pull_y, turn = _resultant(rollers, contacts, wheels)
     uneven, lossy = terrain.elevation.shape[0] > 0, losses.wheel.shape[0] > 0
     if lossy:
         pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
@@ -460,37 +601,42 @@ def advance(
         )
         if lossy:
             _resist(plant, losses, body, (cos, sin), ahead, loads, wheels)
-        _step_wheels(
-            plant,
-            control,
-            body,
-            (cos, sin),
-            ahead,
-            (drive_x, drive_y, control.twist[2]),
-            loads,
-            wheels,
-            counters,
-        )
-        pull_x, pull_y, turn = _resultant(plant, wheels)
+        drive = (drive_x, drive_y, control.twist[2])
+        if rollers is None:
+            if plant.roller_pitch > 0.0:
+                displace_contacts(plant, wheels, contacts)
+            _step_wheels(
+                plant,
+                control,
+                body,
+                (cos, sin),
+                ahead,
+                drive,
+                loads,
+                contacts,
+                wheels,
+                counters,
+            )
+        else:
+            _step_roller_wheels(
+                plant,
+                control,
+                body,
+                (cos, sin),
+                ahead,
+                drive,
+                loads,
+                rollers,
+                wheels,
+                counters,
+            )
+        pull_x, pull_y, turn = _resultant(rollers, contacts, wheels)
         if lossy:
             pull_x, pull_y, turn = _with_losses(losses, wheels, (pull_x, pull_y, turn))
         body[A_X] += plant.filter_share * (pull_x / mass - body[A_X])
         body[A_Y] += plant.filter_share * (pull_y / mass - body[A_Y])
 
-        # Eqs. (39), (40); positions by the trapezoidal rule.
-        gain_x = dt * (cos * pull_x - sin * pull_y + force_x) / mass
-        gain_y = dt * (sin * pull_x + cos * pull_y + force_y) / mass
-        gain_turn = dt * (turn + lean) / yaw_inertia
-        step_x, step_y = dt * (body[V_X] + 0.5 * gain_x), dt * (body[V_Y] + 0.5 * gain_y)
-        if uneven:
-            step_x, step_y = level(body[TILT_X], body[TILT_Y], step_x, step_y)
-        body[X] += step_x
-        body[Y] += step_y
-        body[YAW] += dt * (body[YAW_RATE] + 0.5 * gain_turn)
-        body[V_X] += gain_x
-        body[V_Y] += gain_y
-        body[YAW_RATE] += gain_turn
-
+        _move(plant, body, (cos, sin), (pull_x, pull_y, turn + lean), force_x, force_y)
         _write_pose(plant, body, trajectory[k + 1])
         if wheel_log.shape[0] > 0:
-            _write_log(plant, terrain, body, wheels, wheel_log[k], energy_log[k])
+            _write_log(plant, terrain, body, rollers, wheels, wheel_log[k], energy_log[k])

@@ -40,6 +40,17 @@ def build_plant(
     moment = cross(lever, geometry.active)
     mobility = geometry.active @ geometry.active.T / masses.mass
     mobility += np.outer(moment, moment) / masses.yaw_inertia
+    mobility_sum = np.sum(np.abs(mobility), axis=1)
+    rollers, pitch = np.zeros((len(lever), 5)), 0.0
+    if configuration.contacts_move:
+        geometries = configuration.roller_geometries
+        rollers = np.array([geometry.table_row for geometry in geometries])
+        pitch = 2.0 * geometries[0].half_pitch
+        jump = np.array([geometry.jump for geometry in geometries])
+        # An upper bound over all wheel angles; two rollers may share a wheel.
+        reach = np.linalg.norm(lever, axis=1) + jump
+        mobility_sum = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
+        mobility_sum *= 2.0 if configuration.wheel_model == "rollers" else 1.0
     plant = dynamics.Plant(
         dt=float(physics_step),
         mass=masses.mass,
@@ -55,7 +66,7 @@ def build_plant(
                 moment,
                 np.sum(geometry.active * geometry.rolling, axis=1),
                 geometry.radius,
-                np.sum(np.abs(mobility), axis=1),
+                mobility_sum,
             )
         ),
         rolling=np.zeros((len(lever), 3)),
@@ -71,6 +82,8 @@ def build_plant(
         slip_speed=tire.slip_speed,
         friction=float(friction.base),
         patches=friction.table,
+        rollers=rollers,
+        roller_pitch=pitch,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
     mounts: Mapping[str, WheelMount] = {

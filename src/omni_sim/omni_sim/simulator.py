@@ -23,8 +23,8 @@ from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
 from omni_sim.overload import Overload, OverloadWatch
 from omni_sim.pose_interpolation import interpolate_poses
 from omni_sim.texture_cache import TextureCache
-from omni_sim.vehicle import Vehicle
 from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle_factory import build_vehicle
 from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
 
 __all__ = [
@@ -236,7 +236,7 @@ class Simulator:
         self.control_period_ns = simulation.control_period_ns
         self._driver = ScriptedDriver(configuration.maneuver)
         ground = configuration.ground
-        self.vehicle = Vehicle(
+        self.vehicle = build_vehicle(
             configuration.vehicle,
             FrictionMap(ground.friction, ground.patches),
             simulation.physics_step,
@@ -277,7 +277,6 @@ class Simulator:
         twist = vehicle.twist
         pose = vehicle.pose
         reading = self._velocity_sensor.measure(self._stamp_ns, twist)
-        force = vehicle.wheel_force
         return Observation(
             stamp_ns=self._stamp_ns,
             wheel_angle=vehicle.wheel_angle,
@@ -291,8 +290,8 @@ class Simulator:
             velocity_sensor=reading,
             velocity_sensor_covariance=self._reading_covariance(reading),
             wheel_load=vehicle.wheel_load,
-            wheel_force=force,
-            wheel_force_body=force[:, np.newaxis] * vehicle.kinematics.geometry.active,
+            wheel_force=vehicle.wheel_force,
+            wheel_force_body=vehicle.wheel_force_body,
             slip=vehicle.slip,
             line_batches=self._batches,
         )

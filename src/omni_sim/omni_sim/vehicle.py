@@ -15,6 +15,7 @@ from omni_sim.friction import FrictionMap
 from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.loads import GRAVITY, MassProperties
 from omni_sim.plant import build_losses, build_plant, static_loads
+from omni_sim.roller_dynamics import Rollers
 from omni_sim.uneven_ground import level, orientation, stand
 from omni_sim.vehicle_configuration import VehicleConfiguration
 
@@ -68,7 +69,10 @@ class Vehicle:
         kinematics: of the unloaded wheels, with the names and the order of all wheel arrays.
         masses: body and load together.
         physics_step: [s].
+        wheel_model: that this class simulates.
     """
+
+    wheel_model = "single"
 
     def __init__(
         self,
@@ -78,6 +82,7 @@ class Vehicle:
         pose: ArrayLike = (0.0, 0.0, 0.0),
         twist: ArrayLike = (0.0, 0.0, 0.0),
         elevation: ElevationConfiguration | None = None,
+        wheel_angle: ArrayLike = 0.0,
     ) -> None:
         """Build the vehicle and place it, rolling perfectly.
 
@@ -88,11 +93,18 @@ class Vehicle:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: of base_link in the body frame [m/s, m/s, rad/s].
             elevation: of the ground; flat by default.
+            wheel_angle: of the wheels when placed, 0 with a roller's middle on the ground [rad],
+                a number or shape (N,).
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
-            VehicleInputError: a number is out of range.
+            VehicleInputError: a number is out of range, or the configuration has other wheels.
         """
+        if configuration.wheel_model != self.wheel_model:
+            raise VehicleInputError(
+                f"{type(self).__name__} has wheels of the model {self.wheel_model!r}, not "
+                f"{configuration.wheel_model!r}; vehicle_factory.build_vehicle takes either"
+            )
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
@@ -110,6 +122,11 @@ class Vehicle:
         n = len(configuration.wheels)
         self._body = np.zeros(dynamics.BODY_SIZE)
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
+        self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
+        self._individual_rollers: Rollers | None = None
+        if np.ndim(wheel_angle) == 0:
+            wheel_angle = np.full(n, wheel_angle)
+        self._start_angle = _finite("wheel angle", wheel_angle, (n,))
         self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
         self._force = np.zeros(2)
@@ -141,11 +158,26 @@ class Vehicle:
         self._body[dynamics.YAW_RATE] = twist_body[2]
         self._wheels[:] = 0.0
         self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
-        self._wheels[:, dynamics.LAST_SPEED] = self._wheels[:, dynamics.SPEED]
         pressing = math.sqrt(1.0 - float(np.sum(self._tilt**2)))
         self._wheels[:, dynamics.LOAD] = pressing * static_loads(self._plant)
+        self._wheels[:, dynamics.ANGLE] = self._start_angle
+        if self._plant.roller_pitch > 0.0:
+            self._wheels[:, dynamics.SPEED] = self._rolling_speed(v, twist_body[2])
+        self._wheels[:, dynamics.LAST_SPEED] = self._wheels[:, dynamics.SPEED]
         self._counters[:] = 0
         self._tipping = False
+
+    def _rolling_speed(self, velocity: FloatArray, yaw_rate: float) -> FloatArray:
+        """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
+        self._wheels[:, dynamics.SPEED] = 0.0
+        dynamics.displace_contacts(self._plant, self._wheels, self._contacts)
+        twist = np.array([*velocity, yaw_rate])
+        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ twist
+        radius = self._plant.wheel[:, dynamics.RADIUS] - self.wheel_load / (
+            self._plant.vertical_stiffness
+        )
+        speed: FloatArray = hub / (radius * self._contacts[:, dynamics.RIM])
+        return speed
 
     def advance(
         self,
@@ -277,6 +309,8 @@ class Vehicle:
             self._losses,
             control,
             self._body,
+            self._contacts,
+            self._individual_rollers,
             self._wheels,
             self._counters,
             trajectory,
@@ -384,6 +418,12 @@ class Vehicle:
         return np.asarray(hub - self.wheel_speed * radius * rim, dtype=np.float64)
 
     @property
+    def wheel_force_body(self) -> FloatArray:
+        """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
+        direction = self._contacts[:, dynamics.N_X : dynamics.N_Y + 1]
+        return np.asarray(self.wheel_force[:, np.newaxis] * direction, dtype=np.float64)
+
+    @property
     def friction_limit(self) -> FloatArray:
         """Largest force that load and ground allowed each wheel in the last step [N], (N,)."""
         return self._wheels[:, dynamics.LIMIT].copy()
@@ -396,12 +436,14 @@ class Vehicle:
     @property
     def slip_velocity(self) -> FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
-        w = self._plant.wheel
-        radius = w[:, dynamics.RADIUS] - self.wheel_load / self._plant.vertical_stiffness
-        hub = np.sum(
-            self.kinematics.geometry.active * self.kinematics.wheel_velocities(self.twist), axis=1
-        )
-        return np.asarray(hub - self.wheel_speed * radius * w[:, dynamics.RIM], dtype=np.float64)
+        radius = self._plant.wheel[:, dynamics.RADIUS]
+        radius = radius - self.wheel_load / self._plant.vertical_stiffness
+        v_x, v_y, rate = self.twist
+        g_x, g_y = self.masses.centre
+        centre = np.array([v_x - rate * g_y, v_y + rate * g_x, rate])
+        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ centre
+        rim = self.wheel_speed * radius * self._contacts[:, dynamics.RIM]
+        return np.asarray(hub - rim, dtype=np.float64)
 
     @property
     def sliding(self) -> BoolArray:

@@ -18,6 +18,8 @@ from omni_sim.loads import (
     support_polygon,
 )
 from omni_sim.passive_losses import PassiveLossConfiguration
+from omni_sim.roller_configuration import RollerConfiguration, roller_geometries
+from omni_sim.roller_geometry import RollerGeometry
 from omni_sim.tire import TireConfiguration
 
 
@@ -81,6 +83,22 @@ class VehicleConfiguration(Configuration):
     tire: TireConfiguration = parameter(
         description="Tyre of every wheel", default_factory=TireConfiguration
     )
+    wheel_model: str = parameter(
+        "single",
+        description="Model of every wheel: 'single' with one idealised roller (section 2.4.2), or "
+        "'rollers' with free rollers of their own (section 2.4.1)",
+        choices=("single", "rollers"),
+    )
+    contact: str = parameter(
+        "ideal",
+        description="Contact of the wheel model 'single': 'ideal' under the wheel's centre, or "
+        "'roller', which moves along the roller on the ground and jumps to the next (8)-(10)",
+        choices=("ideal", "roller"),
+    )
+    rollers: RollerConfiguration = parameter(
+        description="Rollers of every wheel; count where the wheel model or its contact has them",
+        default_factory=RollerConfiguration,
+    )
     brake: BrakeConfiguration = parameter(
         description="Brake of every wheel", default_factory=BrakeConfiguration
     )
@@ -106,12 +124,35 @@ class VehicleConfiguration(Configuration):
         maximum=10.0,
     )
 
+    @property
+    def contacts_move(self) -> bool:
+        """Whether the contact points follow the rollers."""
+        return self.wheel_model == "rollers" or self.contact == "roller"
+
+    @property
+    def roller_geometries(self) -> tuple[RollerGeometry, ...]:
+        """Geometry of the rollers of each wheel.
+
+        Raises:
+            ConfigurationError: the rollers do not fit on a wheel.
+        """
+        squeeze = self.tire.largest_load / self.tire.vertical_stiffness
+        return roller_geometries(self.wheels, self.rollers, squeeze)
+
     def check_consistency(self) -> None:
         """Refuse platforms that cannot move or stand.
 
         Raises:
-            ConfigurationError: no wheel may sit so, or the vehicle falls over at standstill.
+            ConfigurationError: no wheel may sit so, its rollers do not fit, or the vehicle falls
+                over at standstill.
         """
+        if self.contacts_move:
+            _ = self.roller_geometries  # refuses rollers that do not fit
+        if self.wheel_model == "rollers" and self.passive_losses.active:
+            raise ConfigurationError(
+                "passive_losses",
+                "belong to the wheel model 'single'; set them to 0 for individual rollers",
+            )
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
         kinematics = PlatformKinematics(self.wheels)

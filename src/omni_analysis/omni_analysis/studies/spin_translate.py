@@ -26,8 +26,8 @@ from omni_analysis.spin_translate_figures import draw_commands, draw_snapshots
 from omni_analysis.studies import StudyResult
 from omni_analysis.tracking import Tracking
 from omni_platform.configuration import ConfigurationError
-from omni_sim.vehicle import Vehicle
 from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle_factory import build_vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def track(
     time = np.arange(periods + 1, dtype=np.float64) * np.float64(_PERIOD)
     reference = maneuver.pose(time)
     start = maneuver.twist(time[:1], reference[:1, 2])[0]
-    vehicle = Vehicle(configuration, pose=reference[0], twist=start)
+    vehicle = build_vehicle(configuration, pose=reference[0], twist=start)
     steps = round(_PERIOD / vehicle.physics_step)
     # Over a period the drive holds the velocity of its middle, in the direction of the world.
     command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])

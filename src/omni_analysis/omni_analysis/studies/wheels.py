@@ -1,0 +1,237 @@
+"""The single-roller wheel against the wheel of individual rollers: forces, motion, cost.
+
+Both platforms drive, brake and are pushed sideways on the single-roller wheel (section 2.4.2), on
+the same with the contact of rollers (section 2.3.2), and on wheels of free rollers (section 2.4.1).
+Forces and motions of the last are compared with the first in the mean over the wheel angles. The
+study also refines the step, parks on a slope and after a stop, and measures what a wheel costs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import save_figure
+from omni_analysis.metrics import Metric
+from omni_analysis.studies import StudyResult
+from omni_analysis.wheel_figures import draw_contact, draw_differences, draw_forces, draw_motions
+from omni_analysis.wheel_trials import (
+    CONTACT,
+    ROLLERS,
+    SINGLE,
+    TRIALS,
+    Outcome,
+    creep,
+    force_difference,
+    force_trace,
+    motion_difference,
+    movement_after_stop,
+    outcome,
+    real_time_factor,
+    start_angles,
+    stopping_distance,
+    with_wheels,
+)
+from omni_platform.configuration import ConfigurationError
+from omni_sim.vehicle import DEFAULT_PHYSICS_STEP
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+_PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
+_TITLES = {"mecanum": "Mecanum forklift", "three_wheel": "Three-wheeled robot, rollers at 0 deg"}
+_MODELS = {
+    SINGLE: "single roller",
+    CONTACT: "single roller, contact of rollers",
+    ROLLERS: "individual rollers",
+}
+_COUNTS = (6, 8, 12, 16, 24)
+_COMPARED = 12  # rollers of the wheels in figures and metrics
+_COSTED = 6  # rollers of the wheels whose cost is measured, as in section 2.4.1
+_AGREEMENT, _REFINEMENT, _STANDSTILL = 0.05, 0.01, 0.001  # [1], [1], [m]
+_REPEATS = 40
+
+# By vehicle, then trial, then number of rollers.
+Outcomes = dict[str, dict[str, dict[int, Outcome]]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the number of start angles and the seed."""
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=16,
+        metavar="N",
+        help="start angles of the wheels to average over (default: 16)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of the start angles (default: 1)"
+    )
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Compare the wheels and write figures, data and metrics."""
+    if not 2 <= options.starts <= 1000:
+        raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 1000")
+    if options.seed < 0:
+        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    vehicles = {
+        name: library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
+        for name, vehicle in _PLATFORMS.items()
+    }
+    singles: dict[str, dict[str, Outcome]] = {}
+    contacts: dict[str, dict[str, Outcome]] = {}
+    rollers: Outcomes = {}
+    for name, vehicle in vehicles.items():
+        angles = start_angles(options.starts, len(vehicle.wheels), options.seed)
+        single, contact = (with_wheels(vehicle, model, _COMPARED) for model in (SINGLE, CONTACT))
+        singles[name] = {key: outcome(single, trial, angles[:1]) for key, trial in TRIALS.items()}
+        contacts[name] = {key: outcome(contact, trial, angles) for key, trial in TRIALS.items()}
+        rollers[name] = {
+            key: {
+                count: outcome(with_wheels(vehicle, ROLLERS, count), trial, angles)
+                for count in _COUNTS
+            }
+            for key, trial in TRIALS.items()
+        }
+    metrics = _agreement(singles, rollers) | _standing(vehicles) | _cost(vehicles["mecanum"])
+    files = [
+        *_draw(vehicles, singles, contacts, rollers, folder),
+        _write(singles, rollers, folder / "differences.csv"),
+    ]
+    return StudyResult(metrics, tuple(files), _findings(metrics))
+
+
+def _agreement(singles: dict[str, dict[str, Outcome]], rollers: Outcomes) -> dict[str, Metric]:
+    metrics = {}
+    for name, trials in rollers.items():
+        for key, by_count in trials.items():
+            single, compared = singles[name][key], by_count[_COMPARED]
+            for kind, value in (
+                ("force", force_difference(compared, single)),
+                ("motion", motion_difference(compared, single)),
+            ):
+                metrics[f"{kind}_difference.{name}_{key}"] = Metric(value, "1", limit=_AGREEMENT)
+            # The largest of all wheels with at least as many rollers.
+            worst = max(
+                difference(other, single)
+                for count, other in by_count.items()
+                if count >= _COMPARED
+                for difference in (force_difference, motion_difference)
+            )
+            metrics[f"worst_difference.{name}_{key}"] = Metric(worst, "1", limit=_AGREEMENT)
+    return metrics
+
+
+def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for name, vehicle in vehicles.items():
+        for model in _MODELS:
+            wheeled = with_wheels(vehicle, model, _COMPARED)
+            coarse = stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
+            fine = stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
+            # On one roller, and where two share the load.
+            crept = max(creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
+            case = f"{name}_{model}"
+            metrics |= {
+                f"step_change.{case}": Metric(abs(coarse / fine - 1.0), "1", limit=_REFINEMENT),
+                f"creep.{case}": Metric(crept, "m", limit=_STANDSTILL),
+                f"moved_after_stop.{case}": Metric(
+                    movement_after_stop(wheeled), "m", limit=_STANDSTILL
+                ),
+            }
+    return metrics
+
+
+def _cost(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    factors = {
+        model: real_time_factor(with_wheels(vehicle, model, _COSTED), _REPEATS) for model in _MODELS
+    }
+    metrics = {f"real_time_factor.{model}": Metric(factors[model], "1") for model in _MODELS}
+    return metrics | {
+        "cost_ratio.rollers_over_single": Metric(
+            factors[SINGLE] / factors[ROLLERS], "1", reference=100.0
+        ),
+        "physics_step.rollers": Metric(DEFAULT_PHYSICS_STEP, "s"),
+    }
+
+
+def _draw(
+    vehicles: Mapping[str, VehicleConfiguration],
+    singles: dict[str, dict[str, Outcome]],
+    contacts: dict[str, dict[str, Outcome]],
+    rollers: Outcomes,
+    folder: Path,
+) -> list[Path]:
+    geometries = [
+        with_wheels(vehicles["mecanum"], ROLLERS, count).roller_geometries[0]
+        for count in (_COSTED, _COMPARED)
+    ]
+    labels = {
+        f"{label}{f', {count}' if model != SINGLE else ''}": (model, count)
+        for model, label in _MODELS.items()
+        for count in ((_COSTED, _COMPARED) if model == ROLLERS else (_COMPARED,))
+    }
+    traces = {
+        _TITLES[name]: {
+            label: force_trace(with_wheels(vehicle, model, count), 0, 2.0 * np.pi / 3.0)
+            for label, (model, count) in labels.items()
+        }
+        for name, vehicle in vehicles.items()
+    }
+    motions = {
+        _TITLES[name]: {
+            trial: {
+                _MODELS[SINGLE]: singles[name][trial],
+                f"{_MODELS[CONTACT]}, {_COMPARED}": contacts[name][trial],
+                f"{_MODELS[ROLLERS]}, {_COMPARED}": rollers[name][trial][_COMPARED],
+            }
+            for trial in ("brake", "push")
+        }
+        for name in vehicles
+    }
+    differences = {
+        _TITLES[name]: {
+            kind: {
+                TRIALS[key].title: [difference(by[count], singles[name][key]) for count in _COUNTS]
+                for key, by in rollers[name].items()
+            }
+            for kind, difference in (("motion", motion_difference), ("force", force_difference))
+        }
+        for name in vehicles
+    }
+    return [
+        save_figure(draw_contact(geometries), folder / "contact.png"),
+        save_figure(draw_forces(traces), folder / "forces.png"),
+        save_figure(draw_motions(motions), folder / "motions.png"),
+        save_figure(draw_differences(_COUNTS, differences, _AGREEMENT), folder / "differences.png"),
+    ]
+
+
+def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    agreeing = {key: metric for key, metric in metrics.items() if key.startswith("worst_")}
+    largest = max(agreeing, key=lambda key: agreeing[key].value)
+    ratio = metrics["cost_ratio.rollers_over_single"].value
+    return (
+        f"From {_COMPARED} rollers on, individual rollers differ from the single roller by at most "
+        f"{100.0 * agreeing[largest].value:.1f} % ({largest.partition('.')[2]})",
+        f"A wheel of {_COSTED} rollers costs {ratio:.1f} times a single roller; the dissertation "
+        "found two orders of magnitude",
+    )
+
+
+def _write(singles: dict[str, dict[str, Outcome]], rollers: Outcomes, path: Path) -> Path:
+    """Write one row per vehicle, trial and number of rollers."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["vehicle", "trial", "rollers", "motion_difference", "force_difference"])
+        for name, trials in rollers.items():
+            for key, by_count in trials.items():
+                for count, result in by_count.items():
+                    single = singles[name][key]
+                    numbers = motion_difference(result, single), force_difference(result, single)
+                    writer.writerow([name, key, count, *(f"{value:.6g}" for value in numbers)])
+    return path

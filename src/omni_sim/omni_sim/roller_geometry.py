@@ -1,0 +1,207 @@
+"""Where a roller touches the ground and which way its axis points, Eqs. (8)-(17).
+
+Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
+section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel", Computer Aided
+Geometric Design 25 (2008) 784-791.
+
+The wheel axis ``a`` is horizontal at the angle ``alpha``; Eq. (10), which prints ``a_x`` for two
+things, means by it the wheel centre. The axis ``b`` of a roller is inclined
+to it by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
+roller is lowest. The roller touches the ground under the point in which ``b`` crosses the
+vertical plane through ``a``; while the wheel turns, this point runs along ``a`` from one edge of
+the wheel to the other, and jumps back when the next roller takes over. The rollers are barrels
+that fill the wheel's envelope, a circle of the radius ``r``, so the axis stays level.
+
+With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+# Columns of the constants of the wheels: rolling direction u in the body frame, cosine and sine of
+# the roller angle at the ground (sin delta, -cos delta), distance d.
+U_X, U_Y, COS, SIN, DISTANCE = range(5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_roller(angle: float, pitch: float) -> float:
+    """Return the number of the roller that is lowest, not wrapped to 0..n-1 [1].
+
+    Args:
+        angle: of the wheel, 0 with roller 0 lowest [rad].
+        pitch: ``2 pi / n`` [rad].
+    """
+    return math.floor(angle / pitch + 0.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roller_contact(gamma: float, roller: FloatArray) -> tuple[float, ...]:
+    """Return where and in which direction a roller touches the ground.
+
+    Args:
+        gamma: wheel angle from where the roller is lowest [rad].
+        roller: `RollerGeometry.table_row`, shape (5,).
+
+    Returns:
+        Active direction ``n_w`` in the body frame [1], two components with the sign of
+        `omni_platform.geometry`; contact point from under the wheel centre [m], two components;
+        ``n_w . u`` [1]; length of the horizontal part of the unit axis [1]; depth of the axis
+        under the wheel's over the contact [m].
+    """
+    u_x, u_y = roller[U_X], roller[U_Y]
+    cosine = math.cos(gamma)
+    b_u, b_n = roller[COS] * cosine, roller[SIN]
+    length = math.sqrt(b_u * b_u + b_n * b_n)  # Eq. (9) without b_z
+    b_u, b_n = b_u / length, b_n / length
+    # The wheel axis is k x u = (-u_y, u_x).
+    along = roller[DISTANCE] * math.tan(gamma) * roller[SIN] / roller[COS]  # Eq. (10)
+    return (
+        b_n * u_y - b_u * u_x,
+        -b_u * u_y - b_n * u_x,
+        -along * u_y,
+        along * u_x,
+        -b_u,
+        length,
+        roller[DISTANCE] / cosine,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class RollerGeometry:
+    """An omni-wheel with n rollers, in the vehicle's system ``S_1``.
+
+    Attributes:
+        alpha: direction of the wheel axis ``a``, Eq. (8) [rad].
+        delta: angle between the axes of wheel and roller [rad], not a multiple of 180 deg.
+        distance: ``d`` between the axes, ``R_0`` of Eq. (17) [m].
+        radius: ``r`` of the wheel over its rollers [m].
+        rollers: n.
+        centre: ``(a_x, a_y)``, wheel centre [m].
+    """
+
+    alpha: float
+    delta: float
+    distance: float
+    radius: float
+    rollers: int
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse wheels that cannot be built.
+
+        Raises:
+            ValueError: too few rollers, parallel axes, or a roller's axis under the ground.
+        """
+        if self.rollers < 3:
+            raise ValueError(f"{self.rollers} rollers: a wheel needs at least 3")
+        if abs(math.sin(self.delta)) < 1e-9:
+            raise ValueError("the roller axes are parallel to the wheel axis")
+        if not 0.0 < self.distance < self.radius * math.cos(self.half_pitch):
+            raise ValueError(
+                f"distance {self.distance:g} m: the rollers' axes must stay above the ground, "
+                f"so below {self.radius * math.cos(self.half_pitch):g} m"
+            )
+
+    @property
+    def half_pitch(self) -> float:
+        """Wheel angle from a roller's middle to its change [rad]."""
+        return math.pi / self.rollers
+
+    @property
+    def wheel_axis(self) -> FloatArray:
+        """``a``, Eq. (8), shape (3,)."""
+        return np.array([math.cos(self.alpha), math.sin(self.alpha), 0.0])
+
+    @property
+    def roller_centres(self) -> FloatArray:
+        """``d_i`` around the wheel: forward, along the axis, up [m], Eq. (17), shape (n, 3)."""
+        angle = 2.0 * np.pi * np.arange(1, self.rollers + 1) / self.rollers
+        return self.distance * np.column_stack((np.sin(angle), np.zeros_like(angle), np.cos(angle)))
+
+    def roller_angle(self, wheel_angle: ArrayLike) -> FloatArray:
+        """Return ``gamma`` of the roller on the ground, in [-pi/n, pi/n) [rad].
+
+        Args:
+            wheel_angle: angle of the wheel, zero with roller 0 at the ground [rad], any shape.
+        """
+        angle = np.asarray(wheel_angle, dtype=np.float64)
+        pitch = 2.0 * self.half_pitch
+        return np.asarray(angle - pitch * np.floor(angle / pitch + 0.5), dtype=np.float64)
+
+    def roller_axis(self, gamma: ArrayLike) -> FloatArray:
+        """Return ``b``, Eq. (9), shape (..., 3).
+
+        Args:
+            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+        """
+        g = np.asarray(gamma, dtype=np.float64)
+        cos_a, sin_a = math.cos(self.alpha), math.sin(self.alpha)
+        cos_d, sin_d = math.cos(self.delta), math.sin(self.delta)
+        return np.stack(  # Eq. (9)
+            (
+                cos_a * cos_d - sin_a * sin_d * np.cos(g),
+                sin_a * cos_d + cos_a * sin_d * np.cos(g),
+                sin_d * np.sin(g),
+            ),
+            axis=-1,
+        )
+
+    def active_direction(self, gamma: ArrayLike) -> FloatArray:
+        """Return the unit vector of ``b`` projected on the ground, shape (..., 2)."""
+        b = self.roller_axis(gamma)[..., :2]
+        unit: FloatArray = b / np.linalg.norm(b, axis=-1, keepdims=True)
+        return unit
+
+    def contact_point(self, gamma: ArrayLike) -> FloatArray:
+        """Return ``c`` [m], Eq. (10), shape (..., 2).
+
+        Args:
+            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+        """
+        reach = self.distance * np.tan(np.asarray(gamma, dtype=np.float64))
+        along = reach * math.cos(self.delta) / math.sin(self.delta)
+        a_x, a_y = self.centre
+        return np.stack(
+            (a_x - along * math.cos(self.alpha), a_y - along * math.sin(self.alpha)), axis=-1
+        )
+
+    def roller_radius(self, gamma: ArrayLike) -> FloatArray:
+        """Return the height of the roller's axis over the ground at the contact [m]."""
+        cosine = np.cos(np.asarray(gamma, dtype=np.float64))
+        return np.asarray(self.radius - self.distance / cosine, dtype=np.float64)
+
+    @property
+    def table_row(self) -> FloatArray:
+        """The constants of `roller_contact`, shape (5,)."""
+        # u = a x k
+        u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
+        return np.array([u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance])
+
+    @property
+    def jump(self) -> float:
+        """By how much the contact point jumps at a change of rollers [m]."""
+        tangent = self.distance * math.tan(self.half_pitch)
+        return abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
+
+    def wheel_rate(self, gamma: ArrayLike, twist: ArrayLike) -> FloatArray:
+        """Return the wheel speed ``gamma_dot`` of rolling without slip [rad/s], Eq. (16).
+
+        Args:
+            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+            twist: ``(v_x, v_y, Omega)`` of the vehicle [m/s, m/s, rad/s], shape (3,).
+        """
+        v_x, v_y, omega = np.asarray(twist, dtype=np.float64)
+        b, c = self.roller_axis(gamma), self.contact_point(gamma)
+        driven = b[..., 0] * (v_x - omega * c[..., 1]) + b[..., 1] * (v_y + omega * c[..., 0])
+        lever = b[..., 0] * math.sin(self.alpha) - b[..., 1] * math.cos(self.alpha)
+        rate: FloatArray = driven / (self.radius * lever)
+        return rate
