@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import sys
 import time
@@ -16,13 +17,17 @@ from collections.abc import Callable, Iterable
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from omni_platform.configuration import ConfigurationError
-from omni_ros.environment import PARENT_PID_VARIABLE
+from omni_ros.environment import PARENT_PID_VARIABLE, chosen_domain
+from omni_ros.parameters import refuse_unknown_parameters
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -69,10 +74,10 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     stop = StopFlag()
     signal.signal(signal.SIGINT, stop.request)
     signal.signal(signal.SIGTERM, stop.request)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
     try:
-        node = make_node()
+        _initialize_ros()
+        node = _make(make_node)
         run(node, Spinner(node, stop))
     except ConfigurationError as error:
         print(error, file=sys.stderr, flush=True)
@@ -86,6 +91,43 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
+
+
+def _initialize_ros() -> None:
+    """Start the client library.
+
+    Raises:
+        ConfigurationError: the domain, an argument or a parameter file cannot be used.
+    """
+    chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as error:
+        raise ConfigurationError("--ros-args", f"unknown: {error}") from None
+    except RuntimeError as error:
+        # Without the places in the source of rcl.
+        words = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())
+        raise ConfigurationError(
+            "--ros-args", words.removeprefix("failed to initialize rcl: ")
+        ) from None
+    surplus = remove_ros_args(sys.argv)[1:]
+    if surplus:
+        raise ConfigurationError(
+            "arguments", f"unknown: {' '.join(surplus)}; what is for ROS follows --ros-args"
+        )
+
+
+def _make(make_node: Callable[[], Node]) -> Node:
+    try:
+        node = make_node()
+    except ParameterException as error:  # of one of rclpy's own
+        raise ConfigurationError("", str(error)) from None
+    try:
+        refuse_unknown_parameters(node)
+    except ConfigurationError:
+        node.destroy_node()
+        raise
+    return node
 
 
 class Spinner:
