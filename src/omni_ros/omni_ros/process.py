@@ -101,16 +101,15 @@ def _initialize_ros() -> None:
     """
     chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
     try:
+        surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.UnknownROSArgsError as error:
         raise ConfigurationError("--ros-args", f"unknown: {error}") from None
     except RuntimeError as error:
         # Without the places in the source of rcl.
         words = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())
-        raise ConfigurationError(
-            "--ros-args", words.removeprefix("failed to initialize rcl: ")
-        ) from None
-    surplus = remove_ros_args(sys.argv)[1:]
+        words = re.sub("^(failed to initialize rcl|Failed to parse ROS arguments): ", "", words)
+        raise ConfigurationError("--ros-args", words) from None
     if surplus:
         raise ConfigurationError(
             "arguments", f"unknown: {' '.join(surplus)}; what is for ROS follows --ros-args"
