@@ -102,6 +102,28 @@ def test_interrupt_ends_every_process(
             assert (folder / "assisted/configuration.yaml").is_file()
 
 
+@pytest.mark.parametrize("moment", ["before Python", "importing"])
+def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -> None:
+    # The launcher blocks the signals when it hands over; the new process inherits that.
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        process = subprocess.Popen(
+            omni_command(["run", "--out", str(tmp_path / "out")]),
+            env=omni_environment(),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    if moment == "importing":
+        libraries = Path(f"/proc/{process.pid}/maps")
+        wait_until(lambda: "_multiarray_umath" in libraries.read_text())
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=RUN_TIMEOUT)
+    assert (process.returncode, errors) == (130, "interrupted\n")
+    assert not (tmp_path / "out").exists()
+
+
 def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
     process = subprocess.Popen(
         omni_command(["run", "--out", str(tmp_path / "out")]),
