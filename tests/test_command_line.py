@@ -159,3 +159,22 @@ def test_a_node_that_dies_ends_the_run_by_name(package: str, name: str, tmp_path
     assert not node_processes(process.pid)
     with AnyReader([folder / "assisted"]) as reader:
         assert reader.topics["/clock"].msgcount > 0
+
+
+def test_a_killed_recorder_ends_the_run_and_the_rest_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        omni_command(["run", "--variant", "assisted", "--out", str(folder)]),
+        env=omni_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until(lambda: recorded_bytes(folder) > 1_000_000)
+    for pid in processes_of("omni_bringup", process.pid):
+        os.kill(pid, signal.SIGKILL)
+    _, words = process.communicate(timeout=RUN_TIMEOUT)
+    assert process.returncode == 1
+    assert "recorder ended (signal 9)" in words
+    assert f"what was recorded is in {folder}" in words
+    assert ".mcap was not finished" in words
+    assert not node_processes(process.pid)

@@ -17,7 +17,7 @@ from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
-from omni_bringup.run_folder import write_summary
+from omni_bringup.run_folder import unfinished_recordings, write_summary
 from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
 from omni_platform.configuration import ConfigurationError
 
@@ -53,6 +53,12 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
     except (RunError, ProcessError, NoFreeDomainError, BagError) as error:
         print(f"omni run: {error}", file=sys.stderr)
         print(f"omni run: what was recorded is in {folder}", file=sys.stderr)
+        for path in unfinished_recordings(folder):
+            print(
+                f"omni run: {path.relative_to(folder)} was not finished: what was recorded can be "
+                "streamed from its beginning, but tools that need its index refuse it",
+                file=sys.stderr,
+            )
         return EXIT_FAILED
     histories = {result.variant: result.history for result in results}
     pictures = draw_run_figures(configurations, histories, folder)

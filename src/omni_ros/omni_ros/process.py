@@ -51,13 +51,23 @@ class StopFlag:
 
     def __init__(self) -> None:
         self._requested = False
+        self._terminations = 0
 
     def __bool__(self) -> bool:
         return self._requested
 
-    def request(self, *_: object) -> None:
+    @property
+    def is_insistent(self) -> bool:
+        """Whether SIGTERM came again: nobody is to be waited for any more.
+
+        SIGINT does not count: a terminal and a launcher may both pass on the same Ctrl-C.
+        """
+        return self._terminations > 1
+
+    def request(self, number: int = signal.SIGINT, *_: object) -> None:
         """Ask for the stop; usable as a signal handler."""
         self._requested = True
+        self._terminations += number == signal.SIGTERM
 
 
 def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], None]) -> int:
@@ -87,7 +97,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
         return EXIT_FAILED
     finally:
         if node is not None:
-            _flush_publishers(node)
+            _flush_publishers(node, stop)
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
@@ -207,12 +217,15 @@ def _end_with_parent() -> None:
         sys.exit(EXIT_FAILED)
 
 
-def _flush_publishers(node: Node) -> None:
+def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
-    A retransmission may take 3 s; a reader that has died never acknowledges.
+    A retransmission may take 3 s; a reader that has died never acknowledges. From here the two
+    look alike: whoever knows that no reader is left sends SIGTERM once more.
     """
     deadline = time.monotonic() + _LONGEST_FLUSH
+    step = Duration(nanoseconds=int(_POLL * 1e9))  # a signal is seen in between
     for publisher in node.publishers:
-        remaining = max(0.0, deadline - time.monotonic())
-        publisher.wait_for_all_acked(Duration(nanoseconds=int(remaining * 1e9)))
+        while not publisher.wait_for_all_acked(step):
+            if stop.is_insistent or time.monotonic() >= deadline:
+                return
