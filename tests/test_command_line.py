@@ -35,9 +35,13 @@ from rosbags.highlevel import AnyReader
         (["--set", "simulation.control_period=0.0123"], "simulation.control_period"),
         (["--set", "sensors.front.heading_deg=0.0"], "odometry.sensors"),
         (["--set", "simulation.render_lines=false"], "must be true for optical feedback"),
+        (["--set", "vehicle=[1, 2]"], "vehicle: [1, 2] is a list"),
+        (["--set", "odometry=null"], "odometry: is nothing"),
+        (["--set", "seed=99999999999999999999"], "seed: the whole number has more than 64 bits"),
+        (["--set", 'vehicle.load.mass="400"'], "vehicle.load.mass: '400' is a text"),
         (
-            ["--set", "odometry.sensors.rear={x: -0.6, y: 0.0, heading_deg: 90.0}"],
-            "odometry.sensors.rear: is no camera of the vehicle",
+            ["--variant", "assisted", "--variant", "assisted"],
+            "--variant: 'assisted' is given twice",
         ),
         (["--variant", "half_assisted"], "'half_assisted' is not a variant"),
         (["strait_line"], "did you mean 'straight_line'"),
@@ -99,6 +103,28 @@ def test_interrupt_ends_every_process(
             assert (folder / "assisted/configuration.yaml").is_file()
 
 
+@pytest.mark.parametrize("moment", ["before Python", "importing"])
+def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -> None:
+    # The launcher blocks the signals when it hands over; the new process inherits that.
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        process = subprocess.Popen(
+            omni_command(["run", "--out", str(tmp_path / "out")]),
+            env=omni_environment(),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    if moment == "importing":
+        libraries = Path(f"/proc/{process.pid}/maps")
+        wait_until(lambda: "_multiarray_umath" in libraries.read_text())
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=RUN_TIMEOUT)
+    assert (process.returncode, errors) == (130, "interrupted\n")
+    assert not (tmp_path / "out").exists()
+
+
 def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
     process = subprocess.Popen(
         omni_command(["run", "--out", str(tmp_path / "out")]),
@@ -134,3 +160,22 @@ def test_a_node_that_dies_ends_the_run_by_name(package: str, name: str, tmp_path
     assert not node_processes(process.pid)
     with AnyReader([folder / "assisted"]) as reader:
         assert reader.topics["/clock"].msgcount > 0
+
+
+def test_a_killed_recorder_ends_the_run_and_the_rest_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        omni_command(["run", "--variant", "assisted", "--out", str(folder)]),
+        env=omni_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until(lambda: recorded_bytes(folder) > 1_000_000)
+    for pid in processes_of("omni_bringup", process.pid):
+        os.kill(pid, signal.SIGKILL)
+    _, words = process.communicate(timeout=RUN_TIMEOUT)
+    assert process.returncode == 1
+    assert "recorder ended (signal 9)" in words
+    assert f"what was recorded is in {folder}" in words
+    assert ".mcap was not finished" in words
+    assert not node_processes(process.pid)

@@ -2,21 +2,55 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 
 from rich import box
+from rich.console import Console, ConsoleOptions
 from rich.table import Table
 from rich.text import Text
 
 from omni_analysis.metrics import Metric
 
 _DECIMALS = {"m": 2, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
+_BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
+_ANY_WIDTH = 10_000  # more than any table needs
+
+
+class ComparisonTable:
+    """A row per quantity and a column per variant, for as many variants as fit side by side.
+
+    The others follow in tables below, since a number must never wrap or vanish; names may wrap.
+    """
+
+    def __init__(
+        self, metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None
+    ) -> None:
+        self._metrics = dict(metrics_by_variant)
+        self._title = title
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        """Yield the tables for the width of the console."""
+        title = self._title
+        left = list(self._metrics)
+        while left:
+            # The widest that fits: as it is, with folded headings, with fewer variants.
+            for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
+                shown = {name: self._metrics[name] for name in left[:count]}
+                table = _table(shown, title, folded=folded)
+                needed = console.measure(table, options=options.update(width=_ANY_WIDTH)).minimum
+                if needed <= options.max_width:
+                    break
+            yield table
+            title = None
+            left = left[count:]
 
 
 def comparison_table(
     metrics_by_variant: Mapping[str, Mapping[str, Metric]], *, title: str | None = None
-) -> Table:
+) -> ComparisonTable:
     """Return a table with a row per quantity and a column per variant.
 
     A value past its limit is marked with ``!``; the dissertation's figure follows in brackets.
@@ -26,6 +60,13 @@ def comparison_table(
         metrics_by_variant: what `run_metrics` returned, in the order of the columns.
         title: printed above the table.
     """
+    return ComparisonTable(metrics_by_variant, title)
+
+
+def _table(
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, *, folded: bool
+) -> Table:
+    """Return a table of which the first column alone may become narrower, down to a word."""
     table = Table(
         title=None if title is None else Text(title),
         title_justify="left",
@@ -33,18 +74,20 @@ def comparison_table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    table.add_column("", no_wrap=True)
+    quantities = _quantities(metrics_by_variant)
+    labels = {quantity: _label(quantity) for quantity in quantities}
+    words = [word for label in labels.values() for word in label.split()]
+    table.add_column("", min_width=max(map(len, words), default=1))
     table.add_column("unit", no_wrap=True)
-    for variant in metrics_by_variant:
-        table.add_column(Text(variant), justify="right", overflow="fold")
-    for quantity in _quantities(metrics_by_variant):
+    for variant, metrics in metrics_by_variant.items():
+        cells = [_cell(entry).plain for entry in metrics.values()]
+        parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
+        width = max(map(len, parts if folded else (variant, *cells)), default=1)
+        table.add_column(Text(variant), justify="right", overflow="fold", width=width)
+    for quantity in quantities:
         entries = [metrics.get(quantity) for metrics in metrics_by_variant.values()]
         unit = next((entry.unit for entry in entries if entry is not None), "")
-        name, _, wheel = quantity.partition(".")
-        label = f"  {wheel}" if wheel else name.replace("_rmse", "_RMSE")
-        table.add_row(
-            Text(label.replace("_", " ")), "" if unit == "1" else unit, *map(_cell, entries)
-        )
+        table.add_row(Text(labels[quantity]), "" if unit == "1" else unit, *map(_cell, entries))
     notes = {
         f"{variant}: {metric.note}": None
         for variant, metrics in metrics_by_variant.items()
@@ -54,6 +97,12 @@ def comparison_table(
     if notes:
         table.caption = Text("\n".join(notes))
     return table
+
+
+def _label(quantity: str) -> str:
+    name, _, wheel = quantity.partition(".")
+    label = f"  {wheel}" if wheel else name.replace("_rmse", "_RMSE")
+    return label.replace("_", " ")
 
 
 def _quantities(metrics_by_variant: Mapping[str, Mapping[str, Metric]]) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -76,15 +77,14 @@ class ExperimentConfiguration(Configuration):
     def check_consistency(self) -> None:
         """Refuse a loop in which a node would wait for what nobody sends.
 
+        Nodes must know the wheels and line cameras that there are. Their places may differ, which
+        misleads the nodes; their names say who is meant.
+
         Raises:
-            ConfigurationError: names the camera, or the feedback.
+            ConfigurationError: names the wheel or camera, or the feedback.
         """
-        unknown = [name for name in self.odometry.sensors if name not in self.sensors]
-        if unknown:
-            raise ConfigurationError(
-                f"odometry.sensors.{unknown[0]}",
-                f"is no camera of the vehicle; known: {', '.join(self.sensors)}",
-            )
+        _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
+        _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
         if self.feedback == "optical" and not self.simulation.render_lines:
             raise ConfigurationError(
                 "simulation.render_lines",
@@ -141,12 +141,18 @@ class ExperimentLibrary:
             )
         tree = {key: value for key, value in document.items() if key != "variants"}
         tree = self._resolve(tree)
-        for layer in (variants[variant] or {}, *(parse_override(text) for text in overrides)):
+        changes = variants[variant] if variants[variant] is not None else {}
+        if not isinstance(changes, Mapping):
+            raise ConfigurationError(
+                join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
+            )
+        for layer in (changes, *(parse_override(text) for text in overrides)):
             tree = _merge(tree, self._resolve(layer))
         # The nodes are told where things are mounted, unless an experiment misleads them.
-        tree["odometry"] = _merge({"sensors": tree.get("sensors", {})}, tree.get("odometry") or {})
-        wheels = (tree.get("vehicle") or {}).get("wheels", {})
-        tree["brake_assist"] = _merge({"wheels": wheels}, tree.get("brake_assist") or {})
+        _tell(tree, "odometry", "sensors", tree.get("sensors"))
+        vehicle = tree.get("vehicle")
+        wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
+        _tell(tree, "brake_assist", "wheels", wheels)
         return from_mapping(ExperimentConfiguration, tree)
 
     def _resolve(self, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -177,10 +183,10 @@ class ExperimentLibrary:
                     key, f"{name!r} is not known; {hint}known: {', '.join(known)}"
                 )
         try:
-            document = yaml.safe_load(path.read_text(encoding="utf-8"))
+            document = _load_yaml(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+        except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
             problem = " ".join(str(error).split())
             raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
         if not isinstance(document, dict):
@@ -205,22 +211,27 @@ def parse_override(text: str) -> dict[str, Any]:
             "--set", f"{text!r} must have the form key=value, such as vehicle.load.mass=400"
         )
     try:
-        value = yaml.safe_load(value_text)
-    except yaml.YAMLError:
+        value = _load_yaml(value_text)
+    except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
         raise ConfigurationError(key, f"the value {value_text!r} is not valid YAML") from None
-    if isinstance(value, str):
-        value = _number_or_text(value)
     for part in reversed(parts):
         value = {part: value}
     return dict(value)
 
 
-def _number_or_text(text: str) -> float | str:
-    # YAML 1.1 takes 1e-3, which has no point, for a text.
-    try:
-        return float(text)
-    except ValueError:
-        return text
+class _Loader(yaml.SafeLoader):
+    """YAML in which 1e-3 is a number; YAML 1.1 takes it, without a point, for a text."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
+    list("-+.0123456789"),
+)
+
+
+def _load_yaml(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)
 
 
 def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -228,6 +239,20 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(variants, Mapping) or not variants:
         raise ConfigurationError("variants", "an experiment needs at least one named variant")
     return variants
+
+
+def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
+    told = tree.get(node, {})
+    if isinstance(told, Mapping) and isinstance(truth, Mapping):
+        tree[node] = _merge({name: truth}, told)
+
+
+def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
+    if set(told) != set(true):
+        raise ConfigurationError(
+            key, f"names {', '.join(told)}, must name what there is: {', '.join(true)}"
+        )
 
 
 def _merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:

@@ -50,5 +50,21 @@ def test_fits_a_narrow_terminal(variants: int) -> None:
     assert f"stopping distance m {' '.join(['10.25'] * variants)}" in lines
 
 
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize(
+    "names", [["unassisted", "assisted"], ["a", "bc", "enhanced_k7", "d", "e"]]
+)
+def test_numbers_stay_whole_on_any_width(names: list[str], width: int) -> None:
+    lines = printed(dict.fromkeys(names, METRICS["unassisted"]), width)
+    words = " ".join(lines).split()
+    for number in ("9.09", "80.0", "!", "(26.3)"):
+        assert words.count(number) == len(names), number
+    # Names wrap between their words only.
+    assert {"stopping", "distance", "orientation", "switchings"} <= set(words)
+    if len(names) == 2:
+        assert any("9.09 9.09" in line for line in lines), "side by side even at 40"
+    assert max(map(len, lines)) <= width
+
+
 def test_markup_in_names_is_printed_as_it_is() -> None:
     assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))

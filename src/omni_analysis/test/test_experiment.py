@@ -66,6 +66,44 @@ def test_the_nodes_may_be_told_something_else_than_is_true(library: ExperimentLi
     assert chosen.odometry.sensors["right"] == chosen.sensors["right"]
 
 
+@pytest.mark.parametrize("value", ["[1, 2]", "3", "null", "true", "some"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        *("vehicle", "vehicle.tire", "vehicle.wheels", "vehicle.wheels.front_left", "vehicle.load"),
+        *("ground", "ground.texture", "sensors", "sensors.left", "camera", "maneuver"),
+        *("velocity_sensor", "simulation", "odometry", "odometry.sensors", "odometry.sensors.left"),
+        *("brake_assist", "brake_assist.wheels"),
+    ],
+)
+def test_a_part_that_is_no_mapping_is_refused_by_name(
+    library: ExperimentLibrary, part: str, value: str
+) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load(library, f"{part}={value}")
+    assert refused.value.key == part
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("brake_assist.wheels.fifth={x: 1, y: 1, roller_angle_deg: 45}", "brake_assist.wheels"),
+        ("odometry.sensors.rear={x: 1, y: 1, heading_deg: 0}", "odometry.sensors"),
+    ],
+)
+def test_the_nodes_know_who_is_there(library: ExperimentLibrary, override: str, key: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load(library, override)
+    assert refused.value.key == key
+
+
+def test_numbers_of_a_file_may_have_an_exponent(library: ExperimentLibrary, tmp_path: Path) -> None:
+    text = (CONFIG / "experiments/straight_line.yaml").read_text()
+    path = tmp_path / "fast.yaml"
+    path.write_text(text.replace("speed: 10.0", "speed: 1e1"))
+    assert library.load(str(path), "assisted") == load(library)
+
+
 def test_the_effective_configuration_loads_again(library: ExperimentLibrary) -> None:
     chosen = load(library, "camera.noise=2.5")
     text = yaml.safe_dump(to_mapping(chosen))
@@ -77,7 +115,13 @@ def test_the_effective_configuration_loads_again(library: ExperimentLibrary) -> 
     [
         ("a.b=1", {"a": {"b": 1}}),
         ("a=1e-3", {"a": 1e-3}),
+        ("a=1e3", {"a": 1e3}),
+        ("a=-.5E+2", {"a": -50.0}),
+        ("a=[1e3, {b: 2e-3}]", {"a": [1e3, {"b": 2e-3}]}),
+        ('a="400"', {"a": "400"}),
+        ("a='1e3'", {"a": "1e3"}),
         ("a=on_time", {"a": "on_time"}),
+        ("a=1e3kg", {"a": "1e3kg"}),
         ("a=[1.0, 2.0]", {"a": [1.0, 2.0]}),
         ("a={b: 2}", {"a": {"b": 2}}),
         ("a=x=y", {"a": "x=y"}),
@@ -87,7 +131,9 @@ def test_overrides_are_yaml(text: str, value: object) -> None:
     assert parse_override(text) == value
 
 
-@pytest.mark.parametrize("text", ["", "a", "=1", "a..b=1", ".=1", "a=[", "a={"])
+@pytest.mark.parametrize(
+    "text", ["", "a", "=1", "a..b=1", ".=1", "a=[", "a={", "a=2020-13-01", "a=0x_"]
+)
 def test_a_malformed_override_is_refused(text: str) -> None:
     with pytest.raises(ConfigurationError):
         parse_override(text)
@@ -99,6 +145,7 @@ def test_a_malformed_override_is_refused(text: str) -> None:
         ("[1, 2]", "must contain a mapping"),
         ("vehicle: [", "is not valid YAML"),
         ("vehicle: mecanum_forklift", "at least one named variant"),
+        ("vehicle: mecanum_forklift\nvariants: {assisted: 3}", "variants.assisted: 3 is not a"),
     ],
 )
 def test_a_broken_file_is_refused(

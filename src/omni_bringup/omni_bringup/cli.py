@@ -19,10 +19,12 @@ EXIT_REFUSED = 2
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code."""
-    signal.signal(signal.SIGTERM, _terminate)
+    _leave_at_once_on_signals()
     options = _parser().parse_args(arguments)
     try:
         code = _run(options)
@@ -53,7 +55,33 @@ def _run(options: argparse.Namespace) -> int:
         return fit_tire_command(options, workspace())
     from omni_bringup.run_command import run
 
+    _clean_up_on_signals()
     return run(options, workspace())
+
+
+def _leave_at_once_on_signals() -> None:
+    """End without a word of Python's while there is nothing to clean up.
+
+    An exception out of a signal handler would meet an import half way, and not every extension
+    module passes it on as what it is.
+    """
+    for number in _SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:  # as a shell has it for background jobs
+            signal.signal(number, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # the launcher holds them back
+
+
+def _clean_up_on_signals() -> None:
+    if signal.getsignal(signal.SIGINT) == _leave:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGTERM) == _leave:
+        signal.signal(signal.SIGTERM, _terminate)
+
+
+def _leave(number: int, _: object) -> None:
+    if number == signal.SIGINT:
+        os.write(2, b"interrupted\n")
+    os._exit(128 + number)
 
 
 def _terminate(*_: object) -> None:

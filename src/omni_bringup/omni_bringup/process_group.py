@@ -18,6 +18,7 @@ from typing import IO, Any
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 
 _STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
+_UNHEARD_TIMEOUT = 0.5  # [s] for what a node has to do besides waiting for a listener that died
 _POLL = 0.02  # [s]
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
 
@@ -110,9 +111,18 @@ class RunningProcess:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(number)
 
-    def stop(self) -> int:
-        """Ask the process to end, insist after a while, and return its exit code."""
+    def ask_to_stop(self) -> None:
+        """Ask the process to end; asked again, a node no longer waits for its readers."""
         self.signal(signal.SIGTERM)
+        self.signal(signal.SIGCONT)  # one that is halted could not answer
+
+    def stop(self) -> int:
+        """Ask the process to end and return its exit code, as `wait_or_kill`."""
+        self.ask_to_stop()
+        return self.wait_or_kill()
+
+    def wait_or_kill(self) -> int:
+        """Return the exit code of a process that was asked to end; insist after a while."""
         try:
             return self.process.wait(_STOP_TIMEOUT)
         except subprocess.TimeoutExpired:
@@ -127,7 +137,10 @@ def _read_from(file: IO[bytes], offset: int) -> bytes:
 
 
 class ProcessGroup:
-    """Starts processes in order and ends them in the reverse order."""
+    """Starts processes in order and ends them in the reverse order.
+
+    The first is the one that listens to all others to their end.
+    """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._environment = {**environment, PARENT_PID_VARIABLE: str(os.getpid())}
@@ -145,7 +158,22 @@ class ProcessGroup:
         return process
 
     def stop(self) -> None:
-        """End every process, the last started first."""
+        """End every process, the last started first.
+
+        Once one has failed, those that sent to it may wait in vain for it to acknowledge: all but
+        the first then wait at the same time, and hardly at all where the first has ended.
+        """
+        if any(process.returncode not in (None, 0) for process in self.running):
+            senders = self.running[1:]
+            for process in senders:
+                process.ask_to_stop()
+            if self.running[0].returncode is not None:
+                deadline = time.monotonic() + _UNHEARD_TIMEOUT
+                for process in senders:
+                    wait_for(process, deadline - time.monotonic())
+                    process.ask_to_stop()
+            for process in senders:
+                process.wait_or_kill()
         for process in reversed(self.running):
             process.stop()
 

@@ -3,49 +3,65 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import errno
 import os
-import tempfile
+import socket
 from collections.abc import Iterator
-from pathlib import Path
+
+from omni_ros.environment import chosen_domain
 
 # Domains 0-101 work with the default port range of every operating system; 0 is everybody's.
 _DOMAINS = range(1, 102)
 
 
 class NoFreeDomainError(RuntimeError):
-    """Every ROS domain of this machine is taken by another run."""
+    """The chosen ROS domain, or every one of this machine, is taken by another run."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other run of this machine's user holds.
-
-    The reservation is a lock on a small file, which ends with the process that holds it.
+    """Reserve a ROS domain that no other run on this machine holds, whoever started it.
 
     Yields:
-        The domain's number; `ROS_DOMAIN_ID` itself where the user has set it.
+        The domain's number; that in ``ROS_DOMAIN_ID`` where the user has set it.
 
     Raises:
-        NoFreeDomainError: all domains are taken.
+        ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
+        NoFreeDomainError: the chosen domain, or each of them, is taken.
     """
-    chosen = os.environ.get("ROS_DOMAIN_ID")
-    if chosen:
-        yield int(chosen)
-        return
-    folder = Path(tempfile.gettempdir()) / f"omni-ros-domains-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    # Starting at a place of one's own keeps two runs from racing for the same files.
-    first = os.getpid() % len(_DOMAINS)
-    for number in (*_DOMAINS[first:], *_DOMAINS[:first]):
-        with (folder / str(number)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield number
-            return
+    chosen = chosen_domain(os.environ)
+    if chosen is None:
+        # Starting at a place of one's own keeps two runs from racing for the same domains.
+        first = os.getpid() % len(_DOMAINS)
+        candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
+    else:
+        candidates = [chosen]
+    for number in candidates:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mark:
+            if _take(mark, number):
+                yield number
+                return
+    if chosen is not None:
+        raise NoFreeDomainError(
+            f"ROS domain {chosen} is in use by another run, whose topics would mix with this "
+            "one's; wait for its end, or leave ROS_DOMAIN_ID unset to be given a free one"
+        )
     raise NoFreeDomainError(
         f"all {len(_DOMAINS)} ROS domains are taken by other runs; end some of them, or choose one "
         "with ROS_DOMAIN_ID"
     )
+
+
+def _take(mark: socket.socket, number: int) -> bool:
+    """Mark a domain as taken until the socket is closed, by the end of the process at the latest.
+
+    The mark is a name in Linux' abstract socket namespace: there is no file whose owner could keep
+    other users from it, and its reach is that of the network that the domains share.
+    """
+    try:
+        mark.bind(f"\0omni-ros-domain-{number}")
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            return False
+        raise
+    return True

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from omni_analysis.bag_reader import BagError
 from omni_analysis.comparison_table import comparison_table
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.process_group import ProcessError
-from omni_bringup.ros_domain import NoFreeDomainError
-from omni_bringup.run_folder import write_summary
+from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
+from omni_bringup.run_folder import unfinished_recordings, write_summary
 from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
 from omni_platform.configuration import ConfigurationError
 
@@ -30,8 +31,10 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
     library = ExperimentLibrary(workspace / "config")
     try:
         configurations = _compose(library, options)
+        with reserved_domain():
+            pass  # better refused before there is a folder; each run reserves its own
         folder = _result_folder(options, workspace)
-    except ConfigurationError as error:
+    except (ConfigurationError, NoFreeDomainError) as error:
         print(f"omni run: {error}", file=sys.stderr)
         return EXIT_REFUSED
     results = []
@@ -47,9 +50,15 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
                 )
             write_summary(_document(options.experiment, [result]), result.folder)
             results.append(result)
-    except (RunError, ProcessError, NoFreeDomainError) as error:
+    except (RunError, ProcessError, NoFreeDomainError, BagError) as error:
         print(f"omni run: {error}", file=sys.stderr)
         print(f"omni run: what was recorded is in {folder}", file=sys.stderr)
+        for path in unfinished_recordings(folder):
+            print(
+                f"omni run: {path.relative_to(folder)} was not finished: what was recorded can be "
+                "streamed from its beginning, but tools that need its index refuse it",
+                file=sys.stderr,
+            )
         return EXIT_FAILED
     histories = {result.variant: result.history for result in results}
     pictures = draw_run_figures(configurations, histories, folder)
@@ -65,6 +74,10 @@ def _compose(
 ) -> dict[str, ExperimentConfiguration]:
     """Check the configuration of every variant before anything starts."""
     variants = options.variant or library.variants(options.experiment)
+    for variant in options.variant:
+        # The second may have been meant to be another.
+        if options.variant.count(variant) > 1:
+            raise ConfigurationError("--variant", f"{variant!r} is given twice")
     return {
         variant: library.load(options.experiment, variant, options.overrides)
         for variant in variants

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from mcap.writer import MCAP0_MAGIC
 
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_platform.configuration import to_mapping
@@ -42,6 +43,22 @@ def write_configuration(configuration: ExperimentConfiguration, folder: Path) ->
 def write_summary(document: Mapping[str, Any], folder: Path) -> None:
     """Save the results of a run in the shape of `--json`."""
     _write(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def unfinished_recordings(folder: Path) -> list[Path]:
+    """Return the recordings of the runs in a folder that lack their end, as after a kill.
+
+    Whoever starts at the beginning can read such a file up to its last whole chunk; its index,
+    which stands at the end, is missing.
+    """
+    return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]
+
+
+def _has_end(path: Path) -> bool:
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - len(MCAP0_MAGIC)))
+        return size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
 
 
 def versions() -> dict[str, str]:

@@ -13,6 +13,8 @@ import pytest
 from omni_bringup.process_group import (
     NodeProcess,
     ProcessError,
+    ProcessGroup,
+    RunningProcess,
     describe_end,
     find_executable,
     process_group,
@@ -107,6 +109,55 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
             while not process.new_reports() and time.monotonic() < deadline:
                 wait_for(process, 0.02)
     assert order.read_text() == "321"
+
+
+ASKED = (
+    "import pathlib, signal, sys, time\n"
+    "asked = []\n"
+    "signal.signal(signal.SIGTERM, lambda *_: asked.append(1))\n"
+    "print('ready', flush=True)\n"
+)
+
+
+def start_and_wait(group: ProcessGroup, prefix: Path, name: str, body: str) -> RunningProcess:
+    process = group.start(add_program(prefix, name, body))
+    deadline = time.monotonic() + 20.0
+    while not process.new_lines() and time.monotonic() < deadline:
+        wait_for(process, 0.02)
+    return process
+
+
+def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_path: Path) -> None:
+    # Each of two ends once the other has been asked too; the listener once both have ended.
+    def sender(own: str, other: str) -> str:
+        return (
+            ASKED + "while not asked: time.sleep(0.01)\n"
+            f"pathlib.Path({str(tmp_path / own)!r}).touch()\n"
+            f"while not pathlib.Path({str(tmp_path / other)!r}).exists(): time.sleep(0.01)\n"
+        )
+
+    listener = ASKED + "while not asked: time.sleep(0.01)\nsys.exit(len(asked) - 1)"
+    with process_group(os.environ) as group:
+        start_and_wait(group, prefix, "listener", listener)
+        start_and_wait(group, prefix, "left", sender("left-asked", "right-asked"))
+        start_and_wait(group, prefix, "right", sender("right-asked", "left-asked"))
+        wait_for(start_and_wait(group, prefix, "failing", "print(flush=True); 1 / 0"), 20.0)
+    assert [process.returncode for process in group.running] == [0, 0, 0, 1]
+
+
+def test_nobody_waits_long_for_a_listener_that_died(prefix: Path) -> None:
+    patient = ASKED + "while len(asked) < 2: time.sleep(0.01)"
+    with process_group(os.environ) as group:
+        wait_for(start_and_wait(group, prefix, "listener", "print(flush=True); 1 / 0"), 20.0)
+        start_and_wait(group, prefix, "patient", patient)
+    assert [process.returncode for process in group.running] == [1, 0]
+
+
+def test_a_halted_process_is_asked_like_any_other(prefix: Path) -> None:
+    with process_group(os.environ) as group:
+        process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
+        process.signal(signal.SIGSTOP)
+    assert process.returncode == 0
 
 
 def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from omni_bringup.ros_domain import reserved_domain
+from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
+from omni_platform.configuration import ConfigurationError
+from omni_ros.environment import node_environment
 
 
 def test_two_runs_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,3 +29,43 @@ def test_the_users_domain_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "42")
     with reserved_domain() as domain:
         assert domain == 42
+
+
+def test_a_chosen_domain_is_for_one_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "91")
+    with (
+        reserved_domain(),
+        pytest.raises(NoFreeDomainError, match=r"^ROS domain 91 is in use by another run"),
+        reserved_domain(),
+    ):
+        pass
+    with reserved_domain() as again:
+        assert again == 91
+
+
+def test_a_chosen_domain_is_not_given_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    with reserved_domain() as first:
+        pass
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(first))
+    with reserved_domain():
+        monkeypatch.delenv("ROS_DOMAIN_ID")
+        with reserved_domain() as other:
+            assert other != first
+
+
+@pytest.mark.parametrize("text", ["abc", "999", "233", "-1", "1.5", " 5", "010", "٣"])
+def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    with (
+        pytest.raises(ConfigurationError, match=r"^ROS_DOMAIN_ID: .* from 0 to 232"),
+        reserved_domain(),
+    ):
+        pass
+
+
+def test_an_empty_choice_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    with reserved_domain() as domain:
+        assert domain >= 1
+        assert node_environment(domain)["ROS_DOMAIN_ID"] == str(domain)

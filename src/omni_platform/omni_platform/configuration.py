@@ -25,6 +25,8 @@ from typing import Any, TypeVar
 
 _METADATA = "omni_parameter"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# ROS parameters and seeds are 64-bit integers.
+_SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
 
 C = TypeVar("C", bound="Configuration")
 
@@ -169,7 +171,7 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
         ConfigurationError: a key is unknown or missing, or a value does not fit.
     """
     if not isinstance(mapping, Mapping):
-        raise ConfigurationError(key, f"{mapping!r} is not a mapping of names to values")
+        raise ConfigurationError(key, f"{_described(mapping)}, not a mapping of names to values")
     declared = {name: kind for name, kind, _ in declared_parameters(cls)}
     for name in mapping:
         if name not in declared:
@@ -223,13 +225,16 @@ def _convert(value: Any, kind: Any, key: str) -> Any:
     element = element_configuration(kind)
     if element is not None:
         if not isinstance(value, Mapping):
-            raise ConfigurationError(key, f"{value!r} is not a mapping of names to entries")
+            raise ConfigurationError(key, f"{_described(value)}, not a mapping of names to entries")
         return {
             str(name): from_mapping(element, entry, join_key(key, str(name)))
             for name, entry in value.items()
         }
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ConfigurationError(key, "the number is too large") from None
     if typing.get_origin(kind) is tuple and isinstance(value, list | tuple):
         item = typing.get_args(kind)[0]
         return tuple(_convert(entry, item, f"{key}[{i}]") for i, entry in enumerate(value))
@@ -240,7 +245,9 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
     if typing.get_origin(kind) is tuple:
         item = typing.get_args(kind)[0]
         if not isinstance(value, tuple):
-            raise ConfigurationError(name, f"{value!r} is not a list of {_type_in_words(item)}s")
+            raise ConfigurationError(
+                name, f"{_described(value)}, not a list of {_type_in_words(item)}s"
+            )
         for index, entry in enumerate(value):
             _check_value(f"{name}[{index}]", entry, item, info)
         return
@@ -251,9 +258,7 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
     if isinstance(kind, types.UnionType) or not isinstance(kind, type):
         raise TypeError(f"{name}: fields of type {kind!r} are not supported")
     if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
-        raise ConfigurationError(
-            name, f"{value!r} is {_type_in_words(type(value))}, must be {_type_in_words(kind)}"
-        )
+        raise ConfigurationError(name, f"{_described(value)}, must be {_type_in_words(kind)}")
     if isinstance(value, int | float) and not isinstance(value, bool):
         _check_range(name, value, info)
     if info.choices is not None and value not in info.choices:
@@ -262,7 +267,7 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
 
 def _check_names(name: str, value: Any) -> None:
     if not isinstance(value, Mapping):
-        raise ConfigurationError(name, f"{value!r} is not a mapping of names to entries")
+        raise ConfigurationError(name, f"{_described(value)}, not a mapping of names to entries")
     for entry in value:
         if not _NAME.fullmatch(entry):
             raise ConfigurationError(
@@ -272,6 +277,12 @@ def _check_names(name: str, value: Any) -> None:
 
 def _check_range(name: str, value: float, info: ParameterInfo) -> None:
     unit = f" {info.unit}" if info.unit else ""
+    if isinstance(value, int) and not _SMALLEST_INTEGER <= value <= _LARGEST_INTEGER:
+        raise ConfigurationError(
+            name,
+            f"the whole number has more than 64 bits, must be from {_SMALLEST_INTEGER} to "
+            f"{_LARGEST_INTEGER}",
+        )
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")
     outside = (
@@ -283,6 +294,13 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
         raise ConfigurationError(
             name, f"{value:g}{unit} is out of range, must be {info.bounds_in_words()}"
         )
+
+
+def _described(value: Any) -> str:
+    """Return what a value is, as the beginning of a sentence."""
+    if value is None:
+        return "is nothing"
+    return f"{value!r} is {_type_in_words(type(value))}"
 
 
 def _type_in_words(kind: type) -> str:

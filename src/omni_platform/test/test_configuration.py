@@ -62,7 +62,13 @@ def test_round_trip_keeps_every_value() -> None:
         ({"main": {"stiffness": 1.0, "coils": 101}}, "main.coils", "at most 100"),
         ({"main": {"stiffness": 1.0, "material": "tin"}}, "main.material", "steel, brass"),
         ({"main": {"stiffness": 1.0, "tags": "a"}}, "main.tags", "not a list"),
+        ({"main": {"stiffness": 10**400}}, "main.stiffness", "too large"),
+        ({"main": {"stiffness": 1.0, "coils": 2**63}}, "main.coils", "64 bits"),
+        ({"main": {"stiffness": 1.0, "coils": -(10**400)}}, "main.coils", "64 bits"),
         ({"main": 3}, "main", "not a mapping"),
+        ({"main": None}, "main", "is nothing, not a mapping"),
+        ({"main": {"stiffness": None}}, "main.stiffness", "is nothing, must be a number"),
+        ({"main": {"stiffness": 1.0}, "spares": None}, "spares", "is nothing, not a mapping"),
         ({"main": {"stiffness": 1.0}, "spares": [1]}, "spares", "not a mapping"),
         ({"main": {"stiffness": 1.0}, "spares": {"a.b": {"stiffness": 1.0}}}, "spares", "'a.b'"),
         (

@@ -3,26 +3,53 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
+
+from omni_platform.configuration import ConfigurationError
 
 # The process whose death ends the node; set by whoever starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
 # The file descriptor that a node reports to; set by whoever started it and reads there.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
 
+_DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+_LARGEST_DOMAIN = 232  # the UDP ports of a larger one would lie above 65535
+
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
+
+
+def chosen_domain(environment: Mapping[str, str]) -> int | None:
+    """Return the ROS domain that the user has chosen, None where that is left open.
+
+    Args:
+        environment: environment variables; an empty ROS_DOMAIN_ID counts as unset, as in ROS.
+
+    Raises:
+        ConfigurationError: ROS_DOMAIN_ID is not the number of a domain.
+    """
+    text = environment.get(_DOMAIN_VARIABLE, "")
+    if not text:
+        return None
+    # No leading zeros: ROS takes them for octal.
+    if not re.fullmatch(r"0|[1-9][0-9]{0,2}", text) or int(text) > _LARGEST_DOMAIN:
+        raise ConfigurationError(
+            _DOMAIN_VARIABLE, f"{text!r} is not a whole number from 0 to {_LARGEST_DOMAIN}"
+        )
+    return int(text)
 
 
 def node_environment(domain: int) -> dict[str, str]:
     """Return this process's environment, made fit for the nodes of a local graph.
 
-    What the user has set stays: the domain, the discovery range and the DDS profile.
+    What the user has set stays: the discovery range and the DDS profile.
 
     Args:
         domain: ROS domain of the graph.
     """
     environment = dict(os.environ)
-    environment.setdefault("ROS_DOMAIN_ID", str(domain))
+    environment[_DOMAIN_VARIABLE] = str(domain)
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILE))
     environment.setdefault("PYTHONUNBUFFERED", "1")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 import typing
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -21,6 +23,10 @@ from omni_platform.flat_parameters import unflatten
 C = TypeVar("C", bound=Configuration)
 
 _LARGEST_INTEGER = 2**63 - 1
+
+# Parameters of rclpy, which are declared only where they are used.
+_OF_RCLPY = ("use_sim_time", "start_type_description_service")
+_OF_RCLPY_BELOW = "qos_overrides."
 
 
 def declare_configuration(node: Node, cls: type[C]) -> C:
@@ -44,10 +50,53 @@ def declare_configuration(node: Node, cls: type[C]) -> C:
     return unflatten(cls, read)
 
 
+def refuse_unknown_parameters(node: Node) -> None:
+    """Refuse values given to parameters that the node does not have.
+
+    Without this a mistyped name would leave the default in place and say nothing. To be called
+    once the node has declared all of its configurations.
+
+    Args:
+        node: the node.
+
+    Raises:
+        ConfigurationError: names the unknown parameter and the nearest known one.
+    """
+    for name in _given(node):
+        known = node.has_parameter(name) or name in _OF_RCLPY or name.startswith(_OF_RCLPY_BELOW)
+        if not known:
+            declared = [key for key in node._parameters if key not in _OF_RCLPY]
+            close = difflib.get_close_matches(name, declared, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise ConfigurationError(name, f"is not a parameter of {node.get_name()}{hint}")
+
+
+def _given(node: Node) -> Mapping[str, Parameter]:
+    """Return the values that files and arguments give, by parameter name."""
+    given: Mapping[str, Parameter] = node._parameter_overrides  # rclpy shows them in no other way
+    return given
+
+
+def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
+    """Return whole numbers given to a number or list of numbers as doubles, else None.
+
+    YAML written by hand says 1 where 1.0 is meant, which ROS would refuse.
+    """
+    if given is not None:
+        if kind is float and given.type_ == Parameter.Type.INTEGER:
+            return float(given.value)
+        if kind == tuple[float, ...] and given.type_ == Parameter.Type.INTEGER_ARRAY:
+            return [float(entry) for entry in given.value]
+    return None
+
+
 def _declare(node: Node, key: str, kind: Any, default: Any, info: ParameterInfo) -> Any:
     descriptor = _descriptor(kind, info)
+    doubles = _whole_numbers_as_doubles(_given(node).get(key), kind)
     try:
-        if default is None or isinstance(default, tuple):
+        if doubles is not None:
+            node.declare_parameter(key, doubles, descriptor, ignore_override=True)
+        elif default is None or isinstance(default, tuple):
             # Arrays are declared by type, or an empty one would become an array of bytes.
             node.declare_parameter(key, _parameter_type(kind), descriptor)
         else:

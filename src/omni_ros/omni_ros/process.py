@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import sys
 import time
@@ -16,13 +17,17 @@ from collections.abc import Callable, Iterable
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from omni_platform.configuration import ConfigurationError
-from omni_ros.environment import PARENT_PID_VARIABLE
+from omni_ros.environment import PARENT_PID_VARIABLE, chosen_domain
+from omni_ros.parameters import refuse_unknown_parameters
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -46,13 +51,23 @@ class StopFlag:
 
     def __init__(self) -> None:
         self._requested = False
+        self._terminations = 0
 
     def __bool__(self) -> bool:
         return self._requested
 
-    def request(self, *_: object) -> None:
+    @property
+    def is_insistent(self) -> bool:
+        """Whether SIGTERM came again: nobody is to be waited for any more.
+
+        SIGINT does not count: a terminal and a launcher may both pass on the same Ctrl-C.
+        """
+        return self._terminations > 1
+
+    def request(self, number: int = signal.SIGINT, *_: object) -> None:
         """Ask for the stop; usable as a signal handler."""
         self._requested = True
+        self._terminations += number == signal.SIGTERM
 
 
 def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], None]) -> int:
@@ -69,10 +84,10 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     stop = StopFlag()
     signal.signal(signal.SIGINT, stop.request)
     signal.signal(signal.SIGTERM, stop.request)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
     try:
-        node = make_node()
+        _initialize_ros()
+        node = _make(make_node)
         run(node, Spinner(node, stop))
     except ConfigurationError as error:
         print(error, file=sys.stderr, flush=True)
@@ -82,10 +97,46 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
         return EXIT_FAILED
     finally:
         if node is not None:
-            _flush_publishers(node)
+            _flush_publishers(node, stop)
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
+
+
+def _initialize_ros() -> None:
+    """Start the client library.
+
+    Raises:
+        ConfigurationError: the domain, an argument or a parameter file cannot be used.
+    """
+    chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
+    try:
+        surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as error:
+        raise ConfigurationError("--ros-args", f"unknown: {error}") from None
+    except RuntimeError as error:
+        # Without the places in the source of rcl.
+        words = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())
+        words = re.sub("^(failed to initialize rcl|Failed to parse ROS arguments): ", "", words)
+        raise ConfigurationError("--ros-args", words) from None
+    if surplus:
+        raise ConfigurationError(
+            "arguments", f"unknown: {' '.join(surplus)}; what is for ROS follows --ros-args"
+        )
+
+
+def _make(make_node: Callable[[], Node]) -> Node:
+    try:
+        node = make_node()
+    except ParameterException as error:  # of one of rclpy's own
+        raise ConfigurationError("", str(error)) from None
+    try:
+        refuse_unknown_parameters(node)
+    except ConfigurationError:
+        node.destroy_node()
+        raise
+    return node
 
 
 class Spinner:
@@ -166,12 +217,15 @@ def _end_with_parent() -> None:
         sys.exit(EXIT_FAILED)
 
 
-def _flush_publishers(node: Node) -> None:
+def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
-    A retransmission may take 3 s; a reader that has died never acknowledges.
+    A retransmission may take 3 s; a reader that has died never acknowledges. From here the two
+    look alike: whoever knows that no reader is left sends SIGTERM once more.
     """
     deadline = time.monotonic() + _LONGEST_FLUSH
+    step = Duration(nanoseconds=int(_POLL * 1e9))  # a signal is seen in between
     for publisher in node.publishers:
-        remaining = max(0.0, deadline - time.monotonic())
-        publisher.wait_for_all_acked(Duration(nanoseconds=int(remaining * 1e9)))
+        while not publisher.wait_for_all_acked(step):
+            if stop.is_insistent or time.monotonic() >= deadline:
+                return

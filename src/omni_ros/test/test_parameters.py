@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_ros.parameters import declare_configuration
+from omni_ros.parameters import declare_configuration, refuse_unknown_parameters
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,6 +76,8 @@ def test_the_node_describes_its_parameters(context: Context) -> None:
         ({**COMPLETE, "name": "barrow"}, r"^name: 'barrow'"),
         ({**COMPLETE, "wheels.left.radius": 0.0}, r"^wheels\.left\.radius: 0"),
         ({**COMPLETE, "gains": ["high"]}, r"^gains: has the wrong type"),
+        ({**COMPLETE, "wheels.left.radius": 0}, r"^wheels\.left\.radius: 0"),
+        ({**COMPLETE, "wheels.left.radius": True}, r"^wheels\.left\.radius: has the wrong type"),
     ],
 )
 def test_a_parameter_that_does_not_fit_is_refused_by_name(
@@ -84,6 +86,44 @@ def test_a_parameter_that_does_not_fit_is_refused_by_name(
     with pytest.raises(ConfigurationError, match=words) as refused:
         declare(context, values)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"seat": 2}, "^seat: is not a parameter of cart; did you mean 'seats'"),
+        ({"wheels.left.radus": 0.1}, "did you mean 'wheels.left.radius'"),
+        ({"wheels.middle.radius": 0.1}, "^wheels.middle.radius: is not a parameter of cart"),
+    ],
+)
+def test_a_parameter_that_the_node_does_not_have_is_refused(
+    context: Context, values: dict[str, Any], words: str
+) -> None:
+    node, _ = declare(context, {**COMPLETE, **values})
+    with pytest.raises(ConfigurationError, match=words):
+        refuse_unknown_parameters(node)
+
+
+def test_parameters_of_ros_itself_are_known(context: Context) -> None:
+    values = {
+        "use_sim_time": True,
+        "start_type_description_service": False,
+        "qos_overrides./clock.subscription.depth": 5,
+    }
+    node, _ = declare(context, {**COMPLETE, **values})
+    refuse_unknown_parameters(node)
+
+
+def test_whole_numbers_are_taken_where_numbers_are_declared(context: Context) -> None:
+    node, cart = declare(context, {**COMPLETE, "wheels.left.radius": 1, "gains": [1, 2]})
+    assert cart.wheels["left"].radius == 1.0
+    assert cart.gains == (1.0, 2.0)
+    assert node.get_parameter("wheels.left.radius").type_ == Parameter.Type.DOUBLE
+    described = node.describe_parameter("wheels.left.radius")
+    assert described.type == Parameter.Type.DOUBLE.value
+    assert described.floating_point_range[0].from_value == 0.0
+    assert described.read_only
+    assert not described.dynamic_typing
 
 
 def test_a_running_node_keeps_the_configuration_it_started_with(context: Context) -> None:

@@ -1,0 +1,64 @@
+"""A node as a process: what it cannot start with is one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = """
+import sys
+from rclpy.node import Node
+from omni_ros.process import run_process
+sys.exit(run_process(lambda: Node("idle"), lambda node, spinner: print("ran")))
+"""
+TIMEOUT = 60.0  # [s] only ends a process that hangs
+
+
+def start(arguments: list[str], domain: str = "") -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+
+
+def test_without_arguments_it_runs() -> None:
+    finished = start([])
+    assert (finished.returncode, finished.stdout) == (0, "ran\n"), finished.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "domain", "words"),
+    [
+        (["--ros-args", "--params-file", "missing.yaml"], "", "missing.yaml"),
+        (["--ros-args", "--params-file", "broken.yaml"], "", "broken.yaml"),
+        (["--ros-args", "--nonsense"], "", "--nonsense"),
+        (["--ros-args", "-r", "nonsense"], "", "-r nonsense"),
+        (["-p", "speed:=1.0"], "", "-p speed:=1.0; what is for ROS follows --ros-args"),
+        (["--ros-args", "-p", "speed:=1.0"], "", "speed: is not a parameter of idle"),
+        (["--ros-args", "-p", "use_sim_time:=3"], "", "use_sim_time"),
+        ([], "abc", "ROS_DOMAIN_ID: 'abc'"),
+        ([], "999", "ROS_DOMAIN_ID: '999'"),
+    ],
+)
+def test_a_bad_start_is_one_sentence(
+    arguments: list[str],
+    domain: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("broken.yaml").write_text("idle: [\n")
+    finished = start(arguments, domain)
+    assert finished.returncode == 2
+    assert words in finished.stderr
+    assert len(finished.stderr.strip().splitlines()) == 1
+    assert not finished.stdout
