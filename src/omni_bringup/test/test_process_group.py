@@ -113,16 +113,17 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
 
 ASKED = (
     "import pathlib, signal, sys, time\n"
+    "from omni_ros.report import report\n"
     "asked = []\n"
     "signal.signal(signal.SIGTERM, lambda *_: asked.append(1))\n"
-    "print('ready', flush=True)\n"
+    "report({})\n"
 )
 
 
 def start_and_wait(group: ProcessGroup, prefix: Path, name: str, body: str) -> RunningProcess:
     process = group.start(add_program(prefix, name, body))
     deadline = time.monotonic() + 20.0
-    while not process.new_lines() and time.monotonic() < deadline:
+    while not process.new_reports() and time.monotonic() < deadline:
         wait_for(process, 0.02)
     return process
 
