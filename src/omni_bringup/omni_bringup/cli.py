@@ -14,6 +14,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from omni_bringup.bag_command import add_arguments as add_bag_arguments
+
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 EXIT_INTERRUPTED = 130
@@ -47,6 +49,10 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.study_command import study
 
         return study(options, workspace())
+    if options.command == "bag":
+        from omni_bringup.bag_command import bag
+
+        return bag(options)
     from omni_bringup.run_command import run
 
     return run(options, workspace())
@@ -105,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_studies(
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
+    add_bag_arguments(commands.add_parser("bag", help="show, check, export or recover a recording"))
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
 
