@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,25 @@ def latched_topics(configuration: ExperimentConfiguration) -> list[str]:
     return [f"/line_scan/{sensor}/camera_info" for sensor in configuration.sensors]
 
 
-def recorder(configuration: ExperimentConfiguration, folder: Path, scratch: Path) -> NodeProcess:
+@dataclasses.dataclass(frozen=True)
+class RecordingOptions:
+    """How a run is recorded.
+
+    Attributes:
+        compression: of the chunks: none, zstd or lz4.
+        synchronize: wait for the disk at every flush, so that a power cut loses no more.
+    """
+
+    compression: str = "none"
+    synchronize: bool = False
+
+
+def recorder(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    options: RecordingOptions = RecordingOptions(),
+) -> NodeProcess:
     """Return the process that records every topic into a rosbag2 folder."""
     topics = recorded_topics(configuration)
     parameters = {
@@ -50,6 +69,8 @@ def recorder(configuration: ExperimentConfiguration, folder: Path, scratch: Path
         "topics": list(topics),
         "types": list(topics.values()),
         "latched_topics": latched_topics(configuration),
+        "compression": options.compression,
+        "synchronize": options.synchronize,
     }
     return _node("recorder", "omni_bringup", "recorder", parameters, scratch)
 
