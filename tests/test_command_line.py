@@ -132,9 +132,9 @@ def test_a_full_disk_ends_the_run_and_leaves_a_readable_bag(tmp_path: Path) -> N
         env=omni_environment(),
         stderr=subprocess.PIPE,
         text=True,
-        # Every write beyond this size fails, as on a full disk.
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000)),
     )
+    # Every write beyond this size fails, as on a full disk; the nodes inherit it.
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
     _, words = process.communicate(timeout=RUN_TIMEOUT)
     assert process.returncode == 1
     assert f"recorder ended (exit code 1): cannot record to {folder / 'assisted'}: " in words
