@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
+from omni_bringup.replay_command import add_arguments as add_replay_arguments
 
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
@@ -53,6 +54,10 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.bag_command import bag
 
         return bag(options)
+    if options.command == "replay":
+        from omni_bringup.replay_command import replay
+
+        return replay(options, workspace())
     from omni_bringup.run_command import run
 
     return run(options, workspace())
@@ -123,6 +128,14 @@ def _parser() -> argparse.ArgumentParser:
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
     add_bag_arguments(commands.add_parser("bag", help="show, check, export or recover a recording"))
+    add_replay_arguments(
+        commands.add_parser(
+            "replay",
+            help="run nodes on the recorded inputs once more",
+            description="Publish the recorded inputs with /clock to the real nodes, record what "
+            "they answer beside the recording, and compare it with what was recorded.",
+        )
+    )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
 
