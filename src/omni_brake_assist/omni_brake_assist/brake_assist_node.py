@@ -23,6 +23,7 @@ from omni_brake_assist.brake_assist import (
     Decision,
     Feedback,
 )
+from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, parameter
 from omni_ros.messages import diagnostics, joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
@@ -54,7 +55,7 @@ class BrakeAssistNode(Node):
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Feedback | None = None
-        self._answered_ns = -1  # stamp of the newest demand that was answered
+        self._pairing = StepPairing()
         self._last_answer = time.monotonic()
         self._last_report: tuple[AssistState, AssistState | None] | None = None
         self._enable = self.create_publisher(JointState, "brake/enable", RELIABLE)
@@ -75,12 +76,14 @@ class BrakeAssistNode(Node):
         pedal = float(message.position[0]) if message.position else math.nan
         self._demand = (to_nanoseconds(message.header.stamp), pedal)
         if self._lockstep:
+            self._pairing.take_pedal(*self._demand)
             self._answer_step()
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         twist, covariance = planar_twist_of(message)
         self._feedback = Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
         if self._lockstep:
+            self._pairing.take_feedback(self._feedback)
             self._answer_step()
         elif self._demand is not None:
             self._answer(max(self._demand[0], self._feedback.stamp_ns))
@@ -89,16 +92,11 @@ class BrakeAssistNode(Node):
         self._assist.check_wheel_names(message.name)
 
     def _answer_step(self) -> None:
-        """Answer a demand once the feedback of its step is there.
-
-        The newest line of a step may be up to a line period older than the step, so the feedback
-        belongs to the first demand that is not older than it.
-        """
-        if self._demand is None or self._feedback is None:
-            return
-        stamp_ns = self._demand[0]
-        if stamp_ns > self._answered_ns and self._feedback.stamp_ns > self._answered_ns:
-            self._answer(stamp_ns)
+        """Answer a demand once the feedback of its step is there."""
+        demand = self._pairing.next_demand()
+        if demand is not None:
+            self._publish(self._assist.update(demand))
+            self._last_answer = time.monotonic()
 
     def _watch(self) -> None:
         """Answer in place of feedback that has fallen silent."""
@@ -112,7 +110,6 @@ class BrakeAssistNode(Node):
     def _answer(self, stamp_ns: int) -> None:
         if self._demand is None:
             return
-        self._answered_ns = stamp_ns
         self._publish(self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback)))
         self._last_answer = time.monotonic()
 
