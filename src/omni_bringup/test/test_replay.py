@@ -138,7 +138,10 @@ def test_what_cannot_be_replayed_is_refused_by_name(
     for arguments, words in (
         ([lines], "--experiment: there is no configuration.yaml"),
         ([lines, "--experiment", "straight_lin"], "did you mean 'straight_line'"),
-        ([lines, "--experiment", "straight_line", "--check"], f"compare the results with on {TWIST}"),
+        (
+            [lines, "--experiment", "straight_line", "--check"],
+            f"compare the results with on {TWIST}",
+        ),
         ([blind], "holds no message on /line_scan/left/lines"),
         ([twisted], "configuration: is not valid YAML"),
         ([SAMPLE, "--nodes", "simulator"], "'simulator' is not one of"),
