@@ -87,7 +87,12 @@ def test_a_killed_recording_is_recovered_and_replayed(tmp_path: Path) -> None:
     replayed = omni(["replay", saved, "--out", str(tmp_path / "again"), "--json"])
     assert replayed.returncode == 0, replayed.stderr
     metrics = json.loads(replayed.stdout)["metrics"]
-    # The cut may fall between the lines of a step and their twist, never within a message.
-    difference = metrics["largest_difference./odometry/twist"]["value"]
-    assert difference == 0.0
-    assert metrics["unpaired./odometry/twist"]["value"] <= 1
+    twists = {
+        name: metrics[f"{name}./odometry/twist"]["value"]
+        for name in ("recorded", "identical", "unpaired", "largest_difference")
+    }
+    # Topics overtake each other on their way to the recorder, so the cut leaves out the lines of
+    # some last twists, or the twists of some last lines.
+    assert twists["recorded"] > 30
+    assert twists["recorded"] - twists["identical"] <= twists["unpaired"] < 10
+    assert twists["largest_difference"] == 0.0

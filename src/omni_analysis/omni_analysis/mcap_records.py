@@ -355,7 +355,7 @@ def _parsed(kind: Any, content: bytes) -> Any:
     """Let the library parse one record whose bytes are complete."""
     try:
         return kind.read(ReadDataStream(BytesIO(content)))
-    except (EndOfFile, struct.error, UnicodeDecodeError, ValueError) as error:
+    except (EndOfFile, struct.error, OverflowError, ValueError) as error:
         raise McapError(
             f"is damaged: a {kind.__name__.lower()} record makes no sense ({error or 'too short'})"
         ) from None

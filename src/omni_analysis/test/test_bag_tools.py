@@ -350,6 +350,10 @@ def test_foreign_and_lying_files_are_refused(tmp_path: Path, content: bytes, wor
         ([described(), chunk(b"\x05" + struct.pack("<Q", 2**60))], "longer than the chunk"),
         ([described(), chunk(b"\x05abc")], "ends within a record"),
         ([chunk(b"", claimed=2**62)], f"more than {LARGEST_RECORD} are not read"),
+        (
+            [chunk(b"")[:-8] + struct.pack("<Q", 2**64 - 1)],
+            "a chunk record makes no sense",
+        ),
         ([chunk(b"", claimed=50)], "does not unpack to the 50 bytes"),
         ([chunk(b"", compression="rar")], "unknown compression ('rar')"),
         ([chunk(b"abc", compression="zstd")], "cannot be unpacked"),
