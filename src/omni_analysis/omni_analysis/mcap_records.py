@@ -27,6 +27,7 @@ MAGIC = b"\x89MCAP0\r\n"
 LARGEST_RECORD = 1 << 28  # [B] of a record, and of a chunk when it is unpacked
 _LARGEST_DESCRIPTION = 1 << 26  # [B] of all schemas and channels of a file together
 _MOST_CHUNKS = 1 << 20  # that an index may list
+_END_OF_TIME = (1 << 31) * 1_000_000_000  # [ns] of what a stamp of ROS can hold
 _HEAD = struct.Struct("<BQ")
 _FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)
 _MESSAGE_HEAD = 22  # [B] of a message record before the message itself
@@ -264,7 +265,7 @@ class _Tables:
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >= 1 << 63:
+        if max(log_ns, publish_ns) >= _END_OF_TIME:
             raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
         return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD:])
 

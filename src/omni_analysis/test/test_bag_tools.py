@@ -347,6 +347,7 @@ def test_foreign_and_lying_files_are_refused(tmp_path: Path, content: bytes, wor
     [
         ([message(b"x")], "belongs to no channel (1)"),
         ([described(), message(b"x", log_time=2**64 - 1)], "impossible time"),
+        ([described(), message(b"x", log_time=2**31 * 10**9)], "impossible time"),
         ([described(), chunk(b"\x05" + struct.pack("<Q", 2**60))], "longer than the chunk"),
         ([described(), chunk(b"\x05abc")], "ends within a record"),
         ([chunk(b"", claimed=2**62)], f"more than {LARGEST_RECORD} are not read"),

@@ -33,6 +33,7 @@ from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
 
 _MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
+_MOST_UNHEARD = 20  # rounds before the first result
 _PATIENCE = 0.5  # [s] for the result of a round
 _QUIET = 0.3  # [s] without a result, after which none is on its way
 _SECOND = 1_000_000_000  # [ns]
@@ -160,16 +161,20 @@ def _await_result(node: PlayerNode, spinner: Spinner, ahead: int) -> int:
     """
     timeout = node.configuration.answer_timeout
     started = any(node.results.values())
-    patience = _PATIENCE if started and ahead < _MOST_AHEAD else timeout
-    if spinner.spin_until(lambda: node.unanswered < ahead, patience) or spinner.stop:
+    most = _MOST_AHEAD if started else _MOST_UNHEARD
+    # Before the first result the node may only be slow to start.
+    patient = ahead == most or (ahead == 1 and not started)
+    followed = spinner.spin_until(
+        lambda: node.unanswered < ahead, timeout if patient else _PATIENCE
+    )
+    if followed or spinner.stop:
         return ahead
-    if ahead == _MOST_AHEAD:
+    if ahead >= most:
         raise NodeError(
             f"{node.unanswered} rounds of inputs have no result after {timeout:g} s on "
             f"{', '.join(node.results)}"
         )
-    # Before the first result the node may only be slow; once is enough to wait for that.
-    return ahead + 1 if started else _MOST_AHEAD
+    return ahead + 1
 
 
 def _spin_until_time(spinner: Spinner, deadline: float) -> None:

@@ -18,8 +18,8 @@ EXIT_OK = 0
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 
+# Rounding differs between processors; the values are in SI units and of the order of one.
 _TOLERANCE = 1e-6
-# Rounding differs between processors; every value is in an SI unit near one.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
