@@ -7,7 +7,8 @@ import math
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from omni_analysis.bag_folder import BagError, bag_messages, open_bag
+from omni_analysis.bag_error import BagError
+from omni_analysis.bag_folder import bag_messages, open_bag
 from omni_analysis.mcap_records import RecordedMessage
 from omni_analysis.message_decoder import DecodeError, MessageDecoder, header_stamp_ns
 from omni_analysis.message_table import Cell, TooWideError, flatten

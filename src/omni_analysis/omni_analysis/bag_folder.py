@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from omni_analysis.bag_error import BagError
 from omni_analysis.mcap_records import (
     McapError,
     McapMessages,
@@ -28,20 +29,6 @@ METADATA = "metadata.yaml"
 _LARGEST_METADATA = 1 << 22  # [B]
 _NEWEST_VERSION = 9
 _INFORMATION = "rosbag2_bagfile_information"
-
-
-class BagError(ValueError):
-    """A recording that cannot be used.
-
-    Attributes:
-        folder: the recording.
-        problem: what is wrong with it.
-    """
-
-    def __init__(self, folder: Path, problem: str) -> None:
-        super().__init__(f"{folder}: {problem}")
-        self.folder = folder
-        self.problem = problem
 
 
 @dataclasses.dataclass(frozen=True)

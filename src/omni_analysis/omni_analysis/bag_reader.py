@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.bag_folder import BagError, bag_messages, bag_summary, open_bag
-from omni_analysis.message_decoder import DecodeError, MessageDecoder, header_stamp_ns
+from omni_analysis.bag_error import BagError
 from omni_analysis.run_history import RunHistory
 
 __all__ = ["BagError", "read_run"]
@@ -73,6 +72,9 @@ def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
 
 def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
     """Return the messages of the small topics by topic name below the namespace."""
+    from omni_analysis.bag_folder import bag_messages, bag_summary, open_bag
+    from omni_analysis.message_decoder import DecodeError, MessageDecoder, header_stamp_ns
+
     prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
     names = {prefix + name: name for name in _TYPES}
     bag = open_bag(folder)

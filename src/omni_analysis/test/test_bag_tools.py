@@ -23,8 +23,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from omni_analysis.bag_check import check_bag
+from omni_analysis.bag_error import BagError
 from omni_analysis.bag_export import FORMATS, ExportError, export_bag
-from omni_analysis.bag_folder import BagError, bag_files, bag_messages, bag_summary, open_bag
+from omni_analysis.bag_folder import bag_files, bag_messages, bag_summary, open_bag
 from omni_analysis.mcap_records import LARGEST_RECORD, MAGIC
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -78,8 +78,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def bag(options: argparse.Namespace) -> int:
     """Do to a recording what the command line asks and return the exit code."""
+    from omni_analysis.bag_error import BagError
     from omni_analysis.bag_export import ExportError
-    from omni_analysis.bag_folder import BagError
     from omni_bringup.rosbag2_writer import RecordingError
 
     actions = {"info": _info, "check": _check, "export": _export, "recover": _recover}

@@ -12,14 +12,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from omni_analysis.bag_folder import (
-    METADATA,
-    BagError,
-    bag_files,
-    file_problem,
-    open_bag,
-    read_plain_yaml,
-)
+from omni_analysis.bag_error import BagError
+from omni_analysis.bag_folder import METADATA, bag_files, file_problem, open_bag, read_plain_yaml
 from omni_analysis.mcap_records import McapError, McapMessages, RecordedChannel, RecordedMessage
 from omni_bringup.message_definitions import MessageDefinition
 from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic

@@ -21,7 +21,8 @@ from typing import Any
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from omni_analysis.bag_folder import BagError, bag_messages, open_bag
+from omni_analysis.bag_error import BagError
+from omni_analysis.bag_folder import bag_messages, open_bag
 from omni_analysis.mcap_records import RecordedMessage
 from omni_analysis.message_order import in_rounds, in_time_order
 from omni_bringup.recording import leading_stamp
@@ -119,7 +120,6 @@ def play(node: PlayerNode, spinner: Spinner) -> None:
     Raises:
         NodeError: the recording cannot be read, or a node does not answer.
     """
-    timeout = node.configuration.answer_timeout
     # One listener each: the node that is replayed; the recorder listens to the clock.
     listened = [node.clock, *node.inputs.values()]
     await_subscribers(listened, 1, spinner, node.startup.match_timeout)
@@ -127,7 +127,7 @@ def play(node: PlayerNode, spinner: Spinner) -> None:
         _publish_all(node, spinner)
     except BagError as error:
         raise NodeError(str(error)) from None
-    spinner.spin_until(lambda: node.unanswered == 0, timeout / 2.0)
+    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * _PATIENCE)
     _await_silence(node, spinner)
     if not spinner.stop and not any(node.results.values()):
         raise NodeError(f"no result on {', '.join(node.results)}: the node does not answer")

@@ -81,7 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def replay(options: argparse.Namespace, workspace: Path) -> int:
     """Replay a recording as the command line asks and return the exit code."""
     from omni_analysis.bag_comparison import compare_topics
-    from omni_analysis.bag_folder import BagError, open_bag
+    from omni_analysis.bag_error import BagError
+    from omni_analysis.bag_folder import open_bag
     from omni_analysis.experiment import ExperimentLibrary
     from omni_bringup.process_group import ProcessError
     from omni_bringup.replay_graph import replay_over_graph

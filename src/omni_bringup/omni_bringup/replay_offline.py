@@ -11,7 +11,8 @@ import numpy as np
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.odometry import LineBatch, LineScanOdometry
-from omni_analysis.bag_folder import Bag, BagError, bag_messages
+from omni_analysis.bag_error import BagError
+from omni_analysis.bag_folder import Bag, bag_messages
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_analysis.mcap_records import RecordedMessage
 from omni_analysis.message_decoder import DecodeError, MessageDecoder

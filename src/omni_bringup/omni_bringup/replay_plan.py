@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from omni_analysis.bag_folder import Bag, BagError, bag_summary
+from omni_analysis.bag_error import BagError
+from omni_analysis.bag_folder import Bag, bag_summary
 from omni_analysis.experiment import (
     ExperimentConfiguration,
     ExperimentLibrary,

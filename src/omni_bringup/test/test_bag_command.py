@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from omni_analysis.bag_check import check_bag
-from omni_analysis.bag_folder import BagError
+from omni_analysis.bag_error import BagError
 from omni_bringup.bag_recovery import Recovery, recover
 from omni_bringup.cli import main
 from omni_bringup.message_definitions import find_message_definition
