@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_tolerance,
         default=_TOLERANCE,
         metavar="X",
-        help="largest difference of a value, in its SI unit (%(default)g); 0 for equal bytes",
+        help="largest difference of a value, in its SI unit (%(default)g)",
     )
     parser.add_argument(
         "--out",
