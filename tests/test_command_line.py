@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 from pathlib import Path
@@ -137,6 +138,24 @@ def test_nodes_end_with_a_killed_bring_up(tmp_path: Path) -> None:
     process.wait()
     assert len(nodes) == 4
     wait_until(lambda: not node_processes(process.pid))
+
+
+def test_a_full_disk_ends_the_run_and_leaves_a_readable_bag(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    process = subprocess.Popen(
+        omni_command(["run", "--variant", "assisted", "--out", str(folder)]),
+        env=omni_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    # Every write beyond this size fails, as on a full disk; the nodes inherit it.
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+    _, words = process.communicate(timeout=RUN_TIMEOUT)
+    assert process.returncode == 1
+    assert f"recorder ended (exit code 1): cannot record to {folder / 'assisted'}: " in words
+    assert "Traceback" not in words
+    with AnyReader([folder / "assisted"]) as reader:
+        assert reader.topics["/clock"].msgcount > 10
 
 
 @pytest.mark.parametrize(

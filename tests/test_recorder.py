@@ -34,8 +34,10 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
 
+from omni_analysis.bag_folder import bag_messages, open_bag
 from omni_bringup.ros_domain import reserved_domain
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE, node_environment
+from omni_ros.qos import RELIABLE
 
 TIMEOUT = 60.0  # [s] only ends a test that hangs
 STEP = 10_000_000  # [ns] of simulated time
@@ -52,13 +54,13 @@ MAGIC = b"\x89MCAP0\r\n"
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
-def serialized_image(sequence: int, lines: int = 50) -> bytes:
-    """Return a batch of lines of 512 noisy pixels as exact CDR; 50 lines make 25 KB."""
+def serialized_image(sequence: int, lines: int = 50, pixels: int = 512) -> bytes:
+    """Return a batch of noisy lines as exact CDR; 50 lines of 512 pixels make 25 KB."""
     types = STORE.types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(sequence * STEP, 10**9))
     header = types["std_msgs/msg/Header"](stamp, f"frame_{sequence}")
-    pixels = np.random.default_rng(sequence).integers(0, 256, lines * 512, dtype=np.uint8)
-    image = types["sensor_msgs/msg/Image"](header, lines, 512, "mono8", 0, 512, pixels)
+    noise = np.random.default_rng(sequence).integers(0, 256, lines * pixels, dtype=np.uint8)
+    image = types["sensor_msgs/msg/Image"](header, lines, pixels, "mono8", 0, pixels, noise)
     return bytes(STORE.serialize_cdr(image, "sensor_msgs/msg/Image"))
 
 
@@ -225,6 +227,41 @@ def test_every_message_is_recorded_in_order_and_unchanged(graph: Graph, tmp_path
     stamps = [stamp for name, stamp, _ in found if name == MARKERS]
     assert len(stamps) == count
     assert set(stamps) <= {sequence * STEP for sequence in range(count)} | {10**9}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"compression": "zstd", "synchronize": True}],
+    ids=["as it is", "compressed and to the disk"],
+)
+def test_three_fast_line_cameras_are_recorded_without_a_gap(
+    graph: Graph, tmp_path: Path, options: dict[str, object]
+) -> None:
+    """3 x 2500 lines/s of 1024 px as the nodes send them: 100 batches of 25 lines a second."""
+    count = 150
+    batches = [serialized_image(k, lines=25, pixels=1024) for k in range(count)]
+    # The depth of the nodes' own publishers, no deeper: a recorder that stalls loses some.
+    publishers = [graph.publisher(Image, topic, depth=RELIABLE.depth) for topic in CAMERAS]
+    with recording(graph, tmp_path / "run", CAMERAS, queue_depth=2000, **options) as recorder:
+        wait_for_match(publishers)
+        due = time.monotonic()
+        for batch in batches:
+            time.sleep(max(0.0, due - time.monotonic()))
+            due += 0.01
+            for publisher in publishers:
+                publisher.publish(batch)
+        for publisher in publishers:
+            publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
+        code, out, err = recorder.end()
+    assert (code, err) == (0, "")
+    assert json.loads(out) == {"recorded": dict.fromkeys(CAMERAS, count)}
+    frames: dict[str, list[int]] = {topic: [] for topic in CAMERAS}
+    for message in bag_messages(open_bag(tmp_path / "run")):
+        decoded: Any = STORE.deserialize_cdr(message.data, TYPES[message.channel.topic])
+        assert (decoded.height, decoded.width) == (25, 1024)
+        assert message.sequence == len(frames[message.channel.topic])
+        frames[message.channel.topic].append(int(decoded.header.frame_id.removeprefix("frame_")))
+    assert all(found == list(range(count)) for found in frames.values())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

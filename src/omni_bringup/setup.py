@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "omni = omni_bringup.cli:main",
+            "player = omni_bringup.player_node:main",
             "recorder = omni_bringup.recorder_node:main",
         ]
     },

@@ -1,9 +1,9 @@
 """A run read back from its rosbag2 folder, without ROS.
 
-Only the small topics are decoded; the line batches, which make up nearly all of a bag, are
-skipped by its index. `ground_truth/odom` gives the control stamps; every other message belongs
-to the control stamp t_k with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its
-newest line, up to one line period older than the control stamp).
+Only the small topics are decoded, not the line batches, which make up nearly all of a bag.
+`ground_truth/odom` gives the control stamps; every other message belongs to the control stamp t_k
+with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its newest line, up to one line
+period older than the control stamp).
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_analysis.bag_error import BagError
 from omni_analysis.run_history import RunHistory
+
+__all__ = ["BagError", "read_run"]
 
 FloatArray = NDArray[np.float64]
 
-_MCAP_MAGIC = b"\x89MCAP0\r\n"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"
 _PEDAL, _ENABLE = "brake/pedal", "brake/enable"
@@ -41,20 +43,6 @@ _REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
 
 # Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
 _VARIANCES = [0, 7, 35]
-
-
-class BagError(ValueError):
-    """A recording that cannot be read as a run.
-
-    Attributes:
-        folder: the recording.
-        problem: what is wrong with it.
-    """
-
-    def __init__(self, folder: Path, problem: str) -> None:
-        super().__init__(f"{folder}: {problem}")
-        self.folder = folder
-        self.problem = problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +66,6 @@ def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
         BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
     """
     folder = Path(bag_folder)
-    _require_whole_bag(folder)
     streams = _read_streams(folder, namespace)
     try:
         return _to_history(streams)
@@ -86,58 +73,41 @@ def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
         raise BagError(folder, f"does not hold one run: {error}") from error
 
 
-def _require_whole_bag(folder: Path) -> None:
-    if not folder.is_dir():
-        raise BagError(folder, "there is no such folder" if not folder.exists() else "not a folder")
-    if not (folder / "metadata.yaml").is_file():
-        raise BagError(folder, "not a rosbag2 recording, it has no metadata.yaml")
-    for path in sorted(folder.glob("*.mcap")):
-        try:
-            with path.open("rb") as stream:
-                head = stream.read(len(_MCAP_MAGIC))
-                stream.seek(-min(len(_MCAP_MAGIC), path.stat().st_size), 2)
-                tail = stream.read()
-        except OSError as error:
-            raise BagError(folder, f"{path.name} cannot be read: {error.strerror}") from error
-        if not head:
-            raise BagError(folder, f"{path.name} is empty")
-        if not _MCAP_MAGIC.startswith(head):
-            raise BagError(folder, f"{path.name} is not an MCAP file")
-        if tail != _MCAP_MAGIC or path.stat().st_size < 2 * len(_MCAP_MAGIC):
-            raise BagError(folder, f"{path.name} is cut off, its recording was not finished")
-
-
 def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
     """Return the messages of the small topics by topic name below the namespace."""
-    from rosbags.rosbag2 import Reader
-    from rosbags.typesys import Stores, get_typestore
+    from omni_analysis.bag_folder import bag_messages, bag_summary, open_bag
+    from omni_analysis.message_decoder import DecodeError, MessageDecoder, header_stamp_ns
 
     prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
     names = {prefix + name: name for name in _TYPES} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
-    typestore = get_typestore(Stores.ROS2_JAZZY)
+    bag = open_bag(folder)
+    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
+    _require_topics(folder, {names[c.topic]: c.type_name for c in channels}, prefix)
+    decoder = MessageDecoder()
     messages: dict[str, list[tuple[int, Any]]] = {}
-    # Damaged or foreign bytes make the library raise nearly anything (struct, zstd, assert).
-    try:
-        with Reader(folder) as reader:
-            chosen = [entry for entry in reader.connections if entry.topic in names]
-            _require_topics(folder, {names[c.topic]: c.msgtype for c in chosen}, prefix)
-            for connection, _, data in reader.messages(chosen):
-                message: Any = typestore.deserialize_cdr(data, connection.msgtype)
-                stamp = message.header.stamp
-                entry = stamp.sec * 1_000_000_000 + stamp.nanosec, message
-                messages.setdefault(names[connection.topic], []).append(entry)
-    except BagError:
-        raise
-    except Exception as error:
-        raise BagError(folder, f"the recording is damaged or foreign ({error})") from error
+    for recorded in bag_messages(bag):
+        name = names.get(recorded.channel.topic)
+        if name is None:
+            continue
+        _require_topics(folder, {name: recorded.channel.type_name}, prefix, required=())
+        try:
+            message = decoder.decode(recorded)
+        except DecodeError as error:
+            raise BagError(folder, f"{recorded.channel.topic}: {error}") from None
+        stamp_ns = header_stamp_ns(message)
+        if stamp_ns is None:
+            raise BagError(folder, f"{recorded.channel.topic} has no stamp")
+        messages.setdefault(name, []).append((stamp_ns, message))
     for name in _REQUIRED:
         if name not in messages:
             raise BagError(folder, f"there is no message on {prefix}{name}")
     return {name: _in_order(entries) for name, entries in messages.items()}
 
 
-def _require_topics(folder: Path, types: Mapping[str, str], prefix: str) -> None:
-    missing = [prefix + name for name in _REQUIRED if name not in types]
+def _require_topics(
+    folder: Path, types: Mapping[str, str], prefix: str, required: Sequence[str] = _REQUIRED
+) -> None:
+    missing = [prefix + name for name in required if name not in types]
     if missing:
         raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
     for name, kind in types.items():

@@ -194,6 +194,28 @@ class ExperimentLibrary:
         return document
 
 
+def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
+    """Return the effective configuration that lies beside a recording, with overrides.
+
+    Args:
+        text: of a ``configuration.yaml`` as a run writes it.
+        overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+    Raises:
+        ConfigurationError: it is no such file, or a key or value does not fit.
+    """
+    try:
+        tree = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise ConfigurationError("configuration", f"is not valid YAML: {problem}") from None
+    if not isinstance(tree, dict):
+        raise ConfigurationError("configuration", "must contain a mapping of names to values")
+    for override in overrides:
+        tree = _merge(tree, parse_override(override))
+    return from_mapping(ExperimentConfiguration, tree)
+
+
 class _Part(dict[str, Any]):
     """A part read by its name: it replaces what was there instead of being laid over it."""
 

@@ -24,6 +24,7 @@ from omni_brake_assist.brake_assist import (
     Fault,
     Feedback,
 )
+from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, parameter
 from omni_ros.messages import (
     DIAGNOSTICS_PERIOD_NS,
@@ -70,7 +71,7 @@ class BrakeAssistNode(Node):
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Feedback | None = None
-        self._answered_ns = -1  # stamp of the newest demand that was answered
+        self._pairing = StepPairing()
         self._pedal_heard = self._twist_heard = time.monotonic()
         self._last_report: tuple[AssistState, AssistState | None] | None = None
         self._reported_ns = 0
@@ -94,6 +95,7 @@ class BrakeAssistNode(Node):
         self._demand = (to_nanoseconds(message.header.stamp), pedal)
         self._pedal_heard = time.monotonic()
         if self._lockstep:
+            self._pairing.take_pedal(*self._demand)
             self._answer_step()
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
@@ -101,6 +103,7 @@ class BrakeAssistNode(Node):
         self._feedback = Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
         self._twist_heard = time.monotonic()
         if self._lockstep:
+            self._pairing.take_feedback(self._feedback)
             self._answer_step()
         elif not self._watch():
             self._answer(self._newest_ns())
@@ -109,16 +112,10 @@ class BrakeAssistNode(Node):
         self._assist.check_wheel_names(message.name)
 
     def _answer_step(self) -> None:
-        """Answer a demand once the feedback of its step is there.
-
-        The newest line of a step may be up to a line period older than the step, so the feedback
-        belongs to the first demand that is not older than it.
-        """
-        if self._demand is None or self._feedback is None:
-            return
-        stamp_ns = self._demand[0]
-        if stamp_ns > self._answered_ns and self._feedback.stamp_ns > self._answered_ns:
-            self._answer(stamp_ns)
+        """Answer a demand once the feedback of its step is there."""
+        demand = self._pairing.next_demand()
+        if demand is not None:
+            self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
         """Answer in place of a pedal or a twist that has fallen silent; tell whether one has."""
@@ -153,7 +150,6 @@ class BrakeAssistNode(Node):
     def _answer(self, stamp_ns: int) -> None:
         if self._demand is None:
             return
-        self._answered_ns = stamp_ns
         self._publish(self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback)))
 
     def _publish(self, decision: Decision) -> None:

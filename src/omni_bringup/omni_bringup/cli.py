@@ -14,6 +14,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from omni_bringup.bag_command import add_arguments as add_bag_arguments
+from omni_bringup.replay_command import add_arguments as add_replay_arguments
+
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
 EXIT_INTERRUPTED = 130
@@ -53,6 +56,14 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.fit_tire_command import fit_tire_command
 
         return fit_tire_command(options, workspace())
+    if options.command == "bag":
+        from omni_bringup.bag_command import bag
+
+        return bag(options)
+    if options.command == "replay":
+        from omni_bringup.replay_command import replay
+
+        return replay(options, workspace())
     from omni_bringup.run_command import run
 
     _clean_up_on_signals()
@@ -133,11 +144,31 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="pace the simulation to the wall clock instead of waiting for every reply",
     )
+    run.add_argument(
+        "--compression",
+        choices=("none", "zstd", "lz4"),
+        default="none",
+        help="of the recording (%(default)s); noisy lines shrink by about an eighth",
+    )
+    run.add_argument(
+        "--fsync",
+        action="store_true",
+        help="wait for the disk at every flush, so that a power cut too loses at most a second",
+    )
     run.add_argument("--json", action="store_true", help="print the results as JSON")
     _add_studies(
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
     _add_fit_tire(commands.add_parser("fit-tire", help="fit a tyre model to measured forces"))
+    add_bag_arguments(commands.add_parser("bag", help="show, check, export or recover a recording"))
+    add_replay_arguments(
+        commands.add_parser(
+            "replay",
+            help="run nodes on the recorded inputs once more",
+            description="Publish the recorded inputs with /clock to the real nodes, record what "
+            "they answer beside the recording, and compare it with what was recorded.",
+        )
+    )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
     return parser
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,31 +43,60 @@ def latched_topics(configuration: ExperimentConfiguration) -> list[str]:
     return [f"/line_scan/{sensor}/camera_info" for sensor in configuration.sensors]
 
 
-def recorder(configuration: ExperimentConfiguration, folder: Path, scratch: Path) -> NodeProcess:
-    """Return the process that records every topic into a rosbag2 folder."""
-    topics = recorded_topics(configuration)
-    parameters = {
+@dataclasses.dataclass(frozen=True)
+class RecordingOptions:
+    """How a run is recorded.
+
+    Attributes:
+        compression: of the chunks: none, zstd or lz4.
+        synchronize: wait for the disk at every flush, so that a power cut loses no more.
+    """
+
+    compression: str = "none"
+    synchronize: bool = False
+
+
+def recorder(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    options: RecordingOptions = RecordingOptions(),
+    topics: Mapping[str, str] | None = None,
+) -> NodeProcess:
+    """Return the process that records into a rosbag2 folder: every topic, or only `topics`."""
+    topics = recorded_topics(configuration) if topics is None else topics
+    parameters: dict[str, Any] = {
         "folder": str(folder),
         "topics": list(topics),
         "types": list(topics.values()),
-        "latched_topics": latched_topics(configuration),
+        "compression": options.compression,
+        "synchronize": options.synchronize,
     }
+    latched = [name for name in latched_topics(configuration) if name in topics]
+    if latched:  # an empty list has no type in a parameter file
+        parameters["latched_topics"] = latched
     return _node("recorder", "omni_bringup", "recorder", parameters, scratch)
 
 
-def odometry(configuration: ExperimentConfiguration, scratch: Path) -> NodeProcess:
-    """Return the process of the line-scan odometry."""
-    listeners = _RECORDER + 1 + (configuration.feedback == "optical")
+def odometry(
+    configuration: ExperimentConfiguration, scratch: Path, *, listeners: int = 0
+) -> NodeProcess:
+    """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
+    listeners = listeners or _RECORDER + 1 + (configuration.feedback == "optical")
     parameters = _flat(configuration.odometry) | {"subscribers": listeners}
     return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
 
 
 def brake_assist(
-    configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool
+    configuration: ExperimentConfiguration,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    listeners: int = _RECORDER,
 ) -> NodeProcess:
     """Return the process of the brake assistant."""
     parameters = _flat(configuration.brake_assist) | {
-        "subscribers": _RECORDER,
+        "subscribers": listeners,
         "lockstep": lockstep,
     }
     remaps = []
@@ -86,6 +116,25 @@ def simulator(
         and configuration.simulation.render_lines,
     }
     return _node("simulator", "omni_sim", "simulator", parameters, scratch)
+
+
+def player(
+    bag: Path,
+    inputs: Mapping[str, str],
+    outputs: Mapping[str, str],
+    rate: float,
+    scratch: Path,
+) -> NodeProcess:
+    """Return the process that publishes the recorded inputs and watches the outputs."""
+    parameters = {
+        "bag": str(bag),
+        "inputs": list(inputs),
+        "input_types": list(inputs.values()),
+        "outputs": list(outputs),
+        "output_types": list(outputs.values()),
+        "rate": rate,
+    }
+    return _node("player", "omni_bringup", "player", parameters, scratch)
 
 
 def _flat(configuration: Configuration) -> dict[str, Any]:

@@ -49,14 +49,14 @@ class RecorderConfiguration(Configuration):
         description="Size after which a chunk ends by itself",
         unit="B",
         minimum=1,
-        maximum=1 << 30,
+        maximum=1 << 27,
     )
     flush_period: float = parameter(
         0.5,
         description="Longest time for which a message waits in memory",
         unit="s",
         above=0.0,
-        maximum=60.0,
+        maximum=1.0,
     )
     synchronize: bool = parameter(
         False, description="Wait for the disk at every flush, so that a power cut loses no more"

@@ -108,13 +108,14 @@ class Rosbag2Writer:
         """Messages by topic that a reader finds in the file: those up to the last flush."""
         return dict(self._safe.counts)
 
-    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+    def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
         """Add a message.
 
         Args:
             topic: full name of one of the recording's topics.
-            stamp_ns: log time and publish time [ns], not negative.
+            stamp_ns: log time [ns], not negative.
             data: the message as CDR with its encapsulation header, kept byte for byte.
+            publish_ns: publish time [ns], not negative; the log time if None.
 
         Raises:
             RecordingError: the file cannot be written any more.
@@ -122,10 +123,11 @@ class Rosbag2Writer:
         """
         if self._closed:
             raise self._failure or RecordingError(f"the recording {self._folder} is closed")
-        if stamp_ns < 0:  # checked here, for it would leave half a record in the chunk
-            raise ValueError(f"the stamp {stamp_ns} ns must not be negative")
+        published = stamp_ns if publish_ns is None else publish_ns
+        if min(stamp_ns, published) < 0:  # here, for it would leave half a record in the chunk
+            raise ValueError(f"the stamp {min(stamp_ns, published)} ns must not be negative")
         count = self._counts[topic]
-        self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, count)
+        self._writer.add_message(self._channels[topic], stamp_ns, data, published, count)
         self._counts[topic] = count + 1
         self._first_ns = min(self._first_ns, stamp_ns)
         self._last_ns = max(self._last_ns, stamp_ns)

@@ -15,6 +15,7 @@ from omni_analysis.comparison_table import comparison_table
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
+from omni_bringup.graph import RecordingOptions
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
 from omni_bringup.run_folder import unfinished_recordings, write_summary
@@ -47,6 +48,7 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
                     folder / variant,
                     lockstep=not options.real_time,
                     on_progress=on_progress,
+                    recording=RecordingOptions(options.compression, options.fsync),
                 )
             write_summary(_document(options.experiment, [result]), result.folder)
             results.append(result)
@@ -60,8 +62,15 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
                 file=sys.stderr,
             )
         return EXIT_FAILED
+    except OSError as error:
+        print(f"omni run: cannot write to {folder}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
     histories = {result.variant: result.history for result in results}
-    pictures = draw_run_figures(configurations, histories, folder)
+    try:
+        pictures = draw_run_figures(configurations, histories, folder)
+    except OSError as error:
+        print(f"omni run: cannot write the figures to {folder}: {error}", file=sys.stderr)
+        return EXIT_FAILED
     if options.json:
         print(json.dumps(_document(options.experiment, results), indent=2, allow_nan=False))
     else:

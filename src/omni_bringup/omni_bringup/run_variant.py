@@ -27,6 +27,7 @@ from omni_bringup.run_folder import write_configuration
 from omni_ros.environment import node_environment
 
 _POLL = 0.05  # [s]
+_PLAIN_RECORDING = graph.RecordingOptions()
 
 Progress = Callable[[Mapping[str, float]], None]
 
@@ -59,6 +60,7 @@ def run_variant(
     *,
     lockstep: bool = True,
     on_progress: Progress = lambda _: None,
+    recording: graph.RecordingOptions = _PLAIN_RECORDING,
 ) -> VariantResult:
     """Run one variant over real processes in a ROS domain of its own and record it.
 
@@ -68,13 +70,20 @@ def run_variant(
         folder: rosbag2 folder to make.
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
         on_progress: called with time [s], speed [m/s] and share [0..1] as the run goes on.
+        recording: how it is recorded.
 
     Raises:
         RunError: a node ended, fell silent or lost data; the message says which.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
         report = _run_graph(
-            configuration, folder, Path(scratch), domain, lockstep=lockstep, on_progress=on_progress
+            configuration,
+            folder,
+            Path(scratch),
+            domain,
+            lockstep=lockstep,
+            on_progress=on_progress,
+            recording=recording,
         )
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
@@ -99,11 +108,12 @@ def _run_graph(
     *,
     lockstep: bool,
     on_progress: Progress,
+    recording: graph.RecordingOptions,
 ) -> dict[str, Any]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
     try:
         with process_group(node_environment(domain)) as group:
-            recorder = group.start(graph.recorder(configuration, folder, scratch))
+            recorder = group.start(graph.recorder(configuration, folder, scratch, recording))
             group.start(graph.odometry(configuration, scratch))
             group.start(graph.brake_assist(configuration, scratch, lockstep=lockstep))
             simulator = group.start(graph.simulator(configuration, scratch, lockstep=lockstep))
@@ -122,7 +132,10 @@ def _write_beside_bag(
     while not folder.is_dir():
         if wait_for(recorder, _POLL) is not None:
             raise ProcessError(describe_end(recorder))
-    write_configuration(configuration, folder)
+    try:
+        write_configuration(configuration, folder)
+    except OSError as error:
+        raise ProcessError(f"cannot write to {folder}: {error.strerror}") from None
 
 
 def _follow(

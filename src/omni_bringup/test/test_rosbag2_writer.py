@@ -283,6 +283,21 @@ def test_flush_hands_over_everything_written(tmp_path: Path) -> None:
     writer.close()
 
 
+def test_every_flush_waits_for_the_disk_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    on_disk: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda file: on_disk.append(os.fstat(file).st_size))
+    for synchronize in (False, True):
+        writer = Rosbag2Writer(tmp_path / f"run{synchronize}", TOPICS, synchronize=synchronize)
+        on_disk.clear()
+        write_all(writer, some_messages(5))
+        writer.flush()
+        size = mcap_file(tmp_path / f"run{synchronize}").stat().st_size
+        assert on_disk == ([size] if synchronize else [])
+        writer.close()
+
+
 def test_an_existing_recording_is_never_touched(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     Rosbag2Writer(folder, TOPICS).close()

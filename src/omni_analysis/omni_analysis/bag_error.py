@@ -1,0 +1,19 @@
+"""What every reader of recordings raises."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class BagError(ValueError):
+    """A recording that cannot be used.
+
+    Attributes:
+        folder: the recording.
+        problem: what is wrong with it.
+    """
+
+    def __init__(self, folder: Path, problem: str) -> None:
+        super().__init__(f"{folder}: {problem}")
+        self.folder = folder
+        self.problem = problem

@@ -1,0 +1,407 @@
+"""The messages of an MCAP file one after the other, in bounded memory, whatever the file claims.
+
+The readers of the libraries take a file at its word: a length in it decides how much they
+allocate, a compressed chunk may grow without limit, and a text that is cut short passes for a
+whole one. Here every length is checked against what is there before anything is read, and the
+library parses only bytes that are known to be complete. Reading goes from the front and needs no
+index, so that it works on a recording that was never finished too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
+
+MAGIC = b"\x89MCAP0\r\n"
+
+LARGEST_RECORD = 1 << 28  # [B] of a record, and of a chunk when it is unpacked
+_LARGEST_DESCRIPTION = 1 << 26  # [B] of all schemas and channels of a file together
+_MOST_CHUNKS = 1 << 20  # that an index may list
+_END_OF_TIME = (1 << 31) * 1_000_000_000  # [ns] of what a stamp of ROS can hold
+_HEAD = struct.Struct("<BQ")
+_FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)
+_MESSAGE_HEAD = 22  # [B] of a message record before the message itself
+
+
+class McapError(ValueError):
+    """A file that is no MCAP file, is damaged, or asks for too much.
+
+    Attributes:
+        problem: what is wrong.
+        unfinished: whether the file merely ends too early, as a killed recorder leaves it.
+    """
+
+    def __init__(self, problem: str, *, unfinished: bool = False) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.unfinished = unfinished
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedChannel:
+    """A topic as one publisher's channel of a file describes it.
+
+    Attributes:
+        topic: name.
+        type_name: such as ``sensor_msgs/msg/Image``; empty without a schema.
+        definition: text of the type's definition.
+        definition_encoding: language of that text, such as ``ros2msg``.
+        encoding: of the messages, such as ``cdr``.
+        metadata: what else the recorder noted, such as ``offered_qos_profiles``.
+    """
+
+    topic: str
+    type_name: str
+    definition: str
+    definition_encoding: str
+    encoding: str
+    metadata: dict[str, str]
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedMessage:
+    """A message as it was recorded.
+
+    Attributes:
+        channel: where it was recorded.
+        log_ns: time at which it was recorded [ns].
+        publish_ns: time at which it was published [ns].
+        sequence: number that the recorder gave it.
+        data: its bytes.
+    """
+
+    channel: RecordedChannel
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclasses.dataclass(frozen=True)
+class McapSummary:
+    """What the summary at the end of a file claims.
+
+    Attributes:
+        channels: all channels of the file.
+        counts: messages by topic.
+        first_ns: earliest log time [ns]; 0 without messages.
+        last_ns: latest log time [ns]; 0 without messages.
+        chunks: number of chunks.
+        compressions: of the chunks, sorted; an empty word for none.
+    """
+
+    channels: tuple[RecordedChannel, ...]
+    counts: dict[str, int]
+    first_ns: int
+    last_ns: int
+    chunks: int
+    compressions: tuple[str, ...]
+
+
+class McapMessages:
+    """Reads the messages of one file in the order in which they lie there.
+
+    Args:
+        path: a regular file.
+        on_damage: called with the problem of a chunk that cannot be unpacked, which is then left
+            out; None raises it instead.
+    """
+
+    def __init__(self, path: Path, on_damage: Callable[[str], None] | None = None) -> None:
+        self._path = path
+        self._on_damage = on_damage
+        self._tables = _Tables()
+        self.profile = ""
+        self.compressions: set[str] = set()
+        self.chunks = 0
+
+    @property
+    def channels(self) -> tuple[RecordedChannel, ...]:
+        """Every channel found so far."""
+        return tuple(self._tables.channels.values())
+
+    def __iter__(self) -> Iterator[RecordedMessage]:
+        """Return the messages up to the end of the data.
+
+        Raises:
+            McapError: the file is foreign, damaged or cut off at this place.
+            OSError: the file cannot be read.
+        """
+        with self._path.open("rb") as file:
+            for opcode, content in _file_records(file):
+                if opcode == Opcode.HEADER:
+                    self.profile = _parsed(Header, content).profile
+                elif opcode == Opcode.CHUNK:
+                    try:
+                        yield from self._chunk(content)
+                    except McapError as error:
+                        if self._on_damage is None:
+                            raise
+                        self._on_damage(error.problem)
+                elif opcode == Opcode.MESSAGE:
+                    yield self._tables.message(content)
+                else:
+                    self._tables.add(opcode, content)
+
+    def _chunk(self, content: bytes) -> Iterator[RecordedMessage]:
+        chunk = _parsed(Chunk, content)
+        self.compressions.add(chunk.compression)
+        self.chunks += 1
+        raw = _unpacked(chunk)
+        for opcode, part in _chunk_records(raw):
+            if opcode == Opcode.MESSAGE:
+                yield self._tables.message(part)
+            else:
+                self._tables.add(opcode, part)
+
+
+def read_summary(path: Path) -> McapSummary | None:
+    """Return the summary of a file without reading its messages; None if it has none.
+
+    Args:
+        path: a regular file.
+
+    Raises:
+        McapError: the file is foreign, damaged or cut off.
+        OSError: the file cannot be read.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        _check_head(file)
+        end = size - _FOOTER_SIZE
+        file.seek(max(end, 0))
+        tail = file.read(_FOOTER_SIZE)
+        if end < len(MAGIC) or not tail.endswith(MAGIC):
+            raise McapError("is cut off, its recording was not finished", unfinished=True)
+        opcode, length = _HEAD.unpack_from(tail)
+        if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _HEAD.size - len(MAGIC):
+            raise McapError("is damaged: its footer is not where it must be")
+        start = _parsed(Footer, tail[_HEAD.size :]).summary_start
+        if start == 0:
+            return None
+        if not len(MAGIC) <= start <= end:
+            raise McapError(f"is damaged: its summary is said to begin at byte {start} of {size}")
+        file.seek(start)
+        return _summary(_framed(file, end, wanted=_SUMMARY_RECORDS))
+
+
+def _summary(records: Iterator[tuple[int, bytes]]) -> McapSummary | None:
+    tables = _Tables()
+    statistics: Any = None
+    compressions: set[str] = set()
+    chunks = 0
+    for opcode, content in records:
+        if opcode == Opcode.STATISTICS:
+            statistics = _parsed(Statistics, content)
+        elif opcode == Opcode.CHUNK_INDEX:
+            compressions.add(_parsed(ChunkIndex, content).compression)
+            chunks += 1
+            if chunks > _MOST_CHUNKS:
+                raise McapError(f"lists more than {_MOST_CHUNKS} chunks")
+        else:
+            tables.add(opcode, content)
+    if statistics is None:
+        return None
+    counts = {channel.topic: 0 for channel in tables.channels.values()}
+    for number, count in statistics.channel_message_counts.items():
+        if number not in tables.channels:
+            raise McapError(f"is damaged: its summary counts messages of no channel ({number})")
+        counts[tables.channels[number].topic] += count
+    return McapSummary(
+        tuple(tables.channels.values()),
+        counts,
+        statistics.message_start_time,
+        statistics.message_end_time,
+        chunks,
+        tuple(sorted(compressions)),
+    )
+
+
+_DATA_RECORDS = frozenset(
+    {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK}
+)
+_SUMMARY_RECORDS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX})
+
+
+class _Tables:
+    """Schemas and channels by their numbers."""
+
+    def __init__(self) -> None:
+        self.channels: dict[int, RecordedChannel] = {}
+        self._schemas: dict[int, Any] = {}
+        self._size = 0
+
+    def add(self, opcode: int, content: bytes) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = _parsed(Schema, content)
+            if schema.id not in self._schemas:
+                self._grow(content)
+                self._schemas[schema.id] = schema
+            elif self._schemas[schema.id] != schema:
+                raise McapError(f"is damaged: schema {schema.id} is described in two ways")
+        elif opcode == Opcode.CHANNEL:
+            channel = _parsed(Channel, content)
+            made = self._make(channel)
+            if channel.id not in self.channels:
+                self._grow(content)
+                self.channels[channel.id] = made
+            elif self.channels[channel.id] != made:
+                raise McapError(f"is damaged: channel {channel.id} is described in two ways")
+
+    def message(self, content: bytes) -> RecordedMessage:
+        if len(content) < _MESSAGE_HEAD:
+            raise McapError("is damaged: a message is shorter than its head")
+        number, sequence, log_ns, publish_ns = struct.unpack_from("<HIQQ", content)
+        channel = self.channels.get(number)
+        if channel is None:
+            raise McapError(f"is damaged: a message belongs to no channel ({number})")
+        if max(log_ns, publish_ns) >= _END_OF_TIME:
+            raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
+        return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD:])
+
+    def _make(self, channel: Any) -> RecordedChannel:
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None and channel.schema_id != 0:
+            raise McapError(f"is damaged: {channel.topic!r} has no schema ({channel.schema_id})")
+        name, text, language = "", "", ""
+        if schema is not None:
+            name, language = schema.name, schema.encoding
+            text = schema.data.decode(errors="replace")
+        return RecordedChannel(
+            channel.topic, name, text, language, channel.message_encoding, channel.metadata
+        )
+
+    def _grow(self, content: bytes) -> None:
+        self._size += len(content)
+        if self._size > _LARGEST_DESCRIPTION:
+            raise McapError(f"describes its topics in more than {_LARGEST_DESCRIPTION} bytes")
+
+
+def _check_head(file: IO[bytes]) -> None:
+    head = file.read(len(MAGIC))
+    if not head:
+        raise McapError("is empty")
+    if not MAGIC.startswith(head):
+        raise McapError("is not an MCAP file")
+    if head != MAGIC:
+        raise McapError("is cut off within its first bytes", unfinished=True)
+
+
+def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
+    """Return the records of the data section and see the file to its end."""
+    size = file.seek(0, 2)
+    file.seek(0)
+    _check_head(file)
+    yield from _framed(file, size, wanted=_DATA_RECORDS)
+    if file.read(len(MAGIC)) != MAGIC or file.read(1):
+        raise McapError("is cut off, its recording was not finished", unfinished=True)
+
+
+def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
+    """Return the wanted records from here on to the footer or to byte `size`; skip the others."""
+    place = file.tell()
+    while True:
+        head = file.read(_HEAD.size) if place < size else b""
+        if not head and wanted is _SUMMARY_RECORDS:
+            return
+        if len(head) < _HEAD.size:
+            raise McapError("is cut off, its recording was not finished", unfinished=True)
+        opcode, length = _HEAD.unpack(head)
+        end = place + _HEAD.size + length
+        if opcode == 0:
+            raise McapError(f"is damaged: there is no record at byte {place}")
+        if end > size:
+            raise McapError(
+                f"is cut off: {size - place} bytes are left of the {length} of a record",
+                unfinished=True,
+            )
+        if opcode in wanted:
+            if length > LARGEST_RECORD:
+                raise McapError(
+                    f"has a record of {length} bytes, and more than {LARGEST_RECORD} are not read"
+                )
+            yield opcode, file.read(length)
+        else:
+            file.seek(end)
+        if opcode == Opcode.FOOTER:
+            return
+        place = end
+
+
+def _chunk_records(raw: bytes) -> Iterator[tuple[int, bytes]]:
+    place = 0
+    while place < len(raw):
+        if place + _HEAD.size > len(raw):
+            raise McapError("is damaged: a chunk ends within a record")
+        opcode, length = _HEAD.unpack_from(raw, place)
+        start = place + _HEAD.size
+        place = start + length
+        if place > len(raw):
+            raise McapError("is damaged: a record is longer than the chunk that holds it")
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            yield opcode, raw[start:place]
+
+
+def _parsed(kind: Any, content: bytes) -> Any:
+    """Let the library parse one record whose bytes are complete."""
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except (EndOfFile, struct.error, OverflowError, ValueError) as error:
+        raise McapError(
+            f"is damaged: a {kind.__name__.lower()} record makes no sense ({error or 'too short'})"
+        ) from None
+
+
+def _unpacked(chunk: Any) -> bytes:
+    size = chunk.uncompressed_size
+    if size > LARGEST_RECORD:
+        raise McapError(
+            f"has a chunk of {size} bytes unpacked, and more than {LARGEST_RECORD} are not read"
+        )
+    unpack = _UNPACKERS.get(chunk.compression)
+    if unpack is None:
+        raise McapError(f"has chunks of an unknown compression ({chunk.compression[:20]!r})")
+    try:
+        raw = unpack(chunk.data, size)
+    except (RuntimeError, ValueError, EOFError, MemoryError) as error:
+        raise McapError(f"is damaged: a chunk cannot be unpacked ({error})") from None
+    if len(raw) != size:
+        raise McapError(f"is damaged: a chunk does not unpack to the {size} bytes that it claims")
+    if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
+        raise McapError("is damaged: the checksum of a chunk is wrong")
+    return raw
+
+
+def _unpack_zstd(data: bytes, size: int) -> bytes:
+    import zstandard
+
+    try:
+        # One byte more than claimed tells an honest chunk from one that would go on.
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            return reader.read(size + 1)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from None
+
+
+def _unpack_lz4(data: bytes, size: int) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    raw: bytes = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    return raw
+
+
+_UNPACKERS: dict[str, Callable[[bytes, int], bytes]] = {
+    "": lambda data, _size: data,
+    "zstd": _unpack_zstd,
+    "lz4": _unpack_lz4,
+}

@@ -1,0 +1,36 @@
+"""Which feedback answers which demand when the loop runs step by step."""
+
+from __future__ import annotations
+
+from omni_brake_assist.brake_assist import BrakeDemand, Feedback
+
+
+class StepPairing:
+    """Pairs each pedal value with the twist of its step, in whichever order they come.
+
+    The newest line of a step may be up to a line period older than the step, so the feedback
+    belongs to the first demand that is not older than it.
+    """
+
+    def __init__(self) -> None:
+        self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
+        self._feedback: Feedback | None = None
+        self._answered_ns = -1  # stamp of the newest demand that was answered
+
+    def take_pedal(self, stamp_ns: int, pedal: float) -> None:
+        """Take the driver's demand (0..1) of a step [ns]."""
+        self._pedal = stamp_ns, pedal
+
+    def take_feedback(self, feedback: Feedback) -> None:
+        """Take a body twist."""
+        self._feedback = feedback
+
+    def next_demand(self) -> BrakeDemand | None:
+        """Return the demand that can be answered now, once; None while something is missing."""
+        if self._pedal is None or self._feedback is None:
+            return None
+        stamp_ns, pedal = self._pedal
+        if stamp_ns <= self._answered_ns or self._feedback.stamp_ns <= self._answered_ns:
+            return None
+        self._answered_ns = stamp_ns
+        return BrakeDemand(stamp_ns, pedal, self._feedback)

@@ -1,0 +1,215 @@
+"""A replay gives what was recorded, and says where it does not."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from omni_analysis.bag_comparison import compare_topics
+from omni_analysis.bag_folder import bag_messages, open_bag
+from omni_analysis.mcap_records import RecordedChannel, RecordedMessage
+from omni_analysis.message_order import in_rounds, in_time_order
+from omni_bringup.cli import main
+from omni_bringup.message_definitions import find_message_definition
+from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic
+from omni_bringup.rosbag2_writer import Rosbag2Writer
+
+WORKSPACE = Path(__file__).resolve().parents[3]
+SAMPLE = WORKSPACE / "bags/small_stop/assisted"
+TWIST = "/odometry/twist"
+STEPS = 234
+
+Change = Callable[[RecordedMessage], bytes | None]
+
+
+def command(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", *map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+
+
+def copy(folder: Path, change: Change, *, configured: bool = True) -> Path:
+    """Copy the sample message by message; a change to None leaves a message out."""
+    bag = open_bag(SAMPLE)
+    channels = {m.channel.topic: m.channel for m in bag_messages(bag)}
+    topics = [
+        RecordedTopic(name, find_message_definition(channel.type_name), RecordedQos(10))
+        for name, channel in channels.items()
+    ]
+    writer = Rosbag2Writer(folder, topics)
+    for message in bag_messages(bag):
+        data = change(message)
+        if data is not None:
+            writer.write(message.channel.topic, message.log_ns, data)
+    writer.close()
+    if configured:
+        shutil.copy(SAMPLE / "configuration.yaml", folder)
+    return folder
+
+
+def test_an_offline_replay_gives_what_was_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nodes = ["--nodes", "linescan_odometry", "brake_assist"]
+    assert command(SAMPLE, *nodes, "--offline", "--check", "--json", "--out", tmp_path / "a") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    for topic in (TWIST, "/brake/enable", "/brake_assist/error"):
+        assert metrics[f"recorded.{topic}"]["value"] == STEPS
+        assert metrics[f"replayed.{topic}"]["value"] == STEPS
+        assert metrics[f"largest_difference.{topic}"]["value"] <= 1e-6
+    assert (tmp_path / "a/configuration.yaml").is_file()
+    # And the same bits each time.
+    assert command(SAMPLE, *nodes, "--offline", "--out", tmp_path / "b") == 0
+    repeated = compare_topics(tmp_path / "a", tmp_path / "b", [TWIST])[TWIST]
+    assert repeated.identical == repeated.first == STEPS
+
+
+def test_another_parameter_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    changed = ["--set", "odometry.sensors.front.x=0.61", "--offline"]
+    assert command(SAMPLE, *changed, "--check", "--out", tmp_path / "a") == 1
+    words = capsys.readouterr().out
+    assert "the largest difference is" in words
+    assert "not within the tolerance of 1e-06" in words
+    assert command(SAMPLE, *changed, "--out", tmp_path / "b") == 0  # it was not asked to check
+    assert command(SAMPLE, *changed, "--check", "--tolerance", 1, "--out", tmp_path / "c") == 0
+
+
+def test_topics_that_overtook_each_other_are_put_in_order(tmp_path: Path) -> None:
+    late: list[RecordedMessage] = []
+    writer_order: list[RecordedMessage] = []
+    for message in bag_messages(open_bag(SAMPLE)):
+        if message.channel.topic.endswith("left/lines"):
+            late.append(message)
+            if len(late) > 5:
+                writer_order.append(late.pop(0))
+        else:
+            writer_order.append(message)
+    kinds = {m.channel.topic: m.channel.type_name for m in writer_order}
+    topics = [
+        RecordedTopic(topic, find_message_definition(kind), RecordedQos(10))
+        for topic, kind in kinds.items()
+    ]
+    writer = Rosbag2Writer(tmp_path / "bag", topics)
+    for message in [*writer_order, *late]:
+        writer.write(message.channel.topic, message.log_ns, message.data)
+    writer.close()
+    shutil.copy(SAMPLE / "configuration.yaml", tmp_path / "bag")
+    assert command(tmp_path / "bag", "--offline", "--check", "--out", tmp_path / "out") == 0
+
+
+def test_a_silent_camera_is_no_hindrance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def without_left(message: RecordedMessage) -> bytes | None:
+        silent = message.channel.topic == "/line_scan/left/lines" and message.log_ns > 10**9
+        return None if silent else message.data
+
+    bag = copy(tmp_path / "bag", without_left)
+    assert command(bag, "--offline", "--check", "--json", "--out", tmp_path / "out") == 1
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    # The last group is still waiting for the camera when the recording ends.
+    assert metrics[f"replayed.{TWIST}"]["value"] == STEPS - 1
+
+
+def test_what_cannot_be_replayed_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lines_only(message: RecordedMessage) -> bytes | None:
+        return message.data if message.channel.topic.endswith("/lines") else None
+
+    def no_lines(message: RecordedMessage) -> bytes | None:
+        return None if message.channel.topic.endswith("left/lines") else message.data
+
+    lines = copy(tmp_path / "lines", lines_only, configured=False)
+    blind = copy(tmp_path / "blind", no_lines)
+    twisted = copy(tmp_path / "twisted", lambda message: message.data)
+    (twisted / "configuration.yaml").write_text("vehicle: [\n")
+    out = ["--offline", "--out", tmp_path / "out"]
+    for arguments, words in (
+        ([lines], "--experiment: there is no configuration.yaml"),
+        ([lines, "--experiment", "straight_lin"], "did you mean 'straight_line'"),
+        (
+            [lines, "--experiment", "straight_line", "--check"],
+            f"compare the results with on {TWIST}",
+        ),
+        ([blind], "holds no message on /line_scan/left/lines"),
+        ([twisted], "configuration: is not valid YAML"),
+        ([SAMPLE, "--nodes", "simulator"], "'simulator' is not one of"),
+        ([SAMPLE, "--set", "odometry.median=1"], "odometry.median: is not a known key"),
+        ([tmp_path / "nowhere"], "there is no such folder"),
+    ):
+        assert command(*arguments, *out) == 2
+        printed = capsys.readouterr()
+        assert words in printed.err
+        assert printed.err.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mine").touch()
+    assert command(SAMPLE, *out) == 2
+    assert "is not an empty folder" in capsys.readouterr().err
+
+
+def test_lines_that_are_none_end_the_replay_in_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def spoilt(message: RecordedMessage) -> bytes:
+        return message.data[:-200] if message.channel.topic.endswith("/lines") else message.data
+
+    bag = copy(tmp_path / "bag", spoilt)
+    assert command(bag, "--offline", "--out", tmp_path / "out") == 1
+    assert capsys.readouterr().err.startswith(f"omni replay: {bag}: /line_scan/")
+
+
+# ---------------------------------------------------------------- order and comparison
+
+
+def message(topic: str, log_ns: int) -> RecordedMessage:
+    return RecordedMessage(RecordedChannel(topic, "", "", "", "cdr", {}), log_ns, 0, 0, b"")
+
+
+def test_messages_come_by_time_and_then_as_they_lie() -> None:
+    found: list[Any] = [message("/a", 3), message("/b", 1), message("/c", 3), message("/d", 2)]
+    found += [message("/e", 5 * 10**9), message("/f", 4 * 10**9)]
+    assert [m.channel.topic for m in in_time_order(found)] == ["/b", "/d", "/a", "/c", "/f", "/e"]
+
+
+def test_a_round_has_each_topic_once() -> None:
+    found = [message(topic, 0) for topic in ("/a", "/b", "/a", "/c", "/b", "/b")]
+    rounds = [[m.channel.topic for m in group] for group in in_rounds(found)]
+    assert rounds == [["/a", "/b"], ["/a", "/c", "/b"], ["/b"]]
+
+
+def test_every_kind_of_difference_is_counted(tmp_path: Path) -> None:
+    number = 0
+
+    def changed(entry: RecordedMessage) -> bytes | None:
+        nonlocal number
+        if entry.channel.topic != TWIST:
+            return entry.data
+        number += 1
+        data = bytearray(entry.data)
+        if number == 10:
+            return None
+        if number == 20:
+            data[data.index(b"base_link")] ^= 1
+        if number == 30:
+            data[28:36] = b"\0\0\0\0\0\0\xf8\x7f"  # v_x is no number
+        return bytes(data)
+
+    result = compare_topics(SAMPLE, copy(tmp_path / "bag", changed), [TWIST])[TWIST]
+    assert (result.first, result.second) == (STEPS, STEPS - 1)
+    assert (result.unpaired, result.different_texts) == (1, 2)
+    assert result.identical == STEPS - 3
+    assert not result.agrees(1e9)
+    nothing = compare_topics(SAMPLE, SAMPLE, ["/nothing"])["/nothing"]
+    assert not nothing.agrees(1e9)
