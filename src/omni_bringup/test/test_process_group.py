@@ -142,14 +142,14 @@ def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_pat
         start_and_wait(group, prefix, "listener", listener)
         start_and_wait(group, prefix, "left", sender("left-asked", "right-asked"))
         start_and_wait(group, prefix, "right", sender("right-asked", "left-asked"))
-        wait_for(start_and_wait(group, prefix, "failing", "print(flush=True); 1 / 0"), 20.0)
+        wait_for(group.start(add_program(prefix, "failing", "1 / 0")), 20.0)
     assert [process.returncode for process in group.running] == [0, 0, 0, 1]
 
 
 def test_nobody_waits_long_for_a_listener_that_died(prefix: Path) -> None:
     patient = ASKED + "while len(asked) < 2: time.sleep(0.01)"
     with process_group(os.environ) as group:
-        wait_for(start_and_wait(group, prefix, "listener", "print(flush=True); 1 / 0"), 20.0)
+        wait_for(group.start(add_program(prefix, "listener", "1 / 0")), 20.0)
         start_and_wait(group, prefix, "patient", patient)
     assert [process.returncode for process in group.running] == [1, 0]
 
