@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,30 +207,6 @@ def movement_after_stop(configuration: VehicleConfiguration) -> float:
     go(vehicle, trial, 4.0)
     path = go(vehicle, trial, 60.0)
     return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
-
-
-def real_time_factor(configuration: VehicleConfiguration, repeats: int) -> float:
-    """Return simulated over elapsed time, driving a curve and braking; the best of several runs.
-
-    Args:
-        configuration: the vehicle.
-        repeats: number of runs.
-    """
-    trials = (
-        dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),
-        dataclasses.replace(TRIALS["brake_gently"], duration=1.5),
-    )
-    best = math.inf
-    for _ in range(repeats):
-        elapsed = 0.0
-        for trial in trials:
-            vehicle = start(configuration, trial, 0.1)
-            go(vehicle, trial, 0.0)  # loads the kernel
-            begin = time.perf_counter()
-            go(vehicle, trial, trial.duration)
-            elapsed += time.perf_counter() - begin
-        best = min(best, elapsed)
-    return sum(trial.duration for trial in trials) / best
 
 
 @dataclasses.dataclass(frozen=True)

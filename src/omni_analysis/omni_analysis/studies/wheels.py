@@ -18,6 +18,7 @@ import numpy as np
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
+from omni_analysis.simulation_cost import real_time_factor
 from omni_analysis.studies import StudyResult
 from omni_analysis.wheel_figures import draw_contact, draw_differences, draw_forces, draw_motions
 from omni_analysis.wheel_trials import (
@@ -32,7 +33,6 @@ from omni_analysis.wheel_trials import (
     motion_difference,
     movement_after_stop,
     outcome,
-    real_time_factor,
     start_angles,
     stopping_distance,
     with_wheels,
