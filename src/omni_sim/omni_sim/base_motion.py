@@ -1,0 +1,34 @@
+"""Pose and twist of `base_link` from the motion of the centre of gravity, Eq. (23)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_sim.dynamics import V_X, V_Y, YAW, YAW_RATE, X, Y
+
+FloatArray = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def base_motion(body: FloatArray, centre_x: float, centre_y: float, motion: FloatArray) -> None:
+    """Write pose and twist of base_link.
+
+    Args:
+        body: state of the body, see `dynamics`, shape (8,).
+        centre_x: centre of gravity in the body frame [m].
+        centre_y: likewise in y [m].
+        motion: receives x, y [m], yaw [rad, not wrapped] in the world frame, then the velocity in
+            the body frame [m/s, m/s, rad/s], shape (6,).
+    """
+    cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
+    v_x, v_y, rate = body[V_X], body[V_Y], body[YAW_RATE]
+    motion[0] = body[X] - (cos * centre_x - sin * centre_y)
+    motion[1] = body[Y] - (sin * centre_x + cos * centre_y)
+    motion[2] = body[YAW]
+    motion[3] = cos * v_x + sin * v_y + rate * centre_y
+    motion[4] = cos * v_y - sin * v_x - rate * centre_x
+    motion[5] = rate
