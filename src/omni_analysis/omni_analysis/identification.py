@@ -18,7 +18,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, differential_evolution
 
 from omni_analysis import table_2
 from omni_analysis.experiment import ExperimentConfiguration
@@ -253,6 +252,8 @@ def search(
     Returns:
         The best candidate found, by the names of `QUANTITIES`.
     """
+    from scipy.optimize import OptimizeResult, differential_evolution  # heavy
+
     done = 0
 
     def after_generation(intermediate_result: OptimizeResult) -> None:

@@ -176,9 +176,15 @@ def legend_handles(scene: Scene, fastest: float) -> list[Line2D | Patch]:
             label=f"velocity (longest {fastest:.1f} m/s)",
         ),
     ]
-    for friction in sorted({patch.friction for patch in scene.patches}):
-        handles.append(Patch(label=f"friction factor {friction:g}", **_patch_look(friction)))
-    return handles
+    return [*handles, *patch_handles(scene)]
+
+
+def patch_handles(scene: Scene) -> list[Patch]:
+    """Return the legend of the patches on the ground."""
+    return [
+        Patch(label=f"friction factor {friction:g}", **_patch_look(friction))
+        for friction in sorted({patch.friction for patch in scene.patches})
+    ]
 
 
 def _patch_look(friction: float) -> dict[str, Any]:
