@@ -63,5 +63,5 @@ def load_study(name: str) -> Study:
     Args:
         name: one of `study_names`.
     """
-    study: Study = importlib.import_module(f"{__name__}.{name}")  # type: ignore[assignment]
+    study: Study = importlib.import_module(f"{__name__}.{name}")
     return study
