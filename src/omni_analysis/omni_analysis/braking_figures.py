@@ -125,7 +125,13 @@ def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | N
     low = max(min(starts) - _BEFORE, 0.0)
     high = max(float(run.time[-1]) for run in runs)
     for place, axes in enumerate(panels):
-        axes.axvline(min(starts), color=style.BLACK, linestyle=":", linewidth=1.2)
+        axes.axvline(
+            min(starts),
+            color=style.BLACK,
+            linestyle=":",
+            linewidth=1.2,
+            label="pedal down" if place == 0 else None,
+        )
         axes.set_xlim(low, high)
         if legends is None or place < legends:
             axes.legend(
@@ -135,12 +141,3 @@ def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | N
                 frameon=False,
                 handlelength=1.6,
             )
-    panels[0].annotate(
-        "pedal down",
-        (min(starts), 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(4, -2),
-        textcoords="offset points",
-        va="top",
-        fontsize=style.TICK_SIZE,
-    )

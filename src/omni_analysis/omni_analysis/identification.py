@@ -61,7 +61,7 @@ QUANTITIES = (
     Quantity("height", "m", 0.15, 0.6, 0.01, 3, "centres of gravity above the ground"),
     Quantity("wheelbase", "m", 1.0, 2.0, 0.01, 3, "distance of front and rear wheels"),
     Quantity("track", "m", 0.7, 1.5, 0.01, 3, "distance of left and right wheels"),
-    Quantity("brake_torque", "N m", 300.0, 2000.0, 10.0, 0, "largest torque of a brake"),
+    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0, "largest torque of a brake"),
     Quantity("speed", "m/s", 5.5, 7.5, 0.05, 3, "when the pedal goes down"),
     Quantity("direction", "deg", -180.0, 180.0, 1.0, 2, "of motion from forward, at that moment"),
     Quantity("yaw_rate", "deg/s", -120.0, 120.0, 1.0, 2, "at that moment"),

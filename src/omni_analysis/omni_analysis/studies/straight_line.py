@@ -8,10 +8,8 @@ from pathlib import Path
 from omni_analysis import experiment_study
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.experiment_study import write_top_view, write_velocities_and_errors
+from omni_analysis.identified_files import VEHICLE
 from omni_analysis.studies import StudyResult
-
-VEHICLE = "table_2_mecanum"
-"""The vehicle that `table2` identified; the experiment's own file names another."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,10 +23,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiment_study.add_arguments(parser)
 
 
+def overrides(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
+    """Return what makes the experiment's own file the dissertation's.
+
+    That is the identified vehicle on the ground that was identified with it, and a velocity sensor.
+
+    Args:
+        library: where the experiments are.
+        vehicle: name of another vehicle.
+    """
+    ground = library.load("turn_while_translate", "unassisted").ground
+    return [f"vehicle={vehicle}", f"ground.friction={ground.friction}", "feedback=velocity_sensor"]
+
+
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
     """Run the experiment on the velocity sensor, as the dissertation did, and draw its figures."""
-    overrides = [f"vehicle={options.vehicle}", "feedback=velocity_sensor", *options.overrides]
-    runs = experiment_study.run_experiment(library, "straight_line", overrides)
+    chosen = [*overrides(library, options.vehicle), *options.overrides]
+    runs = experiment_study.run_experiment(library, "straight_line", chosen)
     files = [
         *write_top_view(runs, ["unassisted", "assisted"], folder, 30),
         *write_velocities_and_errors(runs, "unassisted", folder, 31),
