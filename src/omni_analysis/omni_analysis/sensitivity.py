@@ -1,13 +1,14 @@
 """How much each number of Table 2 depends on each identified parameter.
 
 Every parameter is varied by a few steps to either side, the others held, and a straight line is
-fitted to each number. Its slope is the sensitivity; what scatters about it is no slope, but the
-switching of the brakes and wheels that just touch the patch or just do not.
+fitted to each number. Its slope is the sensitivity. What scatters about the line is the switching
+of the brakes, and wheels that just touch the patch or just do not.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -31,7 +32,8 @@ class Sensitivity:
     Attributes:
         numbers: names of the rows, those of `table_2.REFERENCES`.
         parameters: names of the columns, those of `identification.QUANTITIES`.
-        slope: change for one step of a parameter [deg] or [m], shape (10, P).
+        slope: change for one step of a parameter [deg] or [m], shape (10, P); NaN where the
+            vehicle does not stand or stop.
         scatter: standard deviation about the straight line [deg] or [m], shape (10, P).
     """
 
@@ -74,22 +76,27 @@ def sensitivities(
         parameters: the candidate, by the names of `QUANTITIES`.
     """
     numbers = tuple(table_2.REFERENCES)
-    slope = np.empty((len(numbers), len(QUANTITIES)))
-    scatter = np.empty_like(slope)
+    slope = np.full((len(numbers), len(QUANTITIES)), np.nan)
+    scatter = np.full_like(slope, np.nan)
     for column, quantity in enumerate(QUANTITIES):
         offsets, values = [], []
         for offset in _OFFSETS:
-            varied = {
-                **parameters,
-                quantity.name: parameters[quantity.name] + offset * quantity.step,
-            }
-            try:
-                measured = measure({case: configure(base, varied) for case, base in bases.items()})
-            except ConfigurationError:
-                continue  # at the edge of what can stand
-            offsets.append(float(offset))
-            values.append([measured[name] for name in numbers])
-        fit, residues, *_ = np.polyfit(offsets, values, 1, full=True)
-        slope[:, column] = fit[0]
-        scatter[:, column] = np.sqrt(residues / max(len(offsets) - 2, 1))
+            value = parameters[quantity.name] + offset * quantity.step
+            row = _numbers(bases, {**parameters, quantity.name: value})
+            if np.all(np.isfinite(row)):
+                offsets.append(float(offset))
+                values.append(row)
+        if len(offsets) > 2:  # otherwise there is no line to speak of
+            fit, residues, *_ = np.polyfit(offsets, values, 1, full=True)
+            slope[:, column] = fit[0]
+            scatter[:, column] = np.sqrt(residues / (len(offsets) - 2))
     return Sensitivity(numbers, tuple(quantity.name for quantity in QUANTITIES), slope, scatter)
+
+
+def _numbers(bases: Mapping[str, ExperimentConfiguration], parameters: Parameters) -> list[float]:
+    """Return the ten numbers of a candidate, NaN where it does not stand or stop."""
+    try:
+        measured = measure({case: configure(base, parameters) for case, base in bases.items()})
+    except ConfigurationError:
+        return [math.nan] * len(table_2.REFERENCES)
+    return [measured[name] for name in table_2.REFERENCES]

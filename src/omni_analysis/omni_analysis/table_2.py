@@ -60,12 +60,14 @@ def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
         measured: all of `REFERENCES` in their units.
 
     Returns:
-        Every number with its reference, and as ``<number>_deviation`` the magnitude of its
-        deviation with the tolerance as its limit.
+        Every number with its reference and the upper end of its tolerance as its limit, and as
+        ``<quantity>_deviation.<case>`` the magnitude of its deviation, limited by the tolerance.
     """
     result: dict[str, Metric] = {}
     for name, reference in REFERENCES.items():
-        result[name] = Metric(measured[name], unit(name), reference=reference)
+        result[name] = Metric(
+            measured[name], unit(name), reference=reference, limit=reference + tolerance(name)
+        )
     for name, reference in REFERENCES.items():
         quantity, _, case = name.partition(".")
         result[f"{quantity}_deviation.{case}"] = Metric(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -71,13 +72,22 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     sensitivity = sensitivities(bases, parameters)
     files += _write(measured, parameters, sensitivity, folder)
     deviations = table_2.deviations(measured)
-    worst = max(deviations, key=lambda name: abs(deviations[name]))
+    worst = max(deviations, key=lambda name: _magnitude(deviations[name]))
     within = sum(abs(deviation) <= 1.0 for deviation in deviations.values())
     findings = (
         f"{within} of {len(deviations)} numbers are within their tolerance of the dissertation's",
-        f"the farthest is {worst}: {abs(deviations[worst]):.2f} of its tolerance",
+        f"the farthest is {worst}: {_magnitude(deviations[worst]):.2f} of its tolerance",
     )
     return StudyResult(table_2.metrics(measured), tuple(files), findings)
+
+
+def _magnitude(deviation: float) -> float:
+    """Return the magnitude, infinite for a vehicle that does not stop."""
+    return abs(deviation) if math.isfinite(deviation) else math.inf
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _write(
@@ -90,7 +100,7 @@ def _write(
     document = {
         "parameters": dict(parameters),
         "change_per_step": {
-            number: dict(zip(sensitivity.parameters, row.tolist(), strict=True))
+            number: dict(zip(sensitivity.parameters, map(_finite, row.tolist()), strict=True))
             for number, row in zip(sensitivity.numbers, sensitivity.slope, strict=True)
         },
     }
