@@ -19,8 +19,8 @@ from omni_analysis.top_view_drawing import draw_ground, patch_handles
 
 FloatArray = NDArray[np.float64]
 
-_WIDTH, _MARGIN = 14.0, 0.5  # [inch], [m]
-_COLOURS = ("#7A1F1F", style.VERMILLION, style.ORANGE)  # dark, bright, marked
+_WIDTH, _GREATEST_HEIGHT, _MARGIN = 14.0, 6.0, 0.5  # [inch], [inch], [m]
+_COLOURS = ("#7A1F1F", style.VERMILLION, style.SKY)  # dark, bright, marked
 
 
 def overlay_view(
@@ -45,8 +45,11 @@ def overlay_view(
         [placed(outline, runs[name].pose[i]) for name in runs for i in indices[name]]
     )
     low, high = corners.min(axis=0) - _MARGIN, corners.max(axis=0) + _MARGIN
-    scale = (_WIDTH - 1.1) / (high[0] - low[0])
-    height = (high[1] - low[1]) * scale
+    width = _WIDTH - 1.1
+    height = min(width * (high[1] - low[1]) / (high[0] - low[0]), _GREATEST_HEIGHT)
+    # What the height leaves free beside becomes ground.
+    slack = max(width / height * (high[1] - low[1]) - (high[0] - low[0]), 0.0)
+    low[0], high[0] = low[0] - slack / 2.0, high[0] + slack / 2.0
     total = height + 1.6
     figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
     axes = figure.add_axes((0.8 / _WIDTH, 1.05 / total, 1.0 - 1.1 / _WIDTH, height / total))
@@ -67,7 +70,8 @@ def overlay_view(
             _draw_platform(axes, scene, run.pose[index], colour, 3.0 + layer, 0.75 - 0.5 * age)
         handles.append(Patch(facecolor=colour, label=name))
     handles.append(Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"))
-    handles += patch_handles(scene)
+    if any(_in_view(patch.outline, low, high) for patch in scene.patches):
+        handles += patch_handles(scene)
     figure.legend(
         handles=handles, loc="lower center", ncol=6, fontsize=style.TICK_SIZE, frameon=False
     )
@@ -83,6 +87,11 @@ def _snapshots(run: RunHistory, interval: float | None) -> Sequence[int]:
     stop = RestCriterion().first_stamp(run.twist, start) or last
     times = np.arange(run.time[start], run.time[stop] - 0.25 * interval, interval)
     return [*np.searchsorted(run.time, times - 1e-9).tolist(), last]
+
+
+def _in_view(outline: Sequence[tuple[float, float]], low: FloatArray, high: FloatArray) -> bool:
+    points = np.array(outline)
+    return bool(np.all(points.max(axis=0) > low) and np.all(points.min(axis=0) < high))
 
 
 def _draw_platform(
