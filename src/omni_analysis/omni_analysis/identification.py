@@ -243,7 +243,6 @@ def search(
     *,
     seed: int,
     generations: int = GENERATIONS,
-    refinement: int = _REFINEMENT,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
     """Seek the parameters that give Table 2, by differential evolution in one process.
@@ -255,16 +254,18 @@ def search(
     Args:
         bases: the variants of ``turn_while_translate`` by case.
         seed: of every random draw.
-        generations: of the first search at most; it ends when its cost is below 1.
-        refinement: of the second at most; it ends when no deviation is above 0.7 tolerances.
-        on_generation: called after each with its number and the lowest cost so far.
+        generations: of the first search at most, which ends when its cost is below 1; the second
+            takes no more than these either, and ends when no deviation is above 0.7 tolerances.
+        on_generation: called after each with its number, counted anew in the second search, and
+            the lowest cost so far.
 
     Returns:
         The best candidate found, by the names of `QUANTITIES`.
     """
     box = [(quantity.low, quantity.high) for quantity in QUANTITIES]
     found = _evolve(bases, box, 2, 1.0, seed, generations, on_generation)
-    return refine(bases, found, seed=seed, generations=refinement, on_generation=on_generation)
+    most = min(generations, _REFINEMENT)
+    return refine(bases, found, seed=seed, generations=most, on_generation=on_generation)
 
 
 def refine(

@@ -54,10 +54,13 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     bases = {case: library.load(_EXPERIMENT, case) for case in table_2.CASES}
     files: list[Path] = []
     if options.identify:
+        done = 0
 
-        def on_generation(generation: int, cost: float) -> None:
-            share = generation / options.generations
-            options.report(share, f"generation {generation}, cost {cost:.2f}")
+        def on_generation(_generation: int, cost: float) -> None:
+            nonlocal done
+            done += 1
+            share = min(done / options.generations, 1.0)
+            options.report(share, f"generation {done}, cost {cost:.2f}")
 
         found = search(
             bases,
