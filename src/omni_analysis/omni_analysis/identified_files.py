@@ -24,7 +24,7 @@ wheel_inertia: {wheel_inertia:g}
 """
 
 _EXPERIMENT = """\
-# Braking out of a turn while translating, one side on a slippery patch (Figures 43 to 48, Table 2).
+# Braking out of a turn while translating, on a slippery patch (Figures 43 to 48, Table 2).
 # Motion, ground and vehicle were found by ./omni study table2 --identify; see
 # docs/identification.md. At the start of braking base_link is at the origin and moves along y.
 description: Braking out of a turn-while-translate maneuver

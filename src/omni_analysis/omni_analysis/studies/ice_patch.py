@@ -1,4 +1,4 @@
-"""Braking with the wheels of one side on ice, assisted and not: Figures 36 to 38."""
+"""Braking with a front wheel already on ice, assisted and not: Figures 36 to 38."""
 
 from __future__ import annotations
 
