@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,10 @@ class FinishedRun:
         """Return the value of a metric such as ``orientation_change.assisted``."""
         return float(self.metrics[metric]["value"])
 
+
+# A shell that starts the tests in the background has its children ignore Ctrl-C, and so would
+# every process that the tests start and interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 RunExperiment = Callable[..., FinishedRun]
 

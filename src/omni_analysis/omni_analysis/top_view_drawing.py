@@ -181,9 +181,15 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
             label=time_label,
         ),
     ]
-    for friction in sorted({patch.friction for patch in scene.patches}):
-        handles.append(Patch(label=f"friction factor {friction:g}", **_patch_look(friction)))
-    return handles
+    return [*handles, *patch_handles(scene)]
+
+
+def patch_handles(scene: Scene) -> list[Patch]:
+    """Return the legend of the patches on the ground."""
+    return [
+        Patch(label=f"friction factor {friction:g}", **_patch_look(friction))
+        for friction in sorted({patch.friction for patch in scene.patches})
+    ]
 
 
 def mass_handles(scene: Scene) -> list[Line2D | Patch]:

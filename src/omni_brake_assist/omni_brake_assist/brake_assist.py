@@ -23,8 +23,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.braking_line import BrakingLine
+from omni_brake_assist.braking_line import LINE_SIZE, forget_line
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.control_law import (
+    MEMORY_SIZE,
+    NO_HELP,
+    SLOW,
+    control_law,
+    control_step,
+)
 from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault, Feedback
 from omni_brake_assist.fail_safe import FeedbackMonitor, TwistSample, checked_stamp
 from omni_brake_assist.sliding_manifold import SlidingManifold
@@ -60,12 +67,13 @@ class BrakeAssist:
         )
         reach = float(np.max(np.hypot(*self.geometry.position.T)))
         self._monitor = FeedbackMonitor(configuration, reach)
-        self._line = BrakingLine(
-            configuration.minimum_reference_speed, configuration.maximum_time_step
-        )
+        self._law = control_law(configuration, self.manifold.constants)
+        self._memory = np.zeros(MEMORY_SIZE)
+        self._followed_ns = 0
         self._wheels_fault: Fault | None = None
-        self._below_threshold = False
         self._stamp_ns = 0
+        # Loads the kernel: the first real step is as fast as the others.
+        self._step(TwistSample(0, 0.0, 0.0, 0.0), braking=False)
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
@@ -138,40 +146,42 @@ class BrakeAssist:
         invalid = pedal if isinstance(pedal, Fault) else None
         braking = isinstance(pedal, Fault) or pedal >= self.configuration.pedal_threshold
         sample = self._monitor.judge(self._stamp_ns, demand.feedback, braking=braking)
-        self._follow_line(sample, braking)
         fault_now = invalid or self._wheels_fault or self._monitor.fault
-        if sample is None or not braking or self._monitor.fault is not None:
-            error = np.zeros(len(self.geometry.names))
-            helpful, slow = np.zeros(len(error), dtype=np.bool_), False
-        else:
-            twist = np.array([sample.v_x, sample.v_y, sample.yaw_rate])
-            error = self.manifold.errors(twist, self._line.perpendicular()).total
-            helpful = error < 0.0  # Eqs. (45), (46)
-            slow = self._is_slow(self.manifold.wheel_speed(twist))
-        state, reason = self._state(braking, fault_now, slow, bool(helpful.any()))
-        enable = helpful if state is AssistState.ASSISTING else np.ones_like(helpful)
-        return Decision(self._stamp_ns, enable.astype(np.float64), error, state, reason, fault_now)
+        outcome, enable, error = self._step(sample, braking=braking)
+        state, reason = self._state(braking, fault_now, outcome)
+        if state is not AssistState.ASSISTING:
+            enable = np.ones_like(enable)
+        return Decision(self._stamp_ns, enable, error, state, reason, fault_now)
 
-    def _follow_line(self, sample: TwistSample | None, braking: bool) -> None:
-        if not braking:
-            self._line.forget()
-            self._below_threshold = False
-        elif sample is not None:
-            self._line.advance(sample)
-            if not self._line.stored and self._monitor.fault is None:
-                self._line.store(sample)
+    def _step(
+        self, sample: TwistSample | None, *, braking: bool
+    ) -> tuple[int, FloatArray, FloatArray]:
+        """Apply the control law; return its outcome, the enables and the errors."""
+        used = sample or TwistSample(self._followed_ns, 0.0, 0.0, 0.0)
+        dt = (used.stamp_ns - self._followed_ns) * 1e-9
+        if sample is not None:
+            self._followed_ns = sample.stamp_ns
+            if not 0.0 <= dt <= self.configuration.maximum_time_step:
+                forget_line(self._memory[:LINE_SIZE])  # the heading is not known across the gap
+                dt = 0.0
+        wheels = len(self.geometry.names)
+        error, enable = np.empty(wheels), np.empty(wheels)
+        outcome = control_step(
+            self._law,
+            self._memory,
+            braking,
+            sample is not None,
+            self._monitor.fault is None,
+            dt,
+            used.v_x,
+            used.v_y,
+            used.yaw_rate,
+            error,
+            enable,
+        )
+        return outcome, enable, error
 
-    def _is_slow(self, speed: float) -> bool:
-        configuration = self.configuration
-        limit = configuration.speed_threshold
-        if self._below_threshold:
-            limit += configuration.speed_hysteresis
-        self._below_threshold = speed < limit
-        return self._below_threshold
-
-    def _state(
-        self, braking: bool, fault: Fault | None, slow: bool, any_helpful: bool
-    ) -> tuple[AssistState, str]:
+    def _state(self, braking: bool, fault: Fault | None, outcome: int) -> tuple[AssistState, str]:
         configuration = self.configuration
         if not configuration.enabled:
             return AssistState.DISABLED, "assistant is switched off"
@@ -179,12 +189,12 @@ class BrakeAssist:
             return AssistState.INACTIVE, f"pedal below {configuration.pedal_threshold:g}"
         if fault is not None:
             return fault.state, fault.reason
-        if slow:
+        if outcome == SLOW:
             return (
                 AssistState.BELOW_SPEED_THRESHOLD,
                 f"wheel speed fell below {configuration.speed_threshold:g} m/s",
             )
-        if not any_helpful:
+        if outcome == NO_HELP:
             return AssistState.ALL_ERRORS_POSITIVE, "no error is negative"  # section 3.3
         return AssistState.ASSISTING, "brakes with a negative error are on"
 

@@ -10,61 +10,71 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-
-from omni_brake_assist.fail_safe import TwistSample
 
 FloatArray = NDArray[np.float64]
 
+# Entries of the line: whether the start of braking has been seen; whether it had a direction, and
+# the unit vector across it in the body axes of that moment [1]; the yaw angle turned since [rad];
+# the yaw rate of the last sample [rad/s].
+STORED, DIRECTED, ACROSS_X, ACROSS_Y, HEADING, YAW_RATE = range(6)
+LINE_SIZE = 6
 
-class BrakingLine:
-    """Keeps the direction across the line of motion and turns it into the body frame.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def forget_line(line: FloatArray) -> None:
+    """Drop the line, as when the pedal is released.
 
     Args:
-        minimum_speed: speed below which a velocity has no usable direction [m/s].
-        maximum_gap: longest time between two samples that the heading may be carried across [s].
-
-    Attributes:
-        stored: whether the start of braking has been seen.
-        heading: yaw angle turned since then [rad].
+        line: shape (6,), changed in place.
     """
+    line[:] = 0.0
 
-    def __init__(self, minimum_speed: float, maximum_gap: float) -> None:
-        self._minimum_speed = minimum_speed
-        self._maximum_gap = maximum_gap
-        self.forget()
 
-    def forget(self) -> None:
-        """Drop the line, as when the pedal is released."""
-        self.stored = False
-        self.heading = 0.0
-        self._across: tuple[float, float] | None = None
-        self._last: TwistSample | None = None
+@njit(cache=True, nogil=True, error_model="numpy")
+def store_line(
+    line: FloatArray, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float
+) -> None:
+    """Take a velocity as ``v_c0``; too slow a one has no direction to keep.
 
-    def store(self, sample: TwistSample) -> None:
-        """Take the velocity of a sample as ``v_c0``; too slow a one has no direction to keep."""
-        self.forget()
-        self.stored = True
-        self._last = sample
-        speed = math.hypot(sample.v_x, sample.v_y)
-        if speed >= self._minimum_speed:
-            self._across = (-sample.v_y / speed, sample.v_x / speed)  # Eq. (51)
+    Args:
+        line: shape (6,), changed in place.
+        minimum_speed: speed below which a velocity has no usable direction [m/s].
+        v_x: body velocity [m/s].
+        v_y: likewise in y [m/s].
+        yaw_rate: [rad/s].
+    """
+    line[:] = 0.0
+    line[STORED] = 1.0
+    line[YAW_RATE] = yaw_rate
+    speed = math.hypot(v_x, v_y)
+    if speed >= minimum_speed:
+        line[DIRECTED] = 1.0
+        line[ACROSS_X] = -v_y / speed  # Eq. (51)
+        line[ACROSS_Y] = v_x / speed
 
-    def advance(self, sample: TwistSample) -> None:
-        """Carry the heading on to a sample; the line is lost where that cannot be done."""
-        if not self.stored or self._last is None:
-            return
-        dt = (sample.stamp_ns - self._last.stamp_ns) * 1e-9
-        if not 0.0 <= dt <= self._maximum_gap:
-            self.forget()
-            return
-        self.heading += (self._last.yaw_rate + sample.yaw_rate) / 2 * dt
-        self._last = sample
 
-    def perpendicular(self) -> FloatArray | None:
-        """Return ``p`` in the body frame of the last sample [1], shape (2,), or None."""
-        if self._across is None:
-            return None
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        p_x, p_y = self._across
-        return np.array([c * p_x + s * p_y, c * p_y - s * p_x])
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance_line(line: FloatArray, dt: float, yaw_rate: float) -> None:
+    """Carry the heading on to a new sample.
+
+    Args:
+        line: shape (6,), changed in place.
+        dt: time since the last sample [s].
+        yaw_rate: of the new one [rad/s].
+    """
+    line[HEADING] += (line[YAW_RATE] + yaw_rate) / 2 * dt
+    line[YAW_RATE] = yaw_rate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def perpendicular(line: FloatArray) -> tuple[float, float]:
+    """Return ``p`` in the body frame of the last sample [1]; zeros without a direction to keep.
+
+    Args:
+        line: shape (6,).
+    """
+    c, s = math.cos(line[HEADING]), math.sin(line[HEADING])
+    p_x, p_y = line[ACROSS_X], line[ACROSS_Y]
+    return c * p_x + s * p_y, c * p_y - s * p_x

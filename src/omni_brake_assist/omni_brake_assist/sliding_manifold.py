@@ -18,14 +18,98 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from omni_brake_assist.weighting import Weighting, zero_weighting
+from omni_brake_assist.weighting import ZERO, Weighting, psi
 from omni_platform.geometry import PlatformGeometry, cross
 
 FloatArray = NDArray[np.float64]
+
+
+class Manifold(NamedTuple):
+    """The constants of the error functions.
+
+    Attributes:
+        r_x: wheel positions ``r_i`` [m], shape (N,).
+        r_y: likewise in y [m].
+        n_x: active directions ``n_wi`` [1], shape (N,).
+        n_y: likewise in y [1].
+        lever: ``cross(r_i, n_wi)``, of the active directions about the centre [m], shape (N,).
+        weighting: kind of the weighting, see `weighting.psi`.
+        k: its tuning constant [1].
+    """
+
+    r_x: FloatArray
+    r_y: FloatArray
+    n_x: FloatArray
+    n_y: FloatArray
+    lever: FloatArray
+    weighting: int
+    k: int
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def wheel_error(
+    manifold: Manifold, i: int, v_x: float, v_y: float, omega: float, p_x: float, p_y: float
+) -> tuple[float, float, float]:
+    """Return the components of the error function of one wheel.
+
+    Args:
+        manifold: constants.
+        i: the wheel.
+        v_x: ``v_cx`` [m/s].
+        v_y: ``v_cy`` [m/s].
+        omega: ``Omega`` [rad/s].
+        p_x: unit vector ``p`` in the body frame of this moment [1]; zeros if there is no line.
+        p_y: likewise in y [1].
+
+    Returns:
+        ``s_perp,i``, ``s_omega,i``, ``s_par,i`` [m/s].
+    """
+    n_x, n_y = manifold.n_x[i], manifold.n_y[i]
+    sliding = n_x * v_x + n_y * v_y + manifold.lever[i] * omega
+    if sliding == 0.0:
+        return 0.0, 0.0, 0.0
+    force = -1.0 if sliding > 0.0 else 1.0  # Eq. (52): f_hat_i = force n_wi
+    drift = p_x * v_x + p_y * v_y  # Eqs. (49), (51)
+    s_perp = force * (n_x * p_x + n_y * p_y) * drift  # Eq. (50)
+    s_omega = force * (manifold.lever[i] * omega)  # Eqs. (53), (54)
+    speed = math.hypot(v_x, v_y)
+    if manifold.weighting == ZERO or speed == 0.0:
+        return s_perp, s_omega, 0.0  # without v_c nothing is parallel to it
+    w_x = v_x - omega * manifold.r_y[i]  # Eq. (38)
+    w_y = v_y + omega * manifold.r_x[i]
+    cosine = abs(sliding) / max(math.hypot(w_x, w_y), 1e-300)
+    weight = psi(manifold.weighting, manifold.k, math.acos(min(cosine, 1.0)))  # Eq. (56)
+    e_x, e_y = v_x / speed, v_y / speed
+    along = w_x * e_x + w_y * e_y
+    return s_perp, s_omega, weight * (force * (n_x * e_x + n_y * e_y)) * along  # Eq. (57)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fastest_wheel(manifold: Manifold, v_x: float, v_y: float, omega: float) -> float:
+    """Return the speed of the fastest wheel centre [m/s], Eq. (38); arguments as `wheel_error`."""
+    largest = 0.0
+    for i in range(manifold.r_x.size):
+        w_x, w_y = v_x - omega * manifold.r_y[i], v_y + omega * manifold.r_x[i]
+        largest = max(largest, w_x * w_x + w_y * w_y)
+    return math.sqrt(largest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _errors(
+    manifold: Manifold,
+    twist: FloatArray,
+    p_x: float,
+    p_y: float,
+    components: FloatArray,
+) -> None:
+    for i in range(components.shape[1]):
+        components[:, i] = wheel_error(manifold, i, twist[0], twist[1], twist[2], p_x, p_y)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,15 +138,18 @@ class SlidingManifold:
     Args:
         geometry: positions and active directions of the N wheels.
         weighting: ``psi(delta)`` of the parallel component.
+
+    Attributes:
+        geometry: as given.
+        constants: what the kernels need of it.
     """
 
     def __init__(self, geometry: PlatformGeometry, weighting: Weighting) -> None:
         self.geometry = geometry
-        self._weighting = weighting
-        self._r_x, self._r_y = np.ascontiguousarray(geometry.position.T)
-        self._n_x, self._n_y = np.ascontiguousarray(geometry.active.T)
-        # n_w . (k x r) = cross(r, n_w): lever of the active direction about the centre [m].
-        self._lever = cross(geometry.position, geometry.active)
+        r_x, r_y = np.ascontiguousarray(geometry.position.T)
+        n_x, n_y = np.ascontiguousarray(geometry.active.T)
+        lever = cross(geometry.position, geometry.active)  # = n_w . (k x r)
+        self.constants = Manifold(r_x, r_y, n_x, n_y, lever, weighting.kind, weighting.k)
 
     def sliding_velocities(self, twist: FloatArray) -> FloatArray:
         """Return ``n_wi . v_i`` [m/s], shape (N,), with ``v_i`` of Eq. (38).
@@ -71,8 +158,9 @@ class SlidingManifold:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
         """
         v_x, v_y, omega = twist.tolist()
+        c = self.constants
         # Written out and not as a matrix product, whose rounding may depend on the library.
-        projection: FloatArray = self._n_x * v_x + self._n_y * v_y + self._lever * omega
+        projection: FloatArray = c.n_x * v_x + c.n_y * v_y + c.lever * omega
         return projection
 
     def force_directions(self, twist: FloatArray) -> FloatArray:
@@ -93,10 +181,7 @@ class SlidingManifold:
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
         """
-        v_x, v_y, omega = twist.tolist()
-        return math.sqrt(
-            float(np.max((v_x - omega * self._r_y) ** 2 + (v_y + omega * self._r_x) ** 2))
-        )
+        return float(fastest_wheel(self.constants, *np.asarray(twist, dtype=float).tolist()))
 
     def errors(self, twist: FloatArray, perpendicular: FloatArray | None) -> ManifoldErrors:
         """Return the error functions of all wheels.
@@ -106,32 +191,7 @@ class SlidingManifold:
             perpendicular: unit vector ``p`` in the body frame of this moment [1], shape (2,); None
                 where there was no line of motion to keep, which leaves ``s_perp = 0``.
         """
-        v_x, v_y, omega = twist.tolist()
-        projection = self.sliding_velocities(twist)
-        force = -np.sign(projection)  # Eq. (52): f_hat_i = force_i n_wi
-        if perpendicular is None:
-            s_perp = np.zeros_like(force)
-        else:
-            p_x, p_y = perpendicular.tolist()
-            drift = p_x * v_x + p_y * v_y  # Eqs. (49), (51)
-            s_perp = force * (self._n_x * p_x + self._n_y * p_y) * drift  # Eq. (50)
-        s_omega = force * (self._lever * omega)  # Eqs. (53), (54)
-        s_par = self._parallel(v_x, v_y, omega, projection)
-        return ManifoldErrors(s_perp, s_omega, s_par)
-
-    def _parallel(self, v_x: float, v_y: float, omega: float, projection: FloatArray) -> FloatArray:
-        """Return ``s_par,i = psi(delta_i) (f_hat_i . v_par,i)``, Eqs. (56), (57)."""
-        speed = math.hypot(v_x, v_y)
-        if self._weighting is zero_weighting or speed == 0.0:
-            return np.zeros_like(projection)  # without v_c nothing is parallel to it
-        w_x = v_x - omega * self._r_y  # Eq. (38)
-        w_y = v_y + omega * self._r_x
-        wheel_speed = np.hypot(w_x, w_y)
-        # A wheel centre that rests gets cos(delta) = 0; its force is zero anyway.
-        cosine = np.abs(projection) / np.maximum(wheel_speed, 1e-300)
-        psi = self._weighting(np.arccos(np.minimum(cosine, 1.0)))  # Eq. (56)
-        e_x, e_y = v_x / speed, v_y / speed
-        along = w_x * e_x + w_y * e_y
-        force_along = -np.sign(projection) * (self._n_x * e_x + self._n_y * e_y)
-        s_par: FloatArray = psi * force_along * along  # Eq. (57)
-        return s_par
+        p_x, p_y = (0.0, 0.0) if perpendicular is None else perpendicular.tolist()
+        components = np.empty((3, len(self.constants.r_x)))
+        _errors(self.constants, np.asarray(twist, dtype=np.float64), p_x, p_y, components)
+        return ManifoldErrors(*components)

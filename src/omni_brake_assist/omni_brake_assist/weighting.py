@@ -7,16 +7,53 @@ wheel's velocity, 0 to pi/2: 0 is a wheel that brakes best, pi/2 one that cannot
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Weighting = Callable[[FloatArray], FloatArray]
 
 WEIGHTINGS = ("zero", "cosine", "enhanced")
+ZERO, COSINE, ENHANCED = range(3)  # their places
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def psi(kind: int, k: int, delta: float) -> float:
+    """Return the weight of a wheel [1].
+
+    Args:
+        kind: place of the weighting in `WEIGHTINGS`.
+        k: tuning constant of ``enhanced``, odd and positive [1].
+        delta: angle [rad], 0 to pi/2.
+    """
+    if kind == ZERO:
+        return 0.0
+    if kind == COSINE:
+        return math.cos(delta)
+    # Rounding leaves the base at pi/2 a hair from zero, on either side.
+    base = max(2.0 - (4.0 / math.pi) * delta - math.cos(delta), 0.0)
+    return float(base**k)  # Eq. (59)
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighting:
+    """A weighting ``psi(delta)``.
+
+    Attributes:
+        kind: place in `WEIGHTINGS`.
+        k: tuning constant of ``enhanced`` [1]; the others ignore it.
+    """
+
+    kind: int
+    k: int
+
+    def __call__(self, delta: FloatArray) -> FloatArray:
+        """Return the weights [1] of angles [rad], 0 to pi/2, any shape."""
+        weights = [psi(self.kind, self.k, angle) for angle in np.ravel(delta).tolist()]
+        return np.array(weights).reshape(np.shape(delta))
 
 
 def zero_weighting(delta: FloatArray) -> FloatArray:
@@ -25,7 +62,7 @@ def zero_weighting(delta: FloatArray) -> FloatArray:
     Args:
         delta: angles [rad], 0 to pi/2, any shape.
     """
-    return np.zeros_like(delta)
+    return Weighting(ZERO, 1)(delta)
 
 
 def cosine_weighting(delta: FloatArray) -> FloatArray:
@@ -34,7 +71,7 @@ def cosine_weighting(delta: FloatArray) -> FloatArray:
     Args:
         delta: angles [rad], 0 to pi/2, any shape.
     """
-    return np.cos(delta)
+    return Weighting(COSINE, 1)(delta)
 
 
 def enhanced_weighting(delta: FloatArray, k: int) -> FloatArray:
@@ -50,10 +87,7 @@ def enhanced_weighting(delta: FloatArray, k: int) -> FloatArray:
         ValueError: k is even or not positive.
     """
     check_tuning_constant(k)
-    base = 2.0 - (4.0 / math.pi) * delta - np.cos(delta)
-    # Rounding leaves the base at pi/2 a hair from zero, on either side.
-    psi: FloatArray = np.maximum(base, 0.0) ** k
-    return psi
+    return Weighting(ENHANCED, k)(delta)
 
 
 def check_tuning_constant(k: int) -> None:
@@ -72,11 +106,8 @@ def weighting_function(name: str, k: int) -> Weighting:
     Raises:
         ValueError: the name is unknown, or k does not fit.
     """
-    if name == "zero":
-        return zero_weighting
-    if name == "cosine":
-        return cosine_weighting
+    if name not in WEIGHTINGS:
+        raise ValueError(f"{name!r} is not one of {', '.join(WEIGHTINGS)}")
     if name == "enhanced":
         check_tuning_constant(k)
-        return lambda delta: enhanced_weighting(delta, k)
-    raise ValueError(f"{name!r} is not one of {', '.join(WEIGHTINGS)}")
+    return Weighting(WEIGHTINGS.index(name), k)

@@ -477,7 +477,7 @@ def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.M
         raise ZeroDivisionError("by accident")
 
     with monkeypatch.context() as patch:
-        patch.setattr(assist.manifold, "errors", fail)
+        patch.setattr("omni_brake_assist.brake_assist.control_step", fail)
         decision = assist.update(demand(5))
     require_all_on(decision, AssistState.INTERNAL_ERROR)
     assert "ZeroDivisionError: by accident" in decision.reason

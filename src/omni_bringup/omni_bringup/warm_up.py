@@ -11,6 +11,7 @@ from pathlib import Path
 
 from omni_analysis.closed_loop import run_closed_loop
 from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.fast_loop import run_fast_loop
 from omni_bringup.cli import workspace
 
 _EXPERIMENT = "straight_line"
@@ -34,6 +35,7 @@ def warm_up(folder: Path) -> None:
     # Lines of 16 bits take other kernels.
     deep = dataclasses.replace(configuration.camera, bit_depth=16)
     run_closed_loop(dataclasses.replace(configuration, camera=deep))
+    run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from omni_sim.wheel import Curve, tire_force
 WheelStep = tuple[float, float, float, float, float, bool]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _rolling(
     momentum: float,
     inertia: float,
@@ -51,7 +51,7 @@ def _rolling(
     return force, new_deflection, free_speed - dt * lever * force / inertia, patch, now_sliding
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _braked(
     omega: float,
     brake: float,
@@ -93,7 +93,7 @@ def _braked(
     return force, e, 0.0, torque, patch, now
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def wheel_step(
     omega: float,
     inertia: float,

@@ -172,7 +172,7 @@ class Control(NamedTuple):
     force_y: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body[YAW]), math.sin(body[YAW])
@@ -191,7 +191,7 @@ def _write_pose(plant: Plant, body: FloatArray, row: FloatArray) -> None:
     row[5] = body[YAW_RATE]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _write_log(
     plant: Plant,
     terrain: Terrain,
@@ -215,7 +215,7 @@ def _write_log(
     energy[4] = plant.mass * GRAVITY * _stand(plant, terrain, body, 0.0)[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _stand(
     plant: Plant, terrain: Terrain, body: FloatArray, ahead: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -235,7 +235,7 @@ def _stand(
     return standing
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _follow_ground(
     plant: Plant, terrain: Terrain, body: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -262,7 +262,7 @@ def _follow_ground(
     return weight * new_x, weight * new_y, -weight * turn, GRAVITY * normal - bend
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _resultant(
     rollers: Rollers | None, contacts: FloatArray, wheels: FloatArray
 ) -> tuple[float, float, float]:
@@ -280,7 +280,7 @@ def _resultant(
     return pull_x, pull_y, turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _with_losses(
     losses: Losses, wheels: FloatArray, forces: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -293,7 +293,7 @@ def _with_losses(
     return pull_x, pull_y, turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _resist(
     plant: Plant,
     losses: Losses,
@@ -332,7 +332,7 @@ def _resist(
         wheel[GAIN] = -dt * lever * force / plant.wheel_inertia
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) -> None:
     """Move the contacts to where the rollers touch the ground, Eqs. (9), (10).
 
@@ -353,7 +353,7 @@ def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) ->
         contacts[i, RIM] = rim
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _step_wheels(
     plant: Plant,
     control: Control,
@@ -386,8 +386,6 @@ def _step_wheels(
     middle_x = body[X] + 0.5 * dt * body[V_X]
     middle_y = body[Y] + 0.5 * dt * body[V_Y]
     for i in range(wheels.shape[0]):
-        constants = plant.wheel[i]
-        wheel = wheels[i]
         n_x, n_y, moment = contacts[i, N_X], contacts[i, N_Y], contacts[i, MOMENT]
         r_x, r_y = contacts[i, R_X], contacts[i, R_Y]
         w_x, w_y = cos * r_x - sin * r_y, sin * r_x + cos * r_y
@@ -398,21 +396,22 @@ def _step_wheels(
         if load > plant.largest_load:
             counters[OVERLOADED_STEPS] += 1
         curve = curve_at(plant.tire, min(load, plant.largest_load), friction)
-        radius = constants[RADIUS] - load / plant.vertical_stiffness  # r_D of Eq. (1)
-        omega = wheel[SPEED]
+        radius = plant.wheel[i, RADIUS] - load / plant.vertical_stiffness  # r_D of Eq. (1)
+        omega = wheels[i, SPEED]
         speed = radius * abs(omega) + plant.slip_speed  # denominator of Eq. (20)
-        mobility = dt * constants[MOBILITY]
-        hub = n_x * ahead[0] + n_y * ahead[1] + moment * ahead[2] - mobility * wheel[FORCE]
-        rolling = plant.rolling[i]
+        mobility = dt * plant.wheel[i, MOBILITY]
+        hub = n_x * ahead[0] + n_y * ahead[1] + moment * ahead[2] - mobility * wheels[i, FORCE]
         force, deflection, new_omega, brake_torque, patch, sliding = wheel_step(
-            omega + wheel[GAIN],
+            omega + wheels[i, GAIN],
             plant.wheel_inertia,
             control.brake[i],
             control.drive_stiffness,
-            rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
+            plant.rolling[i, 0] * drive[0]
+            + plant.rolling[i, 1] * drive[1]
+            + plant.rolling[i, 2] * drive[2],
             plant.drive_limit,
             radius * contacts[i, RIM],
-            wheel[DEFLECTION],
+            wheels[i, DEFLECTION],
             hub,
             mobility,
             speed,
@@ -420,20 +419,20 @@ def _step_wheels(
             plant.stiffness,
             plant.damping,
             dt,
-            wheel[SLIDING] != 0.0,
+            wheels[i, SLIDING] != 0.0,
         )
-        wheel[SPEED] = new_omega
-        wheel[ANGLE] += 0.5 * dt * (omega + new_omega)
-        wheel[DEFLECTION] = deflection
-        wheel[FORCE] = force
-        wheel[SLIDING] = 1.0 if sliding else 0.0
-        wheel[LOAD] = load
-        wheel[BRAKE] = brake_torque
-        wheel[SLIP] = patch / speed
-        wheel[LIMIT] = curve.peak_force
+        wheels[i, SPEED] = new_omega
+        wheels[i, ANGLE] += 0.5 * dt * (omega + new_omega)
+        wheels[i, DEFLECTION] = deflection
+        wheels[i, FORCE] = force
+        wheels[i, SLIDING] = 1.0 if sliding else 0.0
+        wheels[i, LOAD] = load
+        wheels[i, BRAKE] = brake_torque
+        wheels[i, SLIP] = patch / speed
+        wheels[i, LIMIT] = curve.peak_force
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _drive_after(control: Control, turned: float) -> tuple[float, float]:
     """Return the commanded velocity [m/s] in a body that has turned by an angle [rad] since."""
     cos, sin = math.cos(turned), math.sin(turned)
@@ -443,7 +442,7 @@ def _drive_after(control: Control, turned: float) -> tuple[float, float]:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _step_roller_wheels(
     plant: Plant,
     control: Control,
@@ -493,7 +492,7 @@ def _step_roller_wheels(
         wheel[LIMIT] = limit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _move(
     plant: Plant,
     body: FloatArray,
@@ -528,6 +527,8 @@ def _move(
     body[YAW_RATE] += gain_turn
 
 
+# The parts above are inlined by force: passing their many arguments from call to call would cost
+# more than a third of the time.
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(
     plant: Plant,

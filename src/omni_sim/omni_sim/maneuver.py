@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
@@ -98,6 +99,11 @@ class ScriptedDriver:
             ]
         )
 
+    @property
+    def settled_ns(self) -> int:
+        """Time from which on pedal and command stay as they are [ns]."""
+        return self._brake_ns + self._ramp_ns
+
     def pedal(self, stamp_ns: int) -> float:
         """Return the position of the brake pedal, 0..1.
 
@@ -127,7 +133,12 @@ class ScriptedDriver:
         twist = self.start_twist
         if self.configuration.hold_world_direction:
             turned = yaw - math.radians(self.configuration.heading_deg)
-            cos, sin = math.cos(turned), math.sin(turned)
-            v_x, v_y = twist[:2]
-            twist[:2] = cos * v_x + sin * v_y, cos * v_y - sin * v_x
+            twist[:2] = in_turned_frame(twist[0], twist[1], turned)
         return twist
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float]:
+    """Return the components of a velocity [m/s] in axes turned by an angle [rad]."""
+    cos, sin = math.cos(turned), math.sin(turned)
+    return cos * v_x + sin * v_y, cos * v_y - sin * v_x

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim import dynamics
+from omni_sim.base_motion import base_motion
 from omni_sim.contact import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.friction import FrictionMap
 from omni_sim.ground_elevation import ElevationConfiguration
@@ -56,6 +58,30 @@ class StepLog:
     speed: FloatArray
     brake_torque: FloatArray
     energy: FloatArray
+
+
+class KernelState(NamedTuple):
+    """What `dynamics.advance` works on.
+
+    Attributes:
+        plant: constants.
+        terrain: height of the ground.
+        losses: along the passive directions.
+        body: body state, shape (10,).
+        contacts: of the wheels, shape (N, 6).
+        rollers: individual rollers, if the wheels have any.
+        wheels: wheel states, shape (N, 12).
+        counters: of steps with tipping or overload, shape (2,).
+    """
+
+    plant: dynamics.Plant
+    terrain: dynamics.Terrain
+    losses: dynamics.Losses
+    body: FloatArray
+    contacts: FloatArray
+    rollers: Rollers | None
+    wheels: FloatArray
+    counters: NDArray[np.int64]
 
 
 class Vehicle:
@@ -328,20 +354,30 @@ class Vehicle:
     @property
     def pose(self) -> FloatArray:
         """x, y [m], yaw [rad, not wrapped] of base_link in the world frame, shape (3,)."""
-        x, y, yaw = self._body[:3]
-        g_x, g_y = self.masses.centre
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        d_x, d_y = level(*self._tilt, cos * g_x - sin * g_y, sin * g_x + cos * g_y)
-        return np.array([x - d_x, y - d_y, yaw])
+        return self._motion()[:3]
 
     @property
     def twist(self) -> FloatArray:
         """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
-        v_x, v_y, rate = self._body[dynamics.V_X : dynamics.YAW_RATE + 1]
-        g_x, g_y = self.masses.centre
-        cos, sin = math.cos(self._body[dynamics.YAW]), math.sin(self._body[dynamics.YAW])
-        return np.array(
-            [cos * v_x + sin * v_y + rate * g_y, cos * v_y - sin * v_x - rate * g_x, rate]
+        return self._motion()[3:]
+
+    def _motion(self) -> FloatArray:
+        motion = np.empty(6)
+        base_motion(self._body, self._plant.centre_x, self._plant.centre_y, motion)
+        return motion
+
+    @property
+    def kernel_state(self) -> KernelState:
+        """The state itself, not a copy, for a kernel that advances the vehicle on its own."""
+        return KernelState(
+            self._plant,
+            self._terrain,
+            self._losses,
+            self._body,
+            self._contacts,
+            self._individual_rollers,
+            self._wheels,
+            self._counters,
         )
 
     @property

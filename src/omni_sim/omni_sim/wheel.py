@@ -30,7 +30,7 @@ from omni_sim.tire_model import Curve, contact_friction
 __all__ = ["Curve", "contact_friction", "tire_force"]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def tire_force(
     deflection: float,
     free_velocity: float,

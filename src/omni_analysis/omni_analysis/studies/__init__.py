@@ -2,7 +2,8 @@
 
 A study is a module of this package. It has a docstring whose first line says what it shows, a
 function ``add_arguments(parser)`` for its own options, and ``run(options, library, folder) ->
-StudyResult``. It writes its figures and data into `folder` and knows nothing of the terminal.
+StudyResult``. It writes its figures and data into `folder` and knows nothing of the terminal; one
+that takes long calls ``options.report(share, words)``, a `Report`, as it goes on.
 """
 
 from __future__ import annotations
@@ -11,12 +12,15 @@ import argparse
 import dataclasses
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.metrics import Metric
+
+Report = Callable[[float, str], None]
+"""Takes the share done, 0..1, and a few words about it."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -35,7 +35,7 @@ class TMeasyParameters(NamedTuple):
     coefficients: FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _adhesion_root(
     demand: float, viscous: float, initial: float, bend: float, gain: float
 ) -> float:
@@ -69,7 +69,7 @@ def _adhesion_root(
     return sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _falling_root(
     demand: float, base: float, viscous: float, drop: float, low: float, high: float
 ) -> float:
@@ -92,7 +92,7 @@ def _falling_root(
     return sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def contact(
     demand: float,
     damping: float,
@@ -139,7 +139,7 @@ def contact(
     return falling_force(peak_force, slide_force, sigma), slip * speed, sigma > 0.5
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> CurvePoint:
     """Return the curve at a load [N] and a friction factor [1]."""
     slope, peak_slip, peak_force, slide_slip, slide_force = curve_at_load(
@@ -148,7 +148,7 @@ def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> Curv
     return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
     slope, peak_slip, peak_force, slide_slip, slide_force = curve

@@ -1,0 +1,322 @@
+"""The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
+
+Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
+functions; what is left out is what such a run does not need: line cameras, odometry, messages, and
+the fail-safe's judgement of a feedback that is never late and never missing. A run gives the same
+bits as `closed_loop.run_closed_loop` with ``feedback: velocity_sensor`` as long as that
+judgement finds nothing implausible.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_analysis.experiment import ExperimentConfiguration
+from omni_analysis.run_history import RunHistory
+from omni_brake_assist.control_law import MEMORY_SIZE, ControlLaw, control_law, control_step
+from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.weighting import weighting_function
+from omni_platform.configuration import ConfigurationError
+from omni_sim import dynamics
+from omni_sim.base_motion import base_motion
+from omni_sim.friction import FrictionMap
+from omni_sim.maneuver import ScriptedDriver, in_turned_frame
+from omni_sim.vehicle import KernelState
+from omni_sim.vehicle_factory import build_vehicle
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Columns of the record of the body: pose, twist, feedback; and of each wheel.
+_BODY_COLUMNS = 9
+_ANGLE, _SPEED, _TORQUE, _ENABLE, _ERROR = range(5)
+_WHEEL_COLUMNS = 5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FastRun:
+    """Time histories of one run, T control stamps and N wheels.
+
+    Attributes:
+        wheel_names: of the columns.
+        period_ns: control period [ns].
+        pedal: the driver's brake demand 0..1, shape (T,).
+        body: x, y, yaw of `base_link` in `odom` [m, m, rad], its twist in the body frame and the
+            twist that the assistant was told [m/s, m/s, rad/s], shape (T, 9).
+        wheels: angle [rad], speed [rad/s], brake torque [N m], enable [1] and error s_i [m/s],
+            shape (T, N, 5).
+        stopped: whether the vehicle came to rest within the limit of the duration.
+    """
+
+    wheel_names: tuple[str, ...]
+    period_ns: int
+    pedal: FloatArray
+    body: FloatArray
+    wheels: FloatArray
+    stopped: bool
+
+    @property
+    def pose(self) -> FloatArray:
+        """x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, shape (T, 3)."""
+        return self.body[:, 0:3]
+
+    @property
+    def twist(self) -> FloatArray:
+        """True twist in the body frame [m/s, m/s, rad/s], shape (T, 3)."""
+        return self.body[:, 3:6]
+
+    @property
+    def feedback(self) -> FloatArray:
+        """Twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3)."""
+        return self.body[:, 6:9]
+
+    @property
+    def brake_start(self) -> int:
+        """Index of the first stamp with the pedal down, the last one if there is none."""
+        pressed = self.pedal > 0.0
+        return int(np.argmax(pressed)) if pressed[-1] else len(pressed) - 1
+
+    @property
+    def orientation_change(self) -> float:
+        """Magnitude of the change of yaw from the start of braking to the end [deg]."""
+        return abs(math.degrees(self.pose[-1, 2] - self.pose[self.brake_start, 2]))
+
+    @property
+    def stopping_distance(self) -> float:
+        """Straight line from the start of braking to the final position [m]."""
+        return math.hypot(*(self.pose[-1, :2] - self.pose[self.brake_start, :2]))
+
+    def history(self) -> RunHistory:
+        """Return the run in the form that metrics and figures read; it has no odometry."""
+        stamps = len(self.pedal)
+        return RunHistory.from_samples(
+            wheel_names=self.wheel_names,
+            stamp_ns=np.arange(stamps) * self.period_ns,
+            pose=self.pose,
+            twist=self.twist,
+            wheel_angle=self.wheels[:, :, _ANGLE],
+            wheel_speed=self.wheels[:, :, _SPEED],
+            brake_torque=self.wheels[:, :, _TORQUE],
+            enable=self.wheels[:, :, _ENABLE],
+            error=self.wheels[:, :, _ERROR],
+            pedal=self.pedal,
+            estimate=np.full((stamps, 3), np.nan),
+            estimate_variance=np.full((stamps, 3), np.nan),
+        )
+
+
+class _Loop(NamedTuple):
+    """What the loop kernel needs beside vehicle and law; T stamps at most."""
+
+    period_ns: int
+    steps: int
+    pedal: FloatArray  # (T,)
+    command: FloatArray  # of the drive, in the body axes of the start, (T, 3)
+    hold_world: bool
+    start_yaw: float
+    brake_torque: float
+    clutch_threshold: float
+    clutch_stiffness: float
+    sampled: BoolArray  # whether the velocity sensor takes a new sample, (T,)
+    noise: FloatArray  # shares of the true value, Eqs. (60), (61), (T or 1, 3)
+    offset: FloatArray  # (3,)
+    recovery_count: int
+    rest_speed: float
+    settling_time: float
+    duration_limit: float
+
+
+def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
+    """Run an experiment on the velocity sensor to its end.
+
+    Args:
+        configuration: the whole loop.
+
+    Raises:
+        ConfigurationError: the feedback is optical, or its stamps are too far apart for the
+            assistant.
+    """
+    _check(configuration)
+    driver = ScriptedDriver(configuration.maneuver)
+    ground, simulation = configuration.ground, configuration.simulation
+    vehicle = build_vehicle(
+        configuration.vehicle,
+        FrictionMap(ground.friction, ground.patches),
+        simulation.physics_step,
+        driver.start_pose,
+        driver.start_twist,
+        ground.elevation,
+    )
+    limits = configuration.brake_assist
+    manifold = SlidingManifold(
+        vehicle.kinematics.geometry, weighting_function(limits.weighting, limits.k)
+    )
+    loop = _loop(configuration, driver)
+    stamps = len(loop.pedal)
+    body = np.empty((stamps, _BODY_COLUMNS))
+    wheels = np.empty((stamps, len(vehicle.wheel_names), _WHEEL_COLUMNS))
+    law = control_law(limits, manifold.constants)
+    used, stopped = _run(vehicle.kernel_state, law, loop, body, wheels)
+    return FastRun(
+        vehicle.wheel_names,
+        loop.period_ns,
+        loop.pedal[:used],
+        body[:used].copy(),
+        wheels[:used].copy(),
+        stopped,
+    )
+
+
+def _check(configuration: ExperimentConfiguration) -> None:
+    if configuration.feedback != "velocity_sensor":
+        raise ConfigurationError(
+            "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
+        )
+    limits = configuration.brake_assist
+    if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
+        raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
+    if configuration.simulation.control_period > limits.maximum_time_step:
+        raise ConfigurationError(
+            "simulation.control_period", "is longer than brake_assist.maximum_time_step"
+        )
+
+
+def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Loop:
+    simulation, sensor = configuration.simulation, configuration.velocity_sensor
+    period_ns = simulation.control_period_ns
+    stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
+    settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
+    times = [index * period_ns for index in range(settled + 1)]
+    start_yaw = float(driver.start_pose[2])
+    pedal = np.full(stamps, driver.pedal(times[-1]))
+    pedal[: settled + 1] = [driver.pedal(time) for time in times]
+    command = np.zeros((stamps, 3))
+    command[: settled + 1] = [driver.command_twist(time, start_yaw) for time in times]
+    samples = np.arange(stamps) * period_ns // round(sensor.sample_time * 1e9)
+    share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
+    noise = np.zeros((1, 3))
+    if np.any(share > 0.0):
+        seed = np.random.SeedSequence(configuration.seed).spawn(2)[0]  # as the simulator's
+        noise = share * np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
+    drive = configuration.vehicle.drive
+    return _Loop(
+        period_ns=period_ns,
+        steps=simulation.steps_per_period,
+        pedal=pedal,
+        command=command,
+        hold_world=configuration.maneuver.hold_world_direction,
+        start_yaw=start_yaw,
+        brake_torque=configuration.vehicle.brake.max_torque,
+        clutch_threshold=drive.clutch_threshold,
+        clutch_stiffness=drive.stiffness,
+        sampled=np.diff(samples, prepend=-1) > 0,
+        noise=noise,
+        offset=np.array([sensor.offset_x, sensor.offset_y, sensor.yaw_rate_offset]),
+        recovery_count=configuration.brake_assist.recovery_count,
+        rest_speed=simulation.rest_speed,
+        settling_time=simulation.settling_time,
+        duration_limit=simulation.duration_limit,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _measure(loop: _Loop, stamp: int, draw: int, row: FloatArray) -> int:
+    """Write what the velocity sensor reads, Eqs. (60), (61); return the number of draws."""
+    if not loop.sampled[stamp]:
+        return draw
+    noise = loop.noise[min(draw, loop.noise.shape[0] - 1)]
+    for j in range(3):
+        row[6 + j] = row[3 + j] * (1.0 + noise[j]) + loop.offset[j]
+    return draw + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _advance(
+    state: KernelState, loop: _Loop, stamp: int, yaw: float, enable: FloatArray, scratch: FloatArray
+) -> None:
+    """Advance the vehicle by one control period, as `Simulator.advance` does."""
+    pedal = loop.pedal[stamp]
+    twist = loop.command[stamp].copy()
+    if loop.hold_world:
+        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
+    control = dynamics.Control(
+        pedal * loop.brake_torque * enable,
+        loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
+        twist,
+        loop.hold_world,
+        0.0,
+        0.0,
+    )
+    no_wheels = np.empty((0, enable.size, dynamics.WHEEL_SIZE))
+    no_energy = np.empty((0, dynamics.ENERGIES))
+    dynamics.advance(
+        state.plant,
+        state.terrain,
+        state.losses,
+        control,
+        state.body,
+        state.contacts,
+        state.rollers,
+        state.wheels,
+        state.counters,
+        scratch,
+        no_wheels,
+        no_energy,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _run(
+    state: KernelState, law: ControlLaw, loop: _Loop, body: FloatArray, wheels: FloatArray
+) -> tuple[int, bool]:
+    """Run the loop; fill the records and return the number of stamps and whether it stopped."""
+    plant = state.plant
+    memory = np.zeros(MEMORY_SIZE)
+    error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
+    scratch = np.empty((loop.steps + 1, 6))
+    draw, last_ns, still_since = 0, 0, -1.0
+    for stamp in range(loop.pedal.size):
+        now_ns = stamp * loop.period_ns
+        row = body[stamp]
+        base_motion(state.body, plant.centre_x, plant.centre_y, row)
+        if stamp > 0:
+            row[6:9] = body[stamp - 1, 6:9]
+        draw = _measure(loop, stamp, draw, row)
+        pedal = loop.pedal[stamp]
+        control_step(
+            law,
+            memory,
+            pedal >= law.pedal_threshold,
+            True,
+            stamp + 1 >= loop.recovery_count,  # every feedback is good
+            (now_ns - last_ns) * 1e-9,
+            row[6],
+            row[7],
+            row[8],
+            error,
+            enable,
+        )
+        last_ns = now_ns
+        wheels[stamp, :, _ANGLE] = state.wheels[:, dynamics.ANGLE]
+        wheels[stamp, :, _SPEED] = state.wheels[:, dynamics.SPEED]
+        wheels[stamp, :, _TORQUE] = state.wheels[:, dynamics.BRAKE]
+        wheels[stamp, :, _ENABLE] = enable
+        wheels[stamp, :, _ERROR] = error
+        # As `run_progress.RunProgress`.
+        time = now_ns / 1e9
+        if pedal <= 0.0 or math.hypot(row[3], row[4]) + abs(row[5]) > loop.rest_speed:
+            still_since = -1.0
+        elif still_since < 0.0:
+            still_since = time
+        if still_since >= 0.0 and time - still_since >= loop.settling_time:
+            return stamp + 1, True
+        if time >= loop.duration_limit:
+            return stamp + 1, False
+        _advance(state, loop, stamp, row[2], enable, scratch)
+    return loop.pedal.size, False

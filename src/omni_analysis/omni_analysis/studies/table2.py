@@ -1,0 +1,126 @@
+"""Table 2: orientation change and stopping distance under every control law.
+
+Without options it runs the identified vehicle of ``config/``; ``--identify`` seeks it anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from omni_analysis import table_2
+from omni_analysis.data_table import write_table
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import save_figure
+from omni_analysis.identification import (
+    GENERATIONS,
+    configure,
+    measure,
+    parameters_of,
+    search,
+)
+from omni_analysis.identified_files import write_files
+from omni_analysis.sensitivity import Sensitivity, sensitivities
+from omni_analysis.studies import StudyResult
+from omni_analysis.table_2_figures import sensitivity_map, trade_off
+
+_EXPERIMENT = "turn_while_translate"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the study's options."""
+    parser.add_argument(
+        "--identify",
+        action="store_true",
+        help="seek the vehicle that gives Table 2 (minutes); its configuration files are written "
+        "beside the results",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of the search (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--generations",
+        type=int,
+        default=GENERATIONS,
+        help="generations of the search at most (default: %(default)s)",
+    )
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Measure the ten numbers and how they depend on what was identified."""
+    bases = {case: library.load(_EXPERIMENT, case) for case in table_2.CASES}
+    files: list[Path] = []
+    if options.identify:
+        done = 0
+
+        def on_generation(_generation: int, cost: float) -> None:
+            nonlocal done
+            done += 1
+            share = min(done / options.generations, 1.0)
+            options.report(share, f"generation {done}, cost {cost:.2f}")
+
+        found = search(
+            bases,
+            seed=options.seed,
+            generations=options.generations,
+            on_generation=on_generation,
+        )
+        bases = {case: configure(base, found) for case, base in bases.items()}
+        files += write_files(bases[table_2.CASES[0]], folder)
+    measured = measure(bases)
+    parameters = parameters_of(bases[table_2.CASES[0]])
+    sensitivity = sensitivities(bases, parameters)
+    files += _write(measured, parameters, sensitivity, folder)
+    deviations = table_2.deviations(measured)
+    worst = max(deviations, key=lambda name: _magnitude(deviations[name]))
+    within = sum(abs(deviation) <= 1.0 for deviation in deviations.values())
+    findings = (
+        f"{within} of {len(deviations)} numbers are within their tolerance of the dissertation's",
+        f"the farthest is {worst}: {_magnitude(deviations[worst]):.2f} of its tolerance",
+    )
+    return StudyResult(table_2.metrics(measured), tuple(files), findings)
+
+
+def _magnitude(deviation: float) -> float:
+    """Return the magnitude, infinite for a vehicle that does not stop."""
+    return abs(deviation) if math.isfinite(deviation) else math.inf
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _write(
+    measured: Mapping[str, float],
+    parameters: Mapping[str, float],
+    sensitivity: Sensitivity,
+    folder: Path,
+) -> list[Path]:
+    names = list(table_2.REFERENCES)
+    document = {
+        "parameters": dict(parameters),
+        "change_per_step": {
+            number: dict(zip(sensitivity.parameters, map(_finite, row.tolist()), strict=True))
+            for number, row in zip(sensitivity.numbers, sensitivity.slope, strict=True)
+        },
+    }
+    table = {
+        "number": names,
+        "unit": [table_2.unit(name) for name in names],
+        "value": [measured[name] for name in names],
+        "dissertation": [table_2.REFERENCES[name] for name in names],
+        "deviation": [measured[name] - table_2.REFERENCES[name] for name in names],
+        "tolerance": [table_2.tolerance(name) for name in names],
+    }
+    identification = folder / "identification.json"
+    identification.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    return [
+        write_table(table, folder / "table_2.csv"),
+        write_table(sensitivity.columns(), folder / "sensitivity.csv"),
+        identification,
+        save_figure(trade_off(measured), folder / "trade_off.png"),
+        save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
+    ]

@@ -1,0 +1,77 @@
+"""The fast loop against the loop of the real cores, bit for bit."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_analysis.closed_loop import run_closed_loop
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.fast_loop import run_fast_loop
+from omni_analysis.metrics import run_metrics
+from omni_analysis.run_history import first_difference
+from omni_platform.configuration import ConfigurationError
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
+TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
+
+
+def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfiguration:
+    return ExperimentLibrary(CONFIG).load(experiment, variant, [*BLIND, *overrides])
+
+
+@pytest.mark.parametrize(
+    ("experiment", "variant", "overrides"),
+    [
+        ("straight_line", "unassisted", ()),
+        ("straight_line", "assisted", ()),
+        ("straight_line", "assisted", (*TURNING, "brake_assist.weighting=cosine")),
+        ("straight_line", "assisted", (*TURNING, "maneuver.hold_world_direction=true")),
+        ("straight_line", "assisted", ("maneuver.pedal_ramp_time=0.3", "maneuver.pedal=0.8")),
+        ("straight_line", "assisted", ("velocity_sensor.sample_time=0.03",)),
+        ("straight_line", "assisted", ("simulation.duration_limit=1.003",)),
+        ("straight_line", "assisted", ("simulation.control_period=0.005",)),
+        ("three_wheel_diagonal", "assisted", ()),
+        ("ice_patch_noisy", "noisy", ()),
+        ("turn_while_translate", "k1", ()),
+    ],
+)
+def test_same_bits_as_the_loop_of_the_cores(
+    experiment: str, variant: str, overrides: tuple[str, ...]
+) -> None:
+    configuration = load(experiment, variant, *overrides)
+    fast = run_fast_loop(configuration)
+    cores = run_closed_loop(configuration)
+    assert first_difference(fast.history(), cores) is None
+    metrics = run_metrics(cores)
+    if fast.stopped:
+        assert fast.orientation_change == pytest.approx(metrics["orientation_change"].value)
+        assert fast.stopping_distance == metrics["stopping_distance"].value
+
+
+def test_noise_is_that_of_the_seed_and_within_its_bounds() -> None:
+    noisy = run_fast_loop(load("ice_patch_noisy", "noisy"))
+    again = run_fast_loop(load("ice_patch_noisy", "noisy"))
+    other = run_fast_loop(load("ice_patch_noisy", "noisy", "seed=2"))
+    np.testing.assert_array_equal(noisy.feedback, again.feedback)
+    assert not np.array_equal(noisy.feedback[:20], other.feedback[:20])
+    offset = np.array([0.01, 0.01, 0.05])
+    assert np.all(np.abs(noisy.feedback - offset - noisy.twist) <= 0.15 * np.abs(noisy.twist))
+
+
+def test_without_a_stop_the_run_ends_at_its_limit() -> None:
+    run = run_fast_loop(load("straight_line", "assisted", "simulation.duration_limit=0.8"))
+    assert not run.stopped
+    assert len(run.pedal) == 81
+    assert run.brake_start == 50
+    assert math.hypot(*run.twist[-1, :2]) > 1.0
+
+
+def test_optical_feedback_is_refused() -> None:
+    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
+    with pytest.raises(ConfigurationError, match="velocity_sensor"):
+        run_fast_loop(configuration)

@@ -1,0 +1,144 @@
+"""The identified vehicle against Table 2, and the search that found it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+
+from omni_analysis import table_2
+from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.identification import (
+    QUANTITIES,
+    configure,
+    cost,
+    measure,
+    parameters_of,
+    refine,
+    rounded,
+    search,
+)
+from omni_analysis.identified_files import write_files
+from omni_analysis.sensitivity import Sensitivity, sensitivities
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+MIDDLE = rounded([(quantity.low + quantity.high) / 2.0 for quantity in QUANTITIES])
+
+Bases = dict[str, ExperimentConfiguration]
+
+
+@pytest.fixture(scope="module")
+def bases() -> Bases:
+    library = ExperimentLibrary(CONFIG)
+    return {case: library.load("turn_while_translate", case) for case in table_2.CASES}
+
+
+@pytest.fixture(scope="module")
+def measured(bases: Bases) -> dict[str, float]:
+    return measure(bases)
+
+
+@pytest.fixture(scope="module")
+def sensitivity(bases: Bases) -> Sensitivity:
+    return sensitivities(bases, parameters_of(bases["k7"]))
+
+
+@pytest.mark.parametrize("name", table_2.REFERENCES)
+def test_identified_vehicle_gives_table_2(measured: dict[str, float], name: str) -> None:
+    assert abs(measured[name] - table_2.REFERENCES[name]) <= table_2.tolerance(name)
+
+
+def test_order_of_table_2_holds(measured: dict[str, float]) -> None:
+    for quantity in ("orientation_change", "stopping_distance"):
+        ours = sorted(table_2.CASES, key=lambda case: measured[f"{quantity}.{case}"])
+        printed = sorted(table_2.CASES, key=lambda case: table_2.REFERENCES[f"{quantity}.{case}"])
+        assert ours == printed
+
+
+def test_numbers_do_not_hang_on_the_physics_step(bases: Bases, measured: dict[str, float]) -> None:
+    fine = {
+        case: dataclasses.replace(
+            base, simulation=dataclasses.replace(base.simulation, physics_step=0.0001)
+        )
+        for case, base in bases.items()
+    }
+    for name, value in measure(fine).items():
+        assert abs(value - measured[name]) < 0.5 * table_2.tolerance(name)
+
+
+def test_tolerances_are_the_agreed_ones() -> None:
+    assert table_2.tolerance("orientation_change.unassisted") == pytest.approx(4.19)
+    assert table_2.tolerance("orientation_change.zero") == 2.0
+    assert table_2.tolerance("stopping_distance.k1") == pytest.approx(0.279)
+
+
+def test_cost_is_the_sum_of_squares_and_dear_far_away(
+    bases: Bases, measured: dict[str, float]
+) -> None:
+    found = cost(bases, parameters_of(bases["k7"]))
+    squares = sum(value**2 for value in table_2.deviations(measured).values())
+    assert found == pytest.approx(squares)
+    assert cost(bases, {**parameters_of(bases["k7"]), "speed": 3.0}) > 100.0
+    # The load alone would tip the platform over.
+    falls = {**MIDDLE, "body_mass": 0.1, "load_x": 0.8, "wheelbase": 1.0}
+    assert math.isinf(cost(bases, falls))
+
+
+def test_parameters_survive_the_configuration_and_its_files(bases: Bases, tmp_path: Path) -> None:
+    configured = configure(bases["k1"], MIDDLE)
+    assert parameters_of(configured) == MIDDLE
+    vehicle, experiment = write_files(configured, tmp_path)
+    shutil.copytree(CONFIG, tmp_path / "config")
+    shutil.copy(vehicle, tmp_path / "config/vehicles")
+    shutil.copy(experiment, tmp_path / "config/experiments")
+    read = ExperimentLibrary(tmp_path / "config").load("turn_while_translate", "k1")
+    assert read == configured
+
+
+def test_committed_files_are_what_the_study_writes(bases: Bases, tmp_path: Path) -> None:
+    vehicle, experiment = write_files(bases["unassisted"], tmp_path)
+    assert vehicle.read_text() == (CONFIG / "vehicles" / vehicle.name).read_text()
+    assert experiment.read_text() == (CONFIG / "experiments" / experiment.name).read_text()
+
+
+def test_identified_values_lie_in_the_box_that_was_searched(bases: Bases) -> None:
+    found = parameters_of(bases["k7"])
+    for quantity in QUANTITIES:
+        assert quantity.low <= found[quantity.name] <= quantity.high
+
+
+def test_search_is_reproducible_and_gets_better(bases: Bases) -> None:
+    costs: list[float] = []
+    first = search(bases, seed=3, generations=1, on_generation=lambda _, best: costs.append(best))
+    assert search(bases, seed=3, generations=1) == first
+    assert cost(bases, first, 4) == pytest.approx(costs[-1])
+    assert cost(bases, first) < cost(bases, MIDDLE)
+
+
+def test_refinement_makes_the_largest_deviation_smaller(bases: Bases) -> None:
+    found = parameters_of(bases["k7"])
+    slower = {**found, "speed": found["speed"] - 0.15}
+    better = refine(bases, slower, seed=1, generations=1)
+    assert cost(bases, better, 4) < cost(bases, slower, 4)
+
+
+def test_distance_grows_with_the_square_of_the_speed(
+    bases: Bases, sensitivity: Sensitivity, measured: dict[str, float]
+) -> None:
+    # d ~ v^2 on even ground; a patch that ends makes the growth differ, but not by its half.
+    place = sensitivity.parameters.index("speed")
+    speed = next(quantity for quantity in QUANTITIES if quantity.name == "speed")
+    row = sensitivity.numbers.index("stopping_distance.unassisted")
+    distance = measured["stopping_distance.unassisted"]
+    expected = 2.0 * distance / parameters_of(bases["k7"])["speed"] * speed.step
+    assert sensitivity.slope[row, place] == pytest.approx(expected, rel=0.5)
+
+
+def test_slippery_ground_lengthens_every_stop(sensitivity: Sensitivity) -> None:
+    place = sensitivity.parameters.index("friction")
+    for row, number in enumerate(sensitivity.numbers):
+        if number.startswith("stopping_distance"):
+            assert sensitivity.slope[row, place] < 0.0

@@ -1,0 +1,54 @@
+"""The studies as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import yaml
+from omni_process import omni
+
+from omni_analysis.bag_reader import read_run
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.fast_loop import run_fast_loop
+
+if TYPE_CHECKING:
+    from conftest import RunExperiment
+
+
+def test_table_2_is_within_its_tolerances_on_the_command_line(tmp_path: Path) -> None:
+    finished = omni(["study", "table2", "--json", "--out", str(tmp_path)])
+    assert finished.returncode == 0, finished.stderr
+    document = json.loads(finished.stdout)
+    assert document == json.loads((tmp_path / "summary.json").read_text())
+    assert document["name"] == "table2"
+    for case in ("unassisted", "zero", "cosine", "k1", "k7"):
+        for quantity in ("orientation_change", "stopping_distance"):
+            metric = document["metrics"][f"{quantity}.{case}"]
+            assert {"value", "unit", "reference", "limit"} <= set(metric)
+            deviation = document["metrics"][f"{quantity}_deviation.{case}"]
+            assert abs(metric["value"] - metric["reference"]) == deviation["value"]
+            assert deviation["value"] <= deviation["limit"]
+
+
+def test_a_search_leaves_its_configuration_files(tmp_path: Path) -> None:
+    finished = omni(
+        ["study", "table2", "--identify", "--generations", "1", "--json", "--out", str(tmp_path)]
+    )
+    assert finished.returncode == 0, finished.stderr
+    assert len(json.loads(finished.stdout)["metrics"]) == 20
+    vehicle = yaml.safe_load((tmp_path / "table_2_mecanum.yaml").read_text())
+    experiment = yaml.safe_load((tmp_path / "turn_while_translate.yaml").read_text())
+    assert experiment["vehicle"] == "table_2_mecanum"
+    assert set(vehicle["wheels"]) == {"rear_left", "front_left", "front_right", "rear_right"}
+
+
+def test_braking_out_of_a_turn_is_the_same_over_the_graph(
+    run_experiment: RunExperiment, library: ExperimentLibrary
+) -> None:
+    over_topics = read_run(run_experiment("turn_while_translate", "--variant", "k1").folder / "k1")
+    fast = run_fast_loop(library.load("turn_while_translate", "k1")).history()
+    for name in ("stamp_ns", "pose", "twist", "wheel_speed", "brake_torque", "enable", "error"):
+        np.testing.assert_array_equal(getattr(over_topics, name), getattr(fast, name))
