@@ -164,8 +164,9 @@ def test_silence_puts_all_brakes_on_unasked(vehicle: Vehicle, silent: str, state
 
     vehicle.wait(go_on_in_part)
     vehicle.enables.clear()
-    vehicle.wait(lambda: go_on_in_part() and bool(vehicle.enables))
-    assert all(set(enable.effort) == {1.0} for enable in vehicle.enables)
+    # The first ones may have been on their way before.
+    vehicle.wait(lambda: go_on_in_part() and len(vehicle.enables) >= 6)
+    assert all(set(enable.effort) == {1.0} for enable in vehicle.enables[-3:])
     vehicle.swerve_until_assisted()
 
 
