@@ -18,11 +18,14 @@ from omni_sim.simulator import VehicleConfiguration
 
 FloatArray = NDArray[np.float64]
 
+_STANDSTILL = 0.05  # [m/s]
+
 
 def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     """Return the slips of the rims along the active directions, Eq. (20) with sign.
 
-    ``(n_w . v_i - omega R (n_w . u_i)) / (R |omega| + v_num)``
+    ``(n_w . v_i - omega R (n_w . u_i)) / (R |omega| + v_num)``; where neither ground nor rim moves
+    the quotient means nothing and is NaN.
 
     Args:
         vehicle: with the wheels of the history, in any order.
@@ -37,6 +40,7 @@ def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     rim = history.wheel_speed * geometry.radius
     along = np.sum(geometry.active * geometry.rolling, axis=1)
     slips = (hub - rim * along) / (np.abs(rim) + vehicle.tire.slip_speed)  # Eqs. (20), (22)
+    slips[np.maximum(np.abs(hub), np.abs(rim)) < _STANDSTILL] = np.nan
     return np.asarray(slips, dtype=np.float64)
 
 

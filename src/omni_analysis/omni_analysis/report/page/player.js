@@ -15,7 +15,6 @@ class Player {
     this.missing = this.plots.filter((plot) => !plot.range).map((plot) => plot.kind.title);
     this.plots = this.plots.filter((plot) => plot.range);
     [this.slider.min, this.slider.max] = this.span;
-    this.timeLabel = report.timeLabel;
     this.listen();
   }
 
@@ -111,7 +110,7 @@ function start() {
   const names = report.runs.map((run) => run.name);
   document.title = report.title;
   document.getElementById("title").textContent = report.title;
-  document.getElementById("subtitle").textContent = `Times count the ${report.timeLabel}.`;
+  document.getElementById("subtitle").textContent = `On every time axis: ${report.timeLabel}.`;
   const player = new Player(report);
   const choices = document.getElementById("runs");
   choices.hidden = names.length < 2;
@@ -128,6 +127,7 @@ function start() {
   fillConfiguration(report, names);
   player.follow.checked = matchMedia("(max-width: 40rem)").matches;
   player.redraw();
+  return player;
 }
 
-start();
+const player = start();

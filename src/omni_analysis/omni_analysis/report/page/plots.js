@@ -3,6 +3,7 @@
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
 
 // A curve has a label, times, values and the number of its colour; `curves` gives those of a run.
+// The axis ends at `limits`; a number beyond `largest` is not told.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
     curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
@@ -14,9 +15,9 @@ const PLOTS = [
     curves: (run) => byWheel(run, run.columns.error) },
   { name: "enable", title: "Brake enables", unit: "filled: brake on", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
-  { name: "slip", title: "Wheel slip", unit: "computed, Eq. (20)", digits: 2, limits: [-1.5, 1.5],
+  { name: "slip", title: "Wheel slip", unit: "computed, Eq. (20)", digits: 2, limits: [-1.5, 1.5], largest: 10,
     curves: (run) => byWheel(run, run.columns.slip) },
-  { name: "force", title: "Wheel force along the active direction", unit: "N, 20 per second", digits: 0,
+  { name: "force", title: "Wheel force along the active direction", unit: "N, as often as recorded", digits: 0,
     curves: forceCurves },
   { name: "load", title: "Wheel load", unit: "N, computed", digits: 0,
     curves: (run) => byWheel(run, run.columns.load) },
@@ -115,7 +116,7 @@ class Plot {
     pen.strokeStyle = colours.rule;
     pen.fillStyle = colours.quiet;
     pen.textAlign = "center";
-    const along = roundTicks(...this.span, this.width / 70);
+    const along = roundTicks(...this.span, this.width / 60);
     for (const time of along.ticks) {
       const x = this.x(time);
       stroke(pen, [x, 0], [x, this.height]);
@@ -188,7 +189,7 @@ class Plot {
       const i = indexAt(times, time);
       this.outputs[number].textContent = this.kind.lanes
         ? { on: "on", released: "released", up: "pedal up" }[brakeState(front, number, i)]
-        : Math.abs(values[i]) >= 1e5 ? "large" : inDigits(values[i], this.kind.digits);
+        : inDigits(values[i], this.kind.digits, this.kind.largest);
     });
   }
 }

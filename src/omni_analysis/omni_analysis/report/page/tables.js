@@ -36,7 +36,7 @@ function fillTopViewLegend(list, runs, view, colours) {
     );
   }
   if (view.topForce > 0) {
-    entries.push([pointer(colours.ink), `force of a wheel (longest ${inDigits(view.topForce / 1000, 1)} kN)`]);
+    entries.push([pointer(colours.ink), `force of a wheel when last recorded (longest ${inDigits(view.topForce / 1000, 1)} kN)`]);
   }
   if (runs.some((run) => run.scene && run.scene.load)) {
     entries.push([[["circle", { cx: "12", cy: "6", r: "5", fill: colours.quiet, stroke: colours.ink }]], "load"]);

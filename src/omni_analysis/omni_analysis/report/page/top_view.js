@@ -157,7 +157,7 @@ class TopView {
         line(pen, ...loadArm);
         pen.stroke();
       }
-      if (load) disc(pen, load, 0.07 * length, colours.quiet, colours.ink);
+      if (load) disc(pen, load, 0.05 * length, colours.quiet, colours.ink);
       if (centreOfGravity) cross(pen, centreOfGravity, 0.05 * length, 2.5 * pixel);
     });
   }
