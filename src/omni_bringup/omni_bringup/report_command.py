@@ -77,7 +77,7 @@ def report(options: argparse.Namespace) -> int:
 def _title(runs: Sequence[ReportedRun]) -> str:
     """Return what the runs are about in their own words, if they say so."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
-    return next(filter(None, words), "") or ", ".join(run.name for run in runs)
+    return " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
 
 
 def _write(file: Path, text: str) -> None:

@@ -15,7 +15,7 @@ from omni_analysis.experiment import ExperimentConfiguration
 from omni_analysis.metrics import Metric, run_metrics
 from omni_analysis.report.forces import WheelForces, read_wheel_forces
 from omni_analysis.run_history import RunHistory
-from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.configuration import from_mapping
 
 CONFIGURATION = "configuration.yaml"
 
@@ -61,13 +61,9 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     history = read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
     notes = [] if forces else ["no markers with wheel forces were recorded"]
-    configuration, values = None, dict[str, str]()
-    try:
-        tree = _read_configuration(path / CONFIGURATION)
-        values = dict(islice(_flattened(tree), _MOST_VALUES))
-        configuration = _checked(tree, history)
-    except (ConfigurationError, ValueError) as error:
-        notes.append(f"vehicle, ground, slips and loads are not shown: {error}")
+    configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
+    if problem:
+        notes.append(f"vehicle, ground, slips and loads are not shown: {problem}")
     return ReportedRun(
         name=name,
         history=history,
@@ -95,7 +91,32 @@ def run_names(paths: Sequence[Path]) -> list[str]:
     return ["/".join(place.parts[-depth:]) for place in places] if names else []
 
 
-def _read_configuration(path: Path) -> dict[str, Any]:
+def read_configuration(
+    path: Path, wheel_names: Sequence[str]
+) -> tuple[ExperimentConfiguration | None, dict[str, str], str]:
+    """Read the configuration that lies beside a recording, as far as it makes sense.
+
+    Args:
+        path: of the file.
+        wheel_names: of the recording, in any order.
+
+    Returns:
+        The configuration if it holds for the recording, its values as texts by dotted key as far
+        as there are any, and why there is no configuration; empty if there is one.
+    """
+    values: dict[str, str] = {}
+    try:
+        tree = _read_tree(path)
+        values = dict(islice(_flattened(tree), _MOST_VALUES))
+        configuration = from_mapping(ExperimentConfiguration, tree)
+        if set(configuration.vehicle.wheels) != set(wheel_names):
+            raise ValueError("the configuration names other wheels than the recording")
+    except ValueError as error:  # ConfigurationError too
+        return None, values, str(error)[:_LONGEST_TEXT]
+    return configuration, values, ""
+
+
+def _read_tree(path: Path) -> dict[str, Any]:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_CONFIGURATION:
@@ -110,13 +131,6 @@ def _read_configuration(path: Path) -> dict[str, Any]:
     if not isinstance(tree, dict):
         raise ValueError(f"{CONFIGURATION} does not name any value")
     return tree
-
-
-def _checked(tree: dict[str, Any], history: RunHistory) -> ExperimentConfiguration:
-    configuration = from_mapping(ExperimentConfiguration, tree)
-    if set(configuration.vehicle.wheels) != set(history.wheel_names):
-        raise ValueError("the configuration names other wheels than the recording")
-    return configuration
 
 
 def _flattened(

@@ -1,9 +1,11 @@
 // The plots over time. All share the player's time; the run in front is drawn over the others.
 
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
+// By the number of the colour: some readers see its third and fourth alike.
+const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
 // A curve has a label, times, values and the number of its colour; `curves` gives those of a run.
-// The axis ends at `limits`; a number beyond `largest` is not told.
+// A curve runs along its `limits` where it lies beyond; a number beyond `largest` is not told.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
     curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
@@ -15,7 +17,7 @@ const PLOTS = [
     curves: (run) => byWheel(run, run.columns.error) },
   { name: "enable", title: "Brake enables", unit: "filled: brake on", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
-  { name: "slip", title: "Wheel slip", unit: "computed, Eq. (20)", digits: 2, limits: [-1.5, 1.5], largest: 10,
+  { name: "slip", title: "Wheel slip", unit: "computed by Eq. (20), shown up to ±1.5", digits: 2, limits: [-1.5, 1.5], largest: 10,
     curves: (run) => byWheel(run, run.columns.slip) },
   { name: "force", title: "Wheel force along the active direction", unit: "N, as often as recorded", digits: 0,
     curves: forceCurves },
@@ -86,6 +88,7 @@ class Plot {
   // Draws everything but the cursor; needed when the size, the colours or the front run change.
   draw(front, colours) {
     const { pen, width, height } = prepareCanvas(this.canvas);
+    pen.save();
     this.width = width - MARGIN.left - MARGIN.right;
     this.height = height - MARGIN.top - MARGIN.bottom;
     pen.translate(MARGIN.left, MARGIN.top);
@@ -101,6 +104,7 @@ class Plot {
       pen.lineWidth = run === front ? 1.8 : 1.3;
       if (this.kind.lanes) this.drawLanes(pen, run, colours); else this.drawCurves(pen, run, colours);
     }
+    pen.restore(); // the clip and the dashes would be there at the next time
     this.fillLegend(front, colours);
   }
 
@@ -135,16 +139,17 @@ class Plot {
   }
 
   drawCurves(pen, run, colours) {
+    const [least, most] = this.kind.limits || [-Infinity, Infinity];
     for (const { times, values, colour } of this.curves[run.number]) {
       pen.strokeStyle = colours.series[colour % colours.series.length];
+      pen.setLineDash(DASHES[colour % DASHES.length]);
       pen.beginPath();
       let drawing = false;
       for (let i = 0; i < times.length; i++) {
-        const [x, y] = [this.x(times[i]), Math.min(Math.max(this.y(values[i]), -1e4), 1e4)];
-        if (Number.isNaN(y)) drawing = false;
-        else if (drawing) pen.lineTo(x, y);
-        else pen.moveTo(x, y);
-        drawing = !Number.isNaN(y);
+        const place = [this.x(times[i]), this.y(Math.min(Math.max(values[i], least), most))];
+        const known = Number.isFinite(place[1]);
+        if (known) pen[drawing ? "lineTo" : "moveTo"](...place);
+        drawing = known;
       }
       pen.stroke();
     }
@@ -176,7 +181,11 @@ class Plot {
     this.legend.replaceChildren();
     this.outputs = this.curves[front.number].map(({ label, colour }) => {
       const entry = element("li", {}, this.legend);
-      swatch(entry, [["rect", { y: "4", width: "22", height: "4", fill: colours.series[colour % colours.series.length] }]]);
+      swatch(entry, [["line", {
+        x1: "0", y1: "6", x2: "23", y2: "6", "stroke-width": "3",
+        stroke: colours.series[colour % colours.series.length],
+        "stroke-dasharray": this.kind.lanes ? "" : DASHES[colour % DASHES.length].join(" "),
+      }]]);
       entry.append(label);
       return element("output", {}, entry);
     });

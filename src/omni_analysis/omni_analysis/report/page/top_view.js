@@ -24,7 +24,8 @@ class TopView {
     const across = this.canvas.getBoundingClientRect().width;
     const tallest = Math.min(0.45 * window.innerHeight, 460);
     const fitting = Math.min(Math.max((across * (high - low)) / (right - left), 190), tallest);
-    const { pen, width, height } = prepareCanvas(this.canvas, follow ? Math.max(fitting, 240) : fitting);
+    const square = Math.min(0.75 * across, tallest);
+    const { pen, width, height } = prepareCanvas(this.canvas, follow ? square : fitting);
     const pose = poseAt(front, time);
     const scale = follow
       ? Math.min(width, height * 1.6) / (FOLLOWED_LENGTHS * this.size)
