@@ -79,8 +79,8 @@ def number(text: str) -> float:
 
 def legend(browser: Chromium, plot: str) -> list[float]:
     """Return the values that a plot tells for the run in front."""
-    outputs = f"[...document.querySelectorAll('#plot-{plot} output')]"
-    return [number(text) for text in browser.run(f"{outputs}.map(output => output.value)")]
+    shown = f"[...document.querySelectorAll('#plot-{plot} .value')].map(e => e.textContent)"
+    return [number(text) for text in browser.run(shown)]
 
 
 def cursors(browser: Chromium) -> list[float]:
@@ -213,6 +213,24 @@ def test_wheels_may_have_any_name(browser: Chromium, sample: ReportedRun, tmp_pa
     browser.press("ArrowRight", modifiers=SHIFT)
     assert top_view(browser) != before
     assert browser.requests == [file.as_uri()]
+    assert browser.complaints == []
+
+
+@pytest.mark.parametrize("place", [1e17, 3e38, 1e300, np.nan])
+def test_numbers_beyond_all_measure_do_not_stop_the_page(
+    browser: Chromium, sample: ReportedRun, tmp_path: Path, place: float
+) -> None:
+    history = dataclasses.replace(
+        sample.history,
+        pose=sample.history.pose + np.array((place, 0.0, 0.0)),
+        error=np.full_like(sample.history.error, place),
+    )
+    file = tmp_path / "far.html"
+    file.write_text(report_page("Far away", [dataclasses.replace(sample, history=history)]))
+    browser.open(file)
+    browser.press("f")
+    browser.press("ArrowRight")
+    assert clock(browser) == pytest.approx(history.braking_time[1], abs=0.005)
     assert browser.complaints == []
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +17,7 @@ EXIT_FAILED = 1
 EXIT_REFUSED = 2
 
 _SUFFIXES = (".html", ".htm")
+_LONGEST_TITLE = 200  # characters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,11 +54,12 @@ def report(options: argparse.Namespace) -> int:
         runs = [
             read_reported_run(path, name) for path, name in zip(options.bags, names, strict=True)
         ]
+        page = report_page(_title(runs), runs)
     except (BagError, ValueError) as error:
         print(f"omni report: {printable(str(error))}", file=sys.stderr)
         return EXIT_REFUSED
     try:
-        _write(file, report_page(_title(runs), runs))
+        _write(file, page)
     except OSError as error:
         print(f"omni report: cannot write {file}: {error.strerror}", file=sys.stderr)
         return EXIT_FAILED
@@ -77,20 +77,16 @@ def report(options: argparse.Namespace) -> int:
 def _title(runs: Sequence[ReportedRun]) -> str:
     """Return what the runs are about in their own words, if they say so."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
-    return " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
+    title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
+    return title[:_LONGEST_TITLE]
 
 
 def _write(file: Path, text: str) -> None:
     """Write a file whole or not at all."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=file.parent, prefix=f".{file.name}.", delete=False
-    ) as scratch:
-        try:
-            scratch.write(text)
-            scratch.flush()
-            os.fchmod(scratch.fileno(), 0o644)
-            os.replace(scratch.name, file)
-        except BaseException:
-            os.unlink(scratch.name)
-            raise
+    scratch = file.with_name(f".{file.name}.part")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        scratch.replace(file)
+    finally:
+        scratch.unlink(missing_ok=True)

@@ -58,6 +58,8 @@ def _run(run: ReportedRun) -> dict[str, Any]:
     notes = list(run.notes)
     if stride > 1:
         notes.append(f"one of {stride} stamps is shown")
+    if history.brake_start is None:
+        notes.append("the brake pedal is never pressed, so time counts from the start")
     columns: dict[str, Any] = {
         "time": history.braking_time,
         "x": history.pose[:, 0],

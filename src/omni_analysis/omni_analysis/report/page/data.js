@@ -93,9 +93,14 @@ function roundTicks(low, high, count) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough * 0.999);
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  const ticks = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) ticks.push(k * step);
-  return { ticks, step, digits };
+  return { ticks: multiples(step, low, high), step, digits };
+}
+
+// The multiples of a step within a range; never many, whatever the numbers are.
+function multiples(step, low, high) {
+  const first = Math.ceil(low / step - 1e-9);
+  const count = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({ length: count > 0 ? Math.min(count, 200) : 0 }, (_, k) => (first + k) * step);
 }
 
 // The colours of the style sheet as they are now, light or dark.

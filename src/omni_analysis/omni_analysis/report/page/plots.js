@@ -179,7 +179,7 @@ class Plot {
 
   fillLegend(front, colours) {
     this.legend.replaceChildren();
-    this.outputs = this.curves[front.number].map(({ label, colour }) => {
+    this.values = this.curves[front.number].map(({ label, colour }) => {
       const entry = element("li", {}, this.legend);
       swatch(entry, [["line", {
         x1: "0", y1: "6", x2: "23", y2: "6", "stroke-width": "3",
@@ -187,7 +187,7 @@ class Plot {
         "stroke-dasharray": this.kind.lanes ? "" : DASHES[colour % DASHES.length].join(" "),
       }]]);
       entry.append(label);
-      return element("output", {}, entry);
+      return element("span", { className: "value" }, entry);
     });
   }
 
@@ -196,7 +196,7 @@ class Plot {
     this.cursor.style.transform = `translateX(${MARGIN.left + this.x(time)}px)`;
     this.curves[front.number].forEach(({ times, values }, number) => {
       const i = indexAt(times, time);
-      this.outputs[number].textContent = this.kind.lanes
+      this.values[number].textContent = this.kind.lanes
         ? { on: "on", released: "released", up: "pedal up" }[brakeState(front, number, i)]
         : inDigits(values[i], this.kind.digits, this.kind.largest);
     });

@@ -72,7 +72,8 @@ class TopView {
       world.lineWidth = pixel;
       world.beginPath();
       for (const x of ticks) line(world, [x, low], [x, high]);
-      for (let k = Math.ceil(low / step); k * step <= high; k++) line(world, [centreX - width, k * step], [centreX + width, k * step]);
+      const reach = width / scale;
+      for (const y of multiples(step, low, high)) line(world, [centreX - reach, y], [centreX + reach, y]);
       world.stroke();
       for (const patch of front.scene ? front.scene.patches : []) {
         polygon(world, patch.outline);
