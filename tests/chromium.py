@@ -6,7 +6,6 @@ its own, which must fit the one that is there.
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import json
 import os
@@ -111,11 +110,6 @@ class Chromium:
         self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
-
-    def picture(self, *, whole: bool = False) -> bytes:
-        """Return a PNG of what the window shows, or of the whole page."""
-        answer = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
-        return base64.b64decode(answer["data"])
 
     @property
     def requests(self) -> list[str]:

@@ -68,8 +68,6 @@ def _run(run: ReportedRun) -> dict[str, Any]:
         "heading": (history.pose[:, 2] - history.pose[history.brake_start or 0, 2]) * _DEGREES,
         "velocity": history.twist[:, :2],
         "yawRate": history.twist[:, 2],
-        "estimate": history.estimate[:, :2],
-        "estimateYawRate": history.estimate[:, 2],
         "velocityError": history.estimate[:, :2] - history.twist[:, :2],
         "yawRateError": history.estimate[:, 2] - history.twist[:, 2],
         "pedal": history.pedal,
@@ -120,9 +118,10 @@ def _forces(run: ReportedRun) -> dict[str, Any] | None:
     history = run.history
     start_ns = history.stamp_ns[history.brake_start or 0]
     count = len(run.forces.stamp_ns)
+    stride = math.ceil(count / _MOST_STAMPS)
     return {
-        "time": _columns((run.forces.stamp_ns - start_ns) * 1e-9, 1)[0],
-        "values": _columns(run.forces.force.reshape(count, -1), 1),
+        "time": _columns((run.forces.stamp_ns - start_ns) * 1e-9, stride)[0],
+        "values": _columns(run.forces.force.reshape(count, -1), stride),
     }
 
 

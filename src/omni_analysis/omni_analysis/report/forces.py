@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class WheelForces:
 
     Attributes:
         stamp_ns: [ns], increasing, shape (M,).
-        force: in `odom` [N], shape (M, N, 2).
+        force: in `odom` [N], in the order of the recorded wheels, shape (M, N, 2).
     """
 
     stamp_ns: NDArray[np.int64]
@@ -69,7 +70,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> WheelForces | None
     return WheelForces(np.array(stamps, dtype=np.int64), force)
 
 
-def _force(points: Sequence[object]) -> tuple[float, float]:
+def _force(points: Sequence[Any]) -> tuple[float, float]:
     """Return the force [N] of an arrow from its tail to its head [m]."""
-    (tail_x, tail_y), (head_x, head_y) = ((float(p.x), float(p.y)) for p in points)  # type: ignore[attr-defined]
-    return (head_x - tail_x) / _METRES_PER_NEWTON, (head_y - tail_y) / _METRES_PER_NEWTON
+    tail, head = points
+    return (head.x - tail.x) / _METRES_PER_NEWTON, (head.y - tail.y) / _METRES_PER_NEWTON
