@@ -23,9 +23,9 @@ const PLOTS = [
     curves: forceCurves },
   { name: "load", title: "Wheel load", unit: "N, computed", digits: 0,
     curves: (run) => byWheel(run, run.columns.load) },
-  { name: "velocity-error", title: "Odometry minus truth", unit: "m/s", digits: 3,
+  { name: "velocity-error", title: "Velocity, odometry minus truth", unit: "m/s", digits: 3,
     curves: (run) => byComponent(run, "velocityError", ["v_x", "v_y"]) },
-  { name: "yaw-rate-error", title: "Odometry minus truth", unit: "rad/s", digits: 3,
+  { name: "yaw-rate-error", title: "Yaw rate, odometry minus truth", unit: "rad/s", digits: 3,
     curves: (run) => byComponent(run, "yawRateError", ["yaw rate"]) },
 ];
 
@@ -124,7 +124,7 @@ class Plot {
     for (const time of along.ticks) {
       const x = this.x(time);
       stroke(pen, [x, 0], [x, this.height]);
-      if (x < this.width - 12) pen.fillText(inDigits(time, along.digits), x, this.height + 14);
+      if (x < this.width - 22) pen.fillText(inDigits(time, along.digits), x, this.height + 14);
     }
     pen.textAlign = "right";
     pen.fillText("s", this.width, this.height + 14);
