@@ -13,7 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
-    package_data={name: ["py.typed"]},
+    package_data={name: ["py.typed", "report/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),

@@ -75,7 +75,7 @@ def _table(
         pad_edge=False,
     )
     quantities = _quantities(metrics_by_variant)
-    labels = {quantity: _label(quantity) for quantity in quantities}
+    labels = {quantity: metric_label(quantity) for quantity in quantities}
     words = [word for label in labels.values() for word in label.split()]
     table.add_column("", min_width=max(map(len, words), default=1))
     table.add_column("unit", no_wrap=True)
@@ -99,7 +99,8 @@ def _table(
     return table
 
 
-def _label(quantity: str) -> str:
+def metric_label(quantity: str) -> str:
+    """Return a quantity in words; that of a single wheel is indented."""
     name, _, wheel = quantity.partition(".")
     label = f"  {wheel}" if wheel else name.replace("_rmse", "_RMSE")
     return label.replace("_", " ")
@@ -113,16 +114,17 @@ def _quantities(metrics_by_variant: Mapping[str, Mapping[str, Metric]]) -> list[
 def _cell(metric: Metric | None) -> Text:
     if metric is None or not math.isfinite(metric.value):
         return Text("-")
-    words = _number(metric.value, metric.unit)
+    words = metric_number(metric.value, metric.unit)
     exceeded = metric.limit is not None and metric.value > metric.limit
     if exceeded:
         words += " !"
     if metric.reference is not None:
-        words += f" ({_number(metric.reference, metric.unit)})"
+        words += f" ({metric_number(metric.reference, metric.unit)})"
     return Text(words, style="bold red" if exceeded else "")
 
 
-def _number(value: float, unit: str) -> str:
+def metric_number(value: float, unit: str) -> str:
+    """Return a value in digits, as many as its unit deserves."""
     if unit == "1" and float(value).is_integer():
         return f"{value:.0f}"
     return f"{value:.{_DECIMALS.get(unit, 2)}f}"

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
+from omni_bringup.report_command import add_arguments as add_report_arguments
 
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
@@ -64,6 +65,10 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.replay_command import replay
 
         return replay(options, workspace())
+    if options.command == "report":
+        from omni_bringup.report_command import report
+
+        return report(options)
     from omni_bringup.run_command import run
 
     _clean_up_on_signals()
@@ -167,6 +172,14 @@ def _parser() -> argparse.ArgumentParser:
             help="run nodes on the recorded inputs once more",
             description="Publish the recorded inputs with /clock to the real nodes, record what "
             "they answer beside the recording, and compare it with what was recorded.",
+        )
+    )
+    add_report_arguments(
+        commands.add_parser(
+            "report",
+            help="show recordings as a page for a browser",
+            description="Write one HTML file that needs nothing else: the vehicle from above, the "
+            "plots in step with it, the results, and the configuration with its differences.",
         )
     )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)

@@ -1,0 +1,210 @@
+// The plots over time. All share the player's time; the run in front is drawn over the others.
+
+const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
+// By the number of the colour: some readers see its third and fourth alike.
+const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
+
+// A curve has a label, times, values and the number of its colour; `curves` gives those of a run.
+// A curve runs along its `limits` where it lies beyond; a number beyond `largest` is not told.
+const PLOTS = [
+  { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
+    curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
+  { name: "yaw-rate", title: "Yaw rate", unit: "rad/s", digits: 3,
+    curves: (run) => byComponent(run, "yawRate", ["yaw rate"]) },
+  { name: "heading", title: "Change of heading", unit: "deg", digits: 1,
+    curves: (run) => byComponent(run, "heading", ["heading"]) },
+  { name: "error", title: "Distance from the sliding manifold, s_i", unit: "m/s", digits: 3,
+    curves: (run) => byWheel(run, run.columns.error) },
+  { name: "enable", title: "Brake enables", unit: "filled: brake on", lanes: true,
+    curves: (run) => byWheel(run, run.columns.enable) },
+  { name: "slip", title: "Wheel slip", unit: "computed by Eq. (20), shown up to ±1.5", digits: 2, limits: [-1.5, 1.5], largest: 10,
+    curves: (run) => byWheel(run, run.columns.slip) },
+  { name: "force", title: "Wheel force along the active direction", unit: "N, as often as recorded", digits: 0,
+    curves: forceCurves },
+  { name: "load", title: "Wheel load", unit: "N, computed", digits: 0,
+    curves: (run) => byWheel(run, run.columns.load) },
+  { name: "velocity-error", title: "Velocity, odometry minus truth", unit: "m/s", digits: 3,
+    curves: (run) => byComponent(run, "velocityError", ["v_x", "v_y"]) },
+  { name: "yaw-rate-error", title: "Yaw rate, odometry minus truth", unit: "rad/s", digits: 3,
+    curves: (run) => byComponent(run, "yawRateError", ["yaw rate"]) },
+];
+
+function byComponent(run, name, labels) {
+  return labels.map((label, colour) => ({ label, colour, times: run.times, values: run.columns[name][colour] }));
+}
+
+function byWheel(run, columns) {
+  return (columns || []).map((values, colour) => ({ label: run.wheels[colour], colour, times: run.times, values }));
+}
+
+function forceCurves(run) {
+  if (!run.forces || !run.scene) return [];
+  return run.forces.wheels.map(({ x, y }, wheel) => {
+    const [alongX, alongY] = run.scene.wheels[wheel].active;
+    const values = x.map((force, i) => force * alongX + y[i] * alongY);
+    return { label: run.wheels[wheel], colour: wheel, times: run.forces.times, values };
+  });
+}
+
+class Plot {
+  constructor(kind, runs, span, parent, onSeek) {
+    this.kind = kind;
+    this.runs = runs;
+    this.span = span;
+    this.curves = runs.map(kind.curves);
+    this.range = this.valueRange();
+    if (!this.range) return; // nothing recorded
+    const figure = element("figure", { className: "plot", id: `plot-${kind.name}` }, parent);
+    const title = element("h3", { textContent: `${kind.title} ` }, figure);
+    element("small", { textContent: kind.unit }, title);
+    this.box = element("div", { className: "curves" }, figure);
+    this.canvas = element("canvas", {}, this.box);
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", `${kind.title}, ${kind.unit}, over time`);
+    this.cursor = element("div", { className: "cursor" }, this.box);
+    this.legend = element("ul", { className: "legend" }, figure);
+    const seek = (event) => {
+      const inside = (event.clientX - this.box.getBoundingClientRect().left - MARGIN.left) / this.width;
+      onSeek(span[0] + Math.min(Math.max(inside, 0), 1) * (span[1] - span[0]));
+    };
+    this.box.addEventListener("pointerdown", (event) => {
+      this.box.setPointerCapture(event.pointerId);
+      seek(event);
+    });
+    this.box.addEventListener("pointermove", (event) => {
+      if (event.buttons) seek(event);
+    });
+  }
+
+  valueRange() {
+    const found = finiteRange(this.curves.flat().map((curve) => curve.values));
+    if (!found || this.kind.lanes) return found;
+    const [least, most] = this.kind.limits || [-Infinity, Infinity];
+    const [low, high] = [Math.max(found[0], least), Math.min(found[1], most)];
+    const room = 0.06 * (high - low) || 0.5 * Math.abs(high) || 1;
+    return [low - room, high + room];
+  }
+
+  // Draws everything but the cursor; needed when the size, the colours or the front run change.
+  draw(front, colours) {
+    const { pen, width, height } = prepareCanvas(this.canvas);
+    pen.save();
+    this.width = width - MARGIN.left - MARGIN.right;
+    this.height = height - MARGIN.top - MARGIN.bottom;
+    pen.translate(MARGIN.left, MARGIN.top);
+    pen.font = "12px system-ui, sans-serif";
+    pen.lineWidth = 1;
+    this.drawAxes(pen, colours);
+    pen.beginPath();
+    pen.rect(0, 0, this.width, this.height);
+    pen.clip();
+    const others = this.runs.filter((run) => run !== front);
+    for (const run of [...others, front]) {
+      pen.globalAlpha = run === front ? 1 : PALE;
+      pen.lineWidth = run === front ? 1.8 : 1.3;
+      if (this.kind.lanes) this.drawLanes(pen, run, colours); else this.drawCurves(pen, run, colours);
+    }
+    pen.restore(); // the clip and the dashes would be there at the next time
+    this.fillLegend(front, colours);
+  }
+
+  x(time) {
+    return ((time - this.span[0]) / (this.span[1] - this.span[0])) * this.width;
+  }
+
+  y(value) {
+    return ((this.range[1] - value) / (this.range[1] - this.range[0])) * this.height;
+  }
+
+  drawAxes(pen, colours) {
+    pen.strokeStyle = colours.rule;
+    pen.fillStyle = colours.quiet;
+    pen.textAlign = "center";
+    const along = roundTicks(...this.span, this.width / 60);
+    for (const time of along.ticks) {
+      const x = this.x(time);
+      stroke(pen, [x, 0], [x, this.height]);
+      if (x < this.width - 22) pen.fillText(inDigits(time, along.digits), x, this.height + 14);
+    }
+    pen.textAlign = "right";
+    pen.fillText("s", this.width, this.height + 14);
+    if (this.kind.lanes) return;
+    const up = roundTicks(...this.range, 4);
+    for (const value of up.ticks) {
+      stroke(pen, [0, this.y(value)], [this.width, this.y(value)]);
+      pen.fillText(inDigits(value, up.digits), -6, this.y(value) + 4);
+    }
+    pen.strokeStyle = colours.quiet; // zero, and the start of braking
+    if (this.range[0] < 0 && this.range[1] > 0) stroke(pen, [0, this.y(0)], [this.width, this.y(0)]);
+  }
+
+  drawCurves(pen, run, colours) {
+    const [least, most] = this.kind.limits || [-Infinity, Infinity];
+    for (const { times, values, colour } of this.curves[run.number]) {
+      pen.strokeStyle = colours.series[colour % colours.series.length];
+      pen.setLineDash(DASHES[colour % DASHES.length]);
+      pen.beginPath();
+      let drawing = false;
+      for (let i = 0; i < times.length; i++) {
+        const place = [this.x(times[i]), this.y(Math.min(Math.max(values[i], least), most))];
+        const known = Number.isFinite(place[1]);
+        if (known) pen[drawing ? "lineTo" : "moveTo"](...place);
+        drawing = known;
+      }
+      pen.stroke();
+    }
+  }
+
+  // A lane for each wheel, and in it a strip for each run, filled while the brake is on.
+  drawLanes(pen, run, colours) {
+    const curves = this.curves[run.number];
+    const lane = this.height / curves.length;
+    const strip = (0.8 * lane) / this.runs.length;
+    curves.forEach(({ times, colour }, wheel) => {
+      const top = wheel * lane + 0.1 * lane + run.number * strip;
+      pen.fillStyle = pen.strokeStyle = colours.series[colour % colours.series.length];
+      stroke(pen, [0, top + strip], [this.width, top + strip]);
+      let from = null;
+      for (let i = 0; i <= times.length; i++) {
+        const on = i < times.length && brakeState(run, wheel, i) === "on";
+        if (on && from === null) from = times[i];
+        if (!on && from !== null) {
+          const until = times[Math.min(i, times.length - 1)];
+          pen.fillRect(this.x(from), top, this.x(until) - this.x(from), strip);
+          from = null;
+        }
+      }
+    });
+  }
+
+  fillLegend(front, colours) {
+    this.legend.replaceChildren();
+    this.values = this.curves[front.number].map(({ label, colour }) => {
+      const entry = element("li", {}, this.legend);
+      swatch(entry, [["line", {
+        x1: "0", y1: "6", x2: "23", y2: "6", "stroke-width": "3",
+        stroke: colours.series[colour % colours.series.length],
+        "stroke-dasharray": this.kind.lanes ? "" : DASHES[colour % DASHES.length].join(" "),
+      }]]);
+      entry.append(label);
+      return element("span", { className: "value" }, entry);
+    });
+  }
+
+  // Shows a time: the cursor, and the values of the run in front.
+  show(time, front) {
+    this.cursor.style.transform = `translateX(${MARGIN.left + this.x(time)}px)`;
+    this.curves[front.number].forEach(({ times, values }, number) => {
+      const i = indexAt(times, time);
+      this.values[number].textContent = this.kind.lanes
+        ? { on: "on", released: "released", up: "pedal up" }[brakeState(front, number, i)]
+        : inDigits(values[i], this.kind.digits, this.kind.largest);
+    });
+  }
+}
+
+function stroke(pen, from, to) {
+  pen.beginPath();
+  line(pen, from, to);
+  pen.stroke();
+}

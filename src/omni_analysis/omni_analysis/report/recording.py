@@ -1,0 +1,154 @@
+"""A recording with all that a report says of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from omni_analysis.bag_folder import read_plain_yaml
+from omni_analysis.bag_reader import read_run
+from omni_analysis.experiment import ExperimentConfiguration
+from omni_analysis.metrics import Metric, run_metrics
+from omni_analysis.report.forces import WheelForces, read_wheel_forces
+from omni_analysis.run_history import RunHistory
+from omni_platform.configuration import from_mapping
+
+CONFIGURATION = "configuration.yaml"
+
+_LARGEST_CONFIGURATION = 1 << 20  # [B]
+_MOST_VALUES = 4000
+_LONGEST_TEXT = 200  # characters of a key or value
+_DEEPEST = 16
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReportedRun:
+    """One run of a report.
+
+    Attributes:
+        name: tells it from the others of the report.
+        history: what happened.
+        metrics: by quantity.
+        forces: of the wheels on the vehicle, if the recording shows them.
+        configuration: of the whole loop, if it lies beside the recording and holds for all wheels.
+        values: the configuration as texts by dotted key, as far as there is one.
+        notes: sentences about what is missing.
+    """
+
+    name: str
+    history: RunHistory
+    metrics: Mapping[str, Metric]
+    forces: WheelForces | None = None
+    configuration: ExperimentConfiguration | None = None
+    values: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def read_reported_run(path: Path, name: str) -> ReportedRun:
+    """Read a recording and the configuration beside it.
+
+    Args:
+        path: rosbag2 folder, or a single ``.mcap`` file.
+        name: tells it from the others of the report.
+
+    Raises:
+        BagError: the recording cannot be read or is not one of a run.
+    """
+    history = read_run(path)
+    forces = read_wheel_forces(path, len(history.wheel_names))
+    notes = [] if forces else ["no markers with wheel forces were recorded"]
+    configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
+    if problem:
+        notes.append(f"vehicle, ground, slips and loads are not shown: {problem}")
+    return ReportedRun(
+        name=name,
+        history=history,
+        # No clock ran along with what is read back.
+        metrics={k: v for k, v in run_metrics(history).items() if k != "real_time_factor"},
+        forces=forces,
+        configuration=configuration,
+        values=values,
+        notes=tuple(notes),
+    )
+
+
+def run_names(paths: Sequence[Path]) -> list[str]:
+    """Return names of recordings: as few of the last parts of each path as tell them apart.
+
+    Raises:
+        ValueError: a recording is given twice.
+    """
+    places = [path.resolve() for path in paths]
+    if len(set(places)) < len(places):
+        raise ValueError("a recording is given twice")
+    depth = 1
+    while len(names := {"/".join(place.parts[-depth:]) for place in places}) < len(places):
+        depth += 1
+    return ["/".join(place.parts[-depth:]) for place in places] if names else []
+
+
+def read_configuration(
+    path: Path, wheel_names: Sequence[str]
+) -> tuple[ExperimentConfiguration | None, dict[str, str], str]:
+    """Read the configuration that lies beside a recording, as far as it makes sense.
+
+    Args:
+        path: of the file.
+        wheel_names: of the recording, in any order.
+
+    Returns:
+        The configuration if it holds for the recording, its values as texts by dotted key as far
+        as there are any, and why there is no configuration; empty if there is one.
+    """
+    values: dict[str, str] = {}
+    try:
+        tree = _read_tree(path)
+        values = dict(islice(_flattened(tree), _MOST_VALUES))
+        configuration = from_mapping(ExperimentConfiguration, tree)
+        if set(configuration.vehicle.wheels) != set(wheel_names):
+            raise ValueError("the configuration names other wheels than the recording")
+    except ValueError as error:  # ConfigurationError too
+        return None, values, str(error)[:_LONGEST_TEXT]
+    return configuration, values, ""
+
+
+def _read_tree(path: Path) -> dict[str, Any]:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_CONFIGURATION:
+            raise ValueError(f"{CONFIGURATION} is not a file of a sensible size")
+        tree = read_plain_yaml(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise ValueError(f"there is no {CONFIGURATION} beside the recording") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{CONFIGURATION} is not text") from None
+    except ValueError as error:
+        raise ValueError(f"{CONFIGURATION} {error}") from None
+    if not isinstance(tree, dict):
+        raise ValueError(f"{CONFIGURATION} does not name any value")
+    return tree
+
+
+def _flattened(
+    tree: Mapping[Any, Any], above: str = "", depth: int = 1
+) -> Iterator[tuple[str, str]]:
+    """Yield dotted keys and texts; lazily, since aliases may make a small file endless."""
+    for name, value in tree.items():
+        key = f"{above}.{name}" if above else str(name)
+        if isinstance(value, dict) and value and depth < _DEEPEST:
+            yield from _flattened(value, key, depth + 1)
+        else:
+            yield key[:_LONGEST_TEXT], _text(value)[:_LONGEST_TEXT]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (dict, list)):
+        plain = isinstance(value, list) and not any(isinstance(e, (dict, list)) for e in value)
+        return str(value[:32]) if plain else f"({len(value)} values)" if value else "(none)"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(value)
