@@ -1,0 +1,96 @@
+"""Flat-field correction: takes out what stands still in the lines while the ground moves.
+
+Uneven light, vignetting and dirt on the optics stay where they are on every line. A search for
+the shift between lines then finds them at zero: a shading of 30 % hides coarse textures. The mean
+of lines of many different places is the profile of the optics; lines are divided by it.
+
+Only places that share nothing with the one before may enter, or the ground itself would be taken
+for a profile, at rest above all. Whether a line shows another place cannot be told from its
+displacement, which is just what may be locked at zero. It is told from the *differences* of
+neighbouring groups of pixels, in which a smooth profile hardly shows: no shift may match them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import Lines
+from linescan_odometry.pearson import PearsonSearch
+
+_GROUPS = 128  # of pixels that are compared: their noise is less than that of pixels
+_SAME_PLACE = 0.5  # correlation of the differences from which on two lines show the same place
+_FEWEST_PLACES = 20  # before anything is corrected
+_STRONGEST = 4.0  # gain; what is darker than a quarter is dirt and stays dark
+
+
+class FlatField:
+    """Learns the profile of one camera's optics from its lines, and corrects lines by it."""
+
+    def __init__(self, pixels: int, places: int) -> None:
+        """Start without a profile.
+
+        Args:
+            pixels: n of a line.
+            places: number of places that the profile is the mean over, forgetting older ones.
+        """
+        self._group = max(1, pixels // _GROUPS)
+        self._groups = pixels // self._group
+        self._places = places
+        self._search = PearsonSearch(self._groups - 1, (self._groups - 1) // 2)
+        self._pair = np.zeros((2, self._groups - 1), np.uint16)
+        self._count = 0
+        self._profile = np.ones(pixels)
+
+    @property
+    def places(self) -> int:
+        """Number of places learnt so far."""
+        return self._count
+
+    @property
+    def profile(self) -> NDArray[np.float64]:
+        """Brightness of each pixel over the mean of the line, learnt so far [1], shape (n,)."""
+        return self._profile
+
+    def learn(self, line: Lines) -> bool:
+        """Take a line into the profile if it shows another place than the one before.
+
+        Args:
+            line: as the camera delivered it, shape (n,).
+
+        Returns:
+            Whether it was taken.
+        """
+        mean = float(line.mean())
+        if mean == 0.0 or not self._is_elsewhere(line, mean):
+            return False
+        self._count += 1
+        share = 1.0 / min(self._count, self._places)
+        self._profile += share * (line / mean - self._profile)
+        return True
+
+    def correct(self, lines: Lines) -> Lines:
+        """Return lines over the profile, as 16 bit; the lines themselves before it is known.
+
+        One quarter of the range is used at a gain of 1, so that no gain saturates a pixel.
+
+        Args:
+            lines: m lines of n pixels, shape (m, n).
+        """
+        if self._count < _FEWEST_PLACES:
+            return lines
+        gain = np.minimum(self._profile.mean() / np.maximum(self._profile, 1e-3), _STRONGEST)
+        scale = 64.0 if lines.dtype == np.uint8 else 0.25
+        corrected: Lines = np.rint(lines * (scale * gain)).astype(np.uint16)
+        return corrected
+
+    def _is_elsewhere(self, line: Lines, mean: float) -> bool:
+        groups = line[: self._groups * self._group].reshape(self._groups, self._group)
+        differences = np.diff(groups.mean(axis=1)) * (8000.0 / mean)
+        self._pair[1] = np.clip(np.rint(differences) + 32768.0, 0.0, 65535.0)
+        shift, similarity = np.empty(1, np.int64), np.empty(1)
+        self._search.match(self._pair, shift, similarity)
+        if self._count > 0 and similarity[0] >= _SAME_PLACE:
+            return False
+        self._pair[0] = self._pair[1]
+        return True
