@@ -58,6 +58,14 @@ class OdometryConfiguration(Configuration):
         minimum=0.0,
         maximum=1.0,
     )
+    peak_recovery: int = parameter(
+        0,
+        description="Distance from the whole pixel within which a peak that noise has moved is "
+        "looked for again on smoothed lines; 0 for no recovery",
+        unit="px",
+        minimum=0,
+        maximum=16,
+    )
     median_lines: int = parameter(
         10,
         description="n: consecutive displacements whose median tells outliers (section 4.6)",

@@ -64,7 +64,7 @@ class SensorOdometry:
             if configuration.maximum_acceleration > 0.0
             else None
         )
-        self._refiner = SubpixelRefiner(sensor.pixels)
+        self._refiner = SubpixelRefiner(sensor.pixels, configuration.peak_recovery)
 
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""

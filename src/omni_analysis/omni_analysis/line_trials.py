@@ -162,7 +162,12 @@ def path(
 
 
 def match(
-    view: View, poses: FloatArray, lines: Lines, metric: str = "pearson", divisor: float = 2.0
+    view: View,
+    poses: FloatArray,
+    lines: Lines,
+    metric: str = "pearson",
+    divisor: float = 2.0,
+    recovery: int = 0,
 ) -> Matches:
     """Match every line with the one before it.
 
@@ -172,12 +177,13 @@ def match(
         lines: shape (m + 1, pixels).
         metric: name of the distance.
         divisor: k; shifts are searched up to pixels / k.
+        recovery: distance within which a peak that noise has moved is looked for again [px].
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
     similarity, displacement, variance = np.empty((3, pairs))
     METRICS[metric](view.pixels, int(view.pixels / divisor)).match(lines, shift, similarity)
-    SubpixelRefiner(view.pixels).refine(lines, shift, displacement, variance)
+    SubpixelRefiner(view.pixels, recovery).refine(lines, shift, displacement, variance)
     truth = np.diff(poses[:, 0]) / view.pitch
     return Matches(truth, shift, displacement, variance, similarity)
 

@@ -116,6 +116,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="distance between lines (default: %(default)s)",
     )
     parser.add_argument(
+        "--peak-recovery",
+        type=int,
+        default=4,
+        metavar="PX",
+        help="as the odometry's parameter of this name, 0 is its default (default here: 4)",
+    )
+    parser.add_argument(
         "--pairs",
         type=int,
         default=480,
@@ -133,8 +140,18 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         raise ConfigurationError("--pairs", f"{options.pairs} must be in {2 * _FRACTIONS} to 1e5")
     if options.seed < 0:
         raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    if not 0 <= options.peak_recovery <= 16:
+        raise ConfigurationError("--peak-recovery", f"{options.peak_recovery} must be in 0 to 16")
     cases = [
-        trial(pixels, noise, kind, options.metric, options.pairs, options.seed)
+        trial(
+            pixels,
+            noise,
+            kind,
+            options.metric,
+            options.pairs,
+            options.seed,
+            options.peak_recovery,
+        )
         for kind in _GROUNDS
         for pixels in _VIEWS
         for noise in _NOISES
@@ -155,7 +172,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     return StudyResult(metrics, files, _findings(cases, metrics))
 
 
-def trial(pixels: int, noise: int, kind: str, metric: str, pairs: int, seed: int) -> Case:
+def trial(
+    pixels: int, noise: int, kind: str, metric: str, pairs: int, seed: int, recovery: int
+) -> Case:
     """Render and match pairs of lines at random displacements with evenly spread fractions.
 
     Args:
@@ -165,6 +184,7 @@ def trial(pixels: int, noise: int, kind: str, metric: str, pairs: int, seed: int
         metric: name of the distance.
         pairs: how many.
         seed: of places, displacements and noise.
+        recovery: distance within which a peak that noise has moved is looked for again [px].
     """
     view = _VIEWS[pixels]
     generator = np.random.default_rng([seed, pixels, noise])
@@ -176,7 +196,8 @@ def trial(pixels: int, noise: int, kind: str, metric: str, pairs: int, seed: int
     poses[::2, :2] = generator.uniform(0.0, 0.2, (pairs, 2))
     poses[1::2] = poses[::2]
     poses[1::2, 0] += displacement * view.pitch
-    matches = every_second(match(view, poses, eye.lines(poses, 0), metric))
+    lines = eye.lines(poses, 0)
+    matches = every_second(match(view, poses, lines, metric, recovery=recovery))
     return Case(
         pixels,
         noise,
@@ -230,8 +251,13 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
             key = f"{pixels}_{noise}"
             metrics |= {
                 f"rmse_over_bound.{key}": Metric(ratio, "1", limit=_limit(pixels, noise)),
-                f"locking.{key}": Metric(locking(fraction, error), "1", limit=_LARGEST_LOCKING),
-                f"rmse_px.{key}": Metric(math.sqrt(float(np.mean(error**2))), "1"),
+                f"locking.{key}": Metric(
+                    locking(fraction, error),
+                    "1",
+                    limit=_LARGEST_LOCKING if noise <= _JUDGED_NOISE else None,
+                    note="pixels",
+                ),
+                f"rmse_px.{key}": Metric(math.sqrt(float(np.mean(error**2))), "1", note="pixels"),
                 f"off_by_a_pixel.{key}": Metric(float(np.mean([c.wrong for c in pool])), "1"),
                 f"error2_over_variance.{key}": Metric(
                     float(np.mean([case.consistency for case in pool])), "1"
