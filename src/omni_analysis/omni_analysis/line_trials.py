@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 PERIOD = 0.2
 """Edge of a ground before it repeats itself [m]."""
 
+_RECOVERY = 4  # px, of peaks that noise has moved
 _GRADIENT_STEP = 0.02  # [px]
 
 
@@ -92,6 +94,12 @@ class Matches:
         return np.where(np.abs(self.shift - self.truth) <= 0.55, 0.0, error)
 
     @property
+    def right(self) -> NDArray[np.bool_]:
+        """Whether each pair found its match: a neighbouring pixel is noise, not a wrong match."""
+        found: NDArray[np.bool_] = np.abs(self.pixel_error) <= 1.0
+        return found
+
+    @property
     def error(self) -> FloatArray:
         """Refined less true displacement, unrounded [px]."""
         return self.displacement - self.truth
@@ -111,31 +119,86 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
 
 
 def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
-    """Return a camera over a ground.
+    """Return a camera over a ground; see `cameras`."""
+    return cameras((view,), texture, noise, seed)[0]
+
+
+def cameras(
+    views: Sequence[View], texture: GroundTexture, noise: float, seed: int
+) -> list[LineCamera]:
+    """Return cameras over a ground, which they share.
 
     Args:
-        view: what it sees.
+        views: what they see.
         texture: the ground.
         noise: standard deviation [grey levels of 8 bit].
         seed: of the noise.
     """
-    sensor = LineSensor(
-        x=0.0,
-        y=0.0,
-        heading_deg=0.0,
-        pixels=view.pixels,
-        length=view.length,
-        width=view.width,
-        line_rate=view.line_rate,
-    )
-    cameras = LineCameraArray(
-        {"trial": sensor},
-        texture,
-        CameraConfiguration(noise=float(noise)),
-        np.random.SeedSequence(seed),
-        threads=1,
-    )
-    return cameras.cameras["trial"]
+    sensors = {
+        f"trial_{i}": LineSensor(
+            x=0.0,
+            y=0.0,
+            heading_deg=0.0,
+            pixels=view.pixels,
+            length=view.length,
+            width=view.width,
+            line_rate=view.line_rate,
+        )
+        for i, view in enumerate(views)
+    }
+    configuration = CameraConfiguration(noise=float(noise))
+    sequence = np.random.SeedSequence(seed)
+    array = LineCameraArray(sensors, texture, configuration, sequence, threads=1)
+    return [array.cameras[name] for name in sensors]
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """Uniform motion of a camera.
+
+    Attributes:
+        view: what it sees.
+        speed: [m/s].
+        angle: from its axis [rad].
+    """
+
+    view: View
+    speed: float
+    angle: float
+
+    @property
+    def overlap(self) -> float:
+        """Common share of the areas of two consecutive frames, 0..1."""
+        return self.view.overlap(self.speed, self.angle)
+
+
+def measure(
+    motions: Sequence[Motion],
+    texture: GroundTexture,
+    pairs: int,
+    noise: float,
+    seed: int,
+    metric: str = "pearson",
+) -> list[Matches]:
+    """Return the matches of consecutive lines of each motion, from a random start.
+
+    Args:
+        motions: what to try; shifts are searched up to half the pixels.
+        texture: the ground.
+        pairs: of consecutive lines, for each motion.
+        noise: standard deviation [grey levels].
+        seed: of starts and noise.
+        metric: name of the distance.
+    """
+    generator = np.random.default_rng(seed)
+    views = list(dict.fromkeys(motion.view for motion in motions))
+    eyes = dict(zip(views, cameras(views, texture, noise, seed), strict=True))
+    matches = []
+    for i, motion in enumerate(motions):
+        poses = path(motion.view, motion.speed, motion.angle, pairs + 1, generator)
+        lines = eyes[motion.view].lines(poses, i * (pairs + 1))
+        matches.append(match(motion.view, poses, lines, metric, recovery=_RECOVERY))
+    return matches
 
 
 def path(
