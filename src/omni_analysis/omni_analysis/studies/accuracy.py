@@ -221,13 +221,18 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
     Returns:
         The largest magnitude of ``a sin 2 pi f + b sin 4 pi f``, fitted to the errors.
     """
+    return float(np.max(np.abs(_pull(fraction, error)[1])))
+
+
+def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return fractions and the fitted pull at each [px]."""
     # By symmetry the pull vanishes at whole and half pixels and is odd in the fraction.
     place = np.linspace(0.0, 1.0, 201)
     curve = np.zeros_like(place)
     for harmonic in (1, 2):
         wave = np.sin(2.0 * np.pi * harmonic * fraction)
         curve += 2.0 * np.mean(error * wave) * np.sin(2.0 * np.pi * harmonic * place)
-    return float(np.max(np.abs(curve)))
+    return place, curve
 
 
 def _pooled(cases: list[Case], pixels: int, noise: int) -> list[Case]:
@@ -300,8 +305,8 @@ def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 7.2), layout="constrained")
     panels = figure.subplots(2, len(_VIEWS), sharey="row", squeeze=False)
     figure.suptitle(
-        "Error of refined displacements against the Cramer-Rao bound (dashed), and the pull "
-        "towards whole pixels at 2 grey levels",
+        "Error of refined displacements over the Cramer-Rao bound (dashed), and its mean over the "
+        "fraction with the fitted pull towards whole pixels, at 2 grey levels",
         fontsize=TITLE_SIZE,
         x=0.01,
         ha="left",
@@ -316,7 +321,8 @@ def _draw(cases: list[Case]) -> Figure:
             judged = next(case for case in own if case.noise == _JUDGED_NOISE)
             places = np.unique(judged.fraction)
             means = [float(np.mean(judged.error[judged.fraction == f])) for f in places]
-            over_fraction.plot(places, means, "o-", color=colour, linewidth=1.0, markersize=4)
+            over_fraction.plot(places, means, "o", color=colour, markersize=4, alpha=0.5)
+            over_fraction.plot(*_pull(judged.fraction, judged.error), color=colour, linewidth=1.8)
         over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=GREY)
         over_noise.annotate(
             "whole pixels",

@@ -146,8 +146,8 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
     n = len(new)
     shifts = np.arange(-limit, limit + 1)
     values = [
-        _DISTANCES[metric](new[max(0, -s) : n - max(0, s)], old[max(0, s) : n - max(0, -s)])
-        for s in shifts
+        float(_DISTANCES[metric](new[max(0, -s) : n - max(0, s)], old[max(0, s) : n + min(0, s)]))
+        for s in shifts.tolist()
     ]
     return Curve(shifts.astype(np.float64), np.array(values, dtype=np.float64), truth)
 
