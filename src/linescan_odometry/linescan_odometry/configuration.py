@@ -100,6 +100,13 @@ class OdometryConfiguration(Configuration):
         minimum=0.0,
         maximum=10.0,
     )
+    contradiction_limit: float = parameter(
+        8.0,
+        description="Standard deviations by which a sensor may contradict the others before it is "
+        "left out (five sensors and more) or the covariance grows (four); 0 for no limit",
+        minimum=0.0,
+        maximum=1000.0,
+    )
     maximum_skew: float = parameter(
         0.005,
         description="Largest difference between the stamps of batches that belong together",
