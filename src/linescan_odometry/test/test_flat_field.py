@@ -89,16 +89,25 @@ def test_nothing_is_changed_before_the_profile_is_known(expose: Expose) -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_no_gain_saturates_a_pixel(dtype: Any) -> None:
-    field = FlatField(64, 1000)
+    field = FlatField(PIXELS, 1000)
     generator = np.random.default_rng(1)
     full = np.iinfo(dtype).max
     for _ in range(40):
-        line = generator.integers(full // 2, full, 64)
-        line[5] //= 10  # dirt
+        line = generator.integers(0, full, PIXELS) * np.linspace(1.0, 0.1, PIXELS)
         field.learn(line.astype(dtype))
-    white = field.correct(np.full((1, 64), full, dtype))[0].astype(np.int64)
-    assert white.max() <= 65535
-    assert white[5] == white.max() > 3 * np.median(white)
+    white = field.correct(np.full((1, PIXELS), full, dtype))[0].astype(np.int64)
+    assert field.places > 30
+    assert white[-1] == white.max() < 65535
+    assert white[-1] > 4 * white[0]
+
+
+def test_a_ground_that_repeats_itself_is_no_profile(expose: Expose) -> None:
+    field = FlatField(PIXELS, 1000)
+    lines = expose([0.0, 700.0, 1400.0], PIXELS, grain=4.0, noise=2.0)
+    for _ in range(30):
+        for line in lines:
+            field.learn(line)
+    assert field.places == 3
 
 
 def test_darkness_teaches_nothing() -> None:
