@@ -188,7 +188,7 @@ def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
             axes.plot(curve.shift, curve.distance, color=GREY, linewidth=0.7, alpha=0.6)
         axes.plot(every[0].shift, every[0].distance, color=BLUE, linewidth=1.2)
         axes.axvline(every[0].truth, color=VERMILLION, linewidth=1.0, linestyle="--")
-        axes.set_title(kind, fontsize=LABEL_SIZE, loc="left")
+        axes.set_title(kind.replace("_", " "), fontsize=LABEL_SIZE, loc="left")
         axes.set_ylabel("distance", fontsize=LABEL_SIZE)
         style_axes(axes)
     panels[-1].set_xlabel("shift [px]", fontsize=LABEL_SIZE)

@@ -158,7 +158,7 @@ def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
         draw_error_map(
             axes, [1e3 * x for x in LENGTHS], [100.0 * y for y in SHAPES], error, overlap
         )
-        axes.set_title(kind, fontsize=LABEL_SIZE, loc="left")
+        axes.set_title(kind.replace("_", " "), fontsize=LABEL_SIZE, loc="left")
     for axes in list(panels.flat)[len(found) :]:
         axes.set_visible(False)
     for axes in panels[-1]:

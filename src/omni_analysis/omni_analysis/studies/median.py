@@ -120,8 +120,9 @@ def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     for row, (kind, matches) in zip(panels, found.items(), strict=True):
         for axes, measured in zip(row, (mean_error, _filtered_mean), strict=True):
             draw_error_map(axes, lengths, shapes, as_map([measured(m) for m in matches]), overlap)
-        row[0].set_title(f"{kind}, raw", fontsize=LABEL_SIZE, loc="left")
-        row[1].set_title(f"{kind}, median of {_GROUP}", fontsize=LABEL_SIZE, loc="left")
+        name = kind.replace("_", " ")
+        row[0].set_title(f"{name}, raw", fontsize=LABEL_SIZE, loc="left")
+        row[1].set_title(f"{name}, median of {_GROUP}", fontsize=LABEL_SIZE, loc="left")
         row[0].set_ylabel("width over length [%]", fontsize=LABEL_SIZE)
     for axes in panels[-1]:
         axes.set_xlabel("length of the field of view [mm]", fontsize=LABEL_SIZE)

@@ -139,7 +139,7 @@ def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
         error = np.array([np.mean(np.abs(m.pixel_error)) for m in matches]).reshape(shape)
         lengths = [1e3 * length for length in _LENGTHS]
         draw_error_map(axes, lengths, _SPEEDS, error, overlap, (0.5, 0.8))
-        axes.set_title(kind, fontsize=LABEL_SIZE, loc="left")
+        axes.set_title(kind.replace("_", " "), fontsize=LABEL_SIZE, loc="left")
         axes.set_xlabel("length of the field of view [mm]", fontsize=LABEL_SIZE)
     panels[0].set_ylabel("speed [m/s]", fontsize=LABEL_SIZE)
     add_error_scale(figure, list(panels))
