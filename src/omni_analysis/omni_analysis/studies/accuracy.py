@@ -305,8 +305,8 @@ def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 7.2), layout="constrained")
     panels = figure.subplots(2, len(_VIEWS), sharey="row", squeeze=False)
     figure.suptitle(
-        "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at 2 grey "
-        "levels, and the fitted pull",
+        "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
+        "2 grey levels, and the fitted pull",
         fontsize=TITLE_SIZE,
         x=0.01,
         ha="left",
