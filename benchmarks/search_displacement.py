@@ -4,6 +4,8 @@
 
 Prints medians over repeated batches of 25 lines, on one core. The first row of each size is the
 full search over +/- n/2 by Pearson's correlation, the second the search with sub-pixel refinement.
+Then follow the other metrics, the search in a window of +/- 32 px that follows the motion, and how
+many times faster the full search is than `scipy.spatial.distance.pdist` at every shift.
 """
 
 from __future__ import annotations
@@ -17,9 +19,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
-from linescan_odometry.search import METRICS
+from linescan_odometry.search import METRICS, make_search
 from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
 
@@ -78,12 +81,51 @@ def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
                 "value": LINES / median_time(both, repetitions),
                 "unit": "1/s",
             }
+    metrics |= other_searches(repetitions)
     metrics["update_time.3x25x1024px"] = {
         "value": 1e3 * update_time(repetitions),
         "unit": "ms",
         "limit": 1.5,
     }
     return metrics
+
+
+def other_searches(repetitions: int) -> dict[str, dict[str, float | str]]:
+    """Return the rates of the other metrics and of windows, and the ratios to `pdist`."""
+    metrics: dict[str, dict[str, float | str]] = {}
+    shift, similarity = np.empty(LINES, np.int64), np.empty(LINES)
+    for pixels in (1024, 335, 128):
+        lines = record(pixels, LINES + 1, np.uint8)
+        for name in METRICS:
+            for window, case in ((0, name), (32, f"{name}_window")):
+                if case == "pearson":
+                    continue
+                search = make_search(name, pixels, pixels // 2, window)
+                # Ranks take long: fewer repetitions do.
+                count = max(3, repetitions // (20 if name == "spearman" else 2))
+                duration = median_time(lambda: search.match(lines, shift, similarity), count)  # noqa: B023
+                metrics[f"search_rate.{pixels}px_{case}"] = {
+                    "value": LINES / duration,
+                    "unit": "1/s",
+                }
+        full = METRICS["pearson"](pixels, pixels // 2)
+        direct = median_time(lambda: pdist_search(lines[0], lines[1]), 3)  # noqa: B023
+        fast = median_time(lambda: full.match(lines, shift, similarity), repetitions) / LINES  # noqa: B023
+        metrics[f"ratio_to_pdist.{pixels}px"] = {"value": direct / fast, "unit": "1"}
+    return metrics
+
+
+def pdist_search(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> int:
+    """Return the shift of the largest correlation, found as the dissertation does."""
+    n = len(new)
+    distances = [
+        pdist(
+            np.stack((new[max(0, -s) : n - max(0, s)], old[max(0, s) : n + min(0, s)])),
+            "correlation",
+        )[0]
+        for s in range(-(n // 2), n // 2 + 1)
+    ]
+    return int(np.argmin(distances)) - n // 2
 
 
 def update_time(repetitions: int) -> float:

@@ -30,11 +30,41 @@ class OdometryConfiguration(Configuration):
         minimum=1.1,
         maximum=64.0,
     )
+    search_window: int = parameter(
+        0,
+        description="Half width of the search around the displacement before; beyond it, or with a "
+        "poor peak, the full search follows; 0 for the full search always",
+        unit="px",
+        minimum=0,
+        maximum=16384,
+    )
+    prior_weight: float = parameter(
+        0.0,
+        description="Relative increase of the distance between lines at the shift limit away from "
+        "the displacement before (section 4.6); 0 for none",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    flat_field_places: int = parameter(
+        0,
+        description="Places of the ground whose mean is the shading of the optics, which is then "
+        "divided out; 0 for no correction",
+        minimum=0,
+        maximum=100000,
+    )
     minimum_correlation: float = parameter(
         0.4,
-        description="Similarity at the peak below which a line pair is not used",
+        description="Pearson's correlation at the peak below which a line pair is not used",
         minimum=0.0,
         maximum=1.0,
+    )
+    peak_recovery: int = parameter(
+        0,
+        description="Distance from the whole pixel within which a peak that noise has moved is "
+        "looked for again on smoothed lines; 0 for no recovery",
+        unit="px",
+        minimum=0,
+        maximum=16,
     )
     median_lines: int = parameter(
         10,
@@ -55,12 +85,27 @@ class OdometryConfiguration(Configuration):
         above=0.0,
         maximum=1.0,
     )
+    maximum_acceleration: float = parameter(
+        0.0,
+        description="Along a sensor's axis, beyond which a displacement is not plausible; 0 for "
+        "no such limit",
+        unit="m/s^2",
+        minimum=0.0,
+        maximum=1e6,
+    )
     slow_displacement: float = parameter(
         0.5,
         description="Displacement per line below which the whole batch is spanned; 0 for never",
         unit="px",
         minimum=0.0,
         maximum=10.0,
+    )
+    contradiction_limit: float = parameter(
+        8.0,
+        description="Standard deviations by which a sensor may contradict the others before it is "
+        "left out (five sensors and more) or the covariance grows (four); 0 for no limit",
+        minimum=0.0,
+        maximum=1000.0,
     )
     maximum_skew: float = parameter(
         0.005,

@@ -15,6 +15,7 @@ import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
+    FloatArray,
     LineBatch,
     LineBatchError,
     SensorReading,
@@ -32,6 +33,7 @@ __all__ = [
     "TwistEstimate",
 ]
 
+_UNKNOWNS = 3  # components of the twist
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
 
 
@@ -99,9 +101,38 @@ class LineScanOdometry:
         covariance = UNMEASURED_VARIANCE * np.eye(3)
         sufficient = not self._solver.problem(measured)
         if sufficient:
-            twist, covariance = self._solver.solve(
-                np.array([reading.velocity for reading in readings.values()]),
-                np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()]),
-                measured,
-            )
+            velocity = np.array([reading.velocity for reading in readings.values()])
+            variance = np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()])
+            twist, covariance = self._solver.solve(velocity, variance, measured)
+            limit = self._configuration.contradiction_limit
+            if sum(measured) > _UNKNOWNS and limit > 0.0:
+                scores = self._solver.contradictions(
+                    velocity, variance, measured, twist, covariance
+                )
+                worst = int(np.argmax(scores))
+                if scores[worst] > limit:
+                    return self._resolve(readings, worst, float(scores[worst]), twist, covariance)
         return TwistEstimate(self._stamp_ns, twist, covariance, sufficient, readings)
+
+    def _resolve(
+        self,
+        readings: dict[str, SensorReading],
+        worst: int,
+        score: float,
+        twist: FloatArray,
+        covariance: FloatArray,
+    ) -> TwistEstimate:
+        """Leave out the sensor that contradicts the others most, where they can tell it.
+
+        Four sensors only see *that* one is wrong: then the variances grow until they explain it.
+        """
+        name = list(readings)[worst]
+        others = tuple(r.measured and other != name for other, r in readings.items())
+        if sum(others) > _UNKNOWNS and not self._solver.problem(others):
+            left_out = SensorReading.unmeasured(
+                f"contradicts the other sensors by {score:.3g} standard deviations",
+                readings[name].correlation,
+                readings[name].inlier_share,
+            )
+            return self._estimate(readings | {name: left_out})
+        return TwistEstimate(self._stamp_ns, twist, covariance * score**2, True, readings)

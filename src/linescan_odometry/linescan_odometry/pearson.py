@@ -42,6 +42,9 @@ class PearsonSearch:
         self._norm = np.empty(rows, np.float32)
         self._upper = np.empty((2, limit + 1), np.float32)
 
+    def reset(self) -> None:
+        """Do nothing: every pair is searched for itself."""
+
     def match(
         self,
         lines: Lines,

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.flat_field import FlatField
 from linescan_odometry.measurements import FloatArray, LineBatch, Lines, SensorReading
 from linescan_odometry.median import average, mark_inliers
-from linescan_odometry.search import METRICS
+from linescan_odometry.plausibility import Plausibility
+from linescan_odometry.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
 
@@ -43,10 +45,26 @@ class SensorOdometry:
         self._sensor = sensor
         self._configuration = configuration
         self._chain = LineChain(sensor)
-        self._search = METRICS[configuration.metric](
-            sensor.pixels, configuration.shift_limit(sensor)
+        limit = configuration.shift_limit(sensor)
+        self._search = make_search(
+            configuration.metric,
+            sensor.pixels,
+            limit,
+            configuration.search_window,
+            configuration.prior_weight,
         )
-        self._refiner = SubpixelRefiner(sensor.pixels)
+        self._ends_search = METRICS[configuration.metric](sensor.pixels, limit)
+        self._flat_field = (
+            FlatField(sensor.pixels, configuration.flat_field_places)
+            if configuration.flat_field_places > 0
+            else None
+        )
+        self._plausibility = (
+            Plausibility(sensor, configuration.maximum_acceleration, configuration.median_tolerance)
+            if configuration.maximum_acceleration > 0.0
+            else None
+        )
+        self._refiner = SubpixelRefiner(sensor.pixels, configuration.peak_recovery)
 
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
@@ -55,15 +73,22 @@ class SensorOdometry:
             return SensorReading.unmeasured("the batch holds no line")
         if pixels != self._sensor.pixels:
             self._chain.reset()
+            self._search.reset()
             return SensorReading.unmeasured(
                 f"lines of {pixels} px, the configuration says {self._sensor.pixels} px"
             )
         lines = self._chain.join(batch)
+        if len(lines) == count:
+            self._search.reset()
         if len(lines) < 2:
             return SensorReading.unmeasured("a single line with none before it to compare with")
         if len(lines) > _FROZEN_PAIRS and np.array_equal(lines[1:], lines[:-1]):
             return SensorReading.unmeasured(_describe_frozen(lines))
-        return self._reading(lines)
+        if self._flat_field is None:
+            return self._reading(batch.stamp_ns, lines)
+        reading = self._reading(batch.stamp_ns, self._flat_field.correct(lines))
+        self._flat_field.learn(batch.lines[-1])
+        return reading
 
     def measure(self, lines: Lines) -> PairDisplacements:
         """Return the displacement of every line against the one before it.
@@ -71,17 +96,23 @@ class SensorOdometry:
         Args:
             lines: m + 1 lines, oldest first, C-contiguous, shape (m + 1, pixels).
         """
+        return self._measure(lines, self._search)
+
+    def _measure(self, lines: Lines, search: ShiftSearch) -> PairDisplacements:
         pairs = len(lines) - 1
         shift = np.empty(pairs, np.int64)
         similarity, displacement, variance = np.empty((3, pairs))
-        self._search.match(lines, shift, similarity)
+        search.match(lines, shift, similarity)
         self._refiner.refine(lines, shift, displacement, variance)
         usable = (similarity >= self._configuration.minimum_correlation) & np.isfinite(variance)
         return PairDisplacements(displacement, variance, similarity, usable)
 
-    def _reading(self, lines: Lines) -> SensorReading:
+    def _reading(self, stamp_ns: int, lines: Lines) -> SensorReading:
         settings = self._configuration
         pairs = self.measure(lines)
+        matched = int(np.count_nonzero(pairs.usable))
+        if self._plausibility is not None:
+            pairs.usable[:] &= self._plausibility.judge(stamp_ns, pairs.displacement)
         inlier = np.empty(len(lines) - 1, np.bool_)
         mark_inliers(
             pairs.displacement,
@@ -93,11 +124,14 @@ class SensorOdometry:
         count = int(np.count_nonzero(inlier))
         share = count / len(inlier)
         if count == 0 or share < settings.minimum_inlier_share:
-            return SensorReading.unmeasured(self._describe(lines, pairs), inlier_share=share)
+            reason = self._describe(lines, pairs, matched)
+            return SensorReading.unmeasured(reason, inlier_share=share)
         displacement, variance = average(pairs.displacement, pairs.variance, inlier)
         correlation = float(np.mean(pairs.similarity, where=inlier))
         if abs(displacement) < settings.slow_displacement and len(inlier) > 1:
             displacement, variance = self._span(lines, displacement, variance)
+        if self._plausibility is not None:
+            self._plausibility.accept(stamp_ns, len(inlier), displacement)
         scale = self._sensor.pixel_pitch * self._sensor.line_rate
         return SensorReading(
             velocity=displacement * scale,
@@ -116,7 +150,7 @@ class SensorOdometry:
         batch differ too much: there is no match, or one of larger variance.
         """
         span = len(lines) - 1
-        ends = self.measure(lines[::span].copy())
+        ends = self._measure(lines[::span].copy(), self._ends_search)
         whole, whole_variance = float(ends.displacement[0]), float(ends.variance[0]) / span**2
         drift = abs(whole - span * displacement)
         trusted = bool(ends.usable[0]) and drift <= self._configuration.median_tolerance
@@ -124,15 +158,20 @@ class SensorOdometry:
             return whole / span, whole_variance
         return displacement, variance
 
-    def _describe(self, lines: Lines, pairs: PairDisplacements) -> str:
+    def _describe(self, lines: Lines, pairs: PairDisplacements, matched: int) -> str:
         """Say why the pairs of a batch gave no velocity."""
         low, high = int(lines.min()), int(lines.max())
         if low == high:
             return f"no contrast: every pixel is at grey level {low}"
         usable = int(np.count_nonzero(pairs.usable))
-        if 2 * usable < len(pairs.usable):
+        if 2 * usable < matched:
             return (
-                f"no match: {usable} of {len(pairs.usable)} line pairs have a peak of "
+                f"not plausible: {matched - usable} of {matched} displacements need more than "
+                f"{self._configuration.maximum_acceleration:g} m/s^2 since the last measurement"
+            )
+        if 2 * matched < len(pairs.usable):
+            return (
+                f"no match: {matched} of {len(pairs.usable)} line pairs have a peak of "
                 f"{self._configuration.minimum_correlation:g} or more within the shift limit, "
                 f"the median is {float(np.median(pairs.similarity)):.2f}"
             )

@@ -25,6 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from linescan_odometry.smoothed_peak import smoothed_peak
 
 FEWEST_PIXELS = 32
 """Smallest overlap of two lines that can be refined [px]."""
@@ -50,8 +51,15 @@ def kernel_sigma(pixels: int) -> float:
 class SubpixelRefiner:
     """Refines the integer shifts of consecutive lines; holds the working memory."""
 
-    def __init__(self, pixels: int) -> None:
-        """Prepare for lines of n pixels."""
+    def __init__(self, pixels: int, recovery: int = 0) -> None:
+        """Prepare for one sensor.
+
+        Args:
+            pixels: n of a line.
+            recovery: how far from the integer shift the peak is looked for on smoothed lines
+                where the refinement leaves it [px]; 0 for nowhere.
+        """
+        self._recovery = recovery
         self._sigma = kernel_sigma(pixels)
         self._centred = np.empty((0, pixels), np.float32)
         self._filters = np.empty((0, 4, _TAPS), np.float32)
@@ -73,6 +81,27 @@ class SubpixelRefiner:
             variance: receives the variance of the displacement [px^2], shape (m,); infinite
                 where the lines have no gradient or the refinement left the peak by a pixel.
         """
+        self._refine(lines, shift, displacement, variance)
+        if self._recovery == 0:
+            return
+        for pair in np.flatnonzero(np.isinf(variance)):
+            old, new = lines[pair], lines[pair + 1]
+            peak = smoothed_peak(old, new, int(shift[pair]), self._recovery)
+            if peak != shift[pair]:
+                self._refine(
+                    lines[pair : pair + 2],
+                    np.array([peak]),
+                    displacement[pair : pair + 1],
+                    variance[pair : pair + 1],
+                )
+
+    def _refine(
+        self,
+        lines: Lines,
+        shift: NDArray[np.int64],
+        displacement: NDArray[np.float64],
+        variance: NDArray[np.float64],
+    ) -> None:
         pairs = len(shift)
         if len(self._centred) < pairs + 1:
             self._centred = np.empty((pairs + 1, lines.shape[1]), np.float32)

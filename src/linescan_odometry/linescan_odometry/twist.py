@@ -20,6 +20,7 @@ from omni_platform.sensors import LineSensor, sensor_matrix
 FloatArray = NDArray[np.float64]
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
+_CHECKED = 1e-6  # of its variance must be left for the others to check a sensor
 _WEAKEST_LEVER = 0.05  # effective lever over the spread of the sensors
 
 
@@ -90,6 +91,39 @@ class TwistSolver:
         covariance = 0.5 * (covariance + covariance.T)
         twist = covariance @ (weighted.T @ velocity[use])
         return twist * self._unit, covariance * np.outer(self._unit, self._unit)
+
+    def contradictions(
+        self,
+        velocity: FloatArray,
+        variance: FloatArray,
+        measured: tuple[bool, ...],
+        twist: FloatArray,
+        covariance: FloatArray,
+    ) -> FloatArray:
+        """Return how far each sensor is from the twist that all of them gave together.
+
+        A residual over its own standard deviation. The twist has taken part of the error of each
+        sensor; what is left of the variance is ``s_i^2 - a_i C a_i^T``.
+
+        Args:
+            velocity: as in `solve`.
+            variance: as in `solve`.
+            measured: as in `solve`.
+            twist: that `solve` returned.
+            covariance: that `solve` returned.
+
+        Returns:
+            Standard deviations of the residuals [1], shape (S,); 0 for a sensor that the others
+            cannot check and for one that has not measured. With four sensors all four are equal:
+            they see that something is wrong, but not which one.
+        """
+        rows = self._matrix / self._unit
+        left = variance - np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        checked = np.array(measured) & (left > _CHECKED * variance)
+        residual = velocity - rows @ twist
+        score: FloatArray = np.zeros(len(velocity))
+        score[checked] = np.abs(residual[checked]) / np.sqrt(left[checked])
+        return score
 
 
 def _problem(sensors: Mapping[str, LineSensor], minimum_lever: float) -> str:

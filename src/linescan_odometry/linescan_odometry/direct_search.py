@@ -1,0 +1,282 @@
+"""Search by any of the distances (79)-(83), pair by pair, with an optional window and prior.
+
+Every shift is evaluated in whole numbers over the true overlap, and each sum is divided by the
+number of pixels in it, so that a sum over fewer pixels does not win because it is shorter:
+
+| metric | distance at a shift with N common pixels |
+|---|---|
+| `euclidean` | ``sqrt(sum (x - y)^2) / N`` (79) |
+| `squared_euclidean` | ``sum (x - y)^2 / N`` |
+| `manhattan` | ``sum |x - y| / N`` (80) |
+| `pearson` | ``1 - r`` (81) |
+| `spearman` | ``1 - r`` of the ranks within the overlap, ties at their mean |
+| `cosine` | ``1 - cos`` (83) |
+
+Divided by N, (79) is the root mean square over ``sqrt(N)``: it leans towards longer overlaps,
+which is what tells it from its square. The first three do *not* tolerate a change of brightness,
+unlike what section 4.3.2 says of all; neither does the cosine where contrast is weak.
+
+Two pieces of section 4.6 use the displacement before: a **window** around it is searched alone as
+long as its peak is credible, and a **prior** multiplies the distance at shift s by
+``1 + weight |s - before| / limit`` so that small changes of velocity are favoured.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import Lines
+
+_PEARSON, _COSINE, _EUCLIDEAN, _SQUARED_EUCLIDEAN, _MANHATTAN, _SPEARMAN = range(6)
+_KINDS = {
+    "pearson": _PEARSON,
+    "cosine": _COSINE,
+    "euclidean": _EUCLIDEAN,
+    "squared_euclidean": _SQUARED_EUCLIDEAN,
+    "manhattan": _MANHATTAN,
+    "spearman": _SPEARMAN,
+}
+
+# A window around a wrong place is never right: its best shift lies at the border or matches
+# badly. This finds 99 % of them; the median finds the rest.
+_CREDIBLE = 0.5
+_UNDEFINED = math.inf
+
+
+class DirectSearch:
+    """Search by a metric of any name; remembers the displacement of the pair before."""
+
+    def __init__(
+        self, metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
+    ) -> None:
+        """Prepare for one sensor.
+
+        Args:
+            metric: name of the distance.
+            pixels: n of a line.
+            limit: largest shift [px].
+            window: half width of the search around the displacement before [px]; 0 for the full
+                search always.
+            prior_weight: relative increase of the distance at `limit` from the one before [1].
+        """
+        self._kind = _KINDS[metric]
+        self._limit = limit
+        self._window = window
+        self._prior_weight = prior_weight
+        self._before = np.zeros(2, np.int64)  # shift [px], whether there is one
+        self._sums = np.empty((2, 0, pixels + 1), np.int64)
+
+    def reset(self) -> None:
+        """Forget the displacement before: the next line does not follow the last one."""
+        self._before[:] = 0
+
+    def match(
+        self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
+    ) -> None:
+        """Compare every line with the one before it; see `search.ShiftSearch`."""
+        if self._sums.shape[1] < len(lines):
+            self._sums = np.empty((2, len(lines), lines.shape[1] + 1), np.int64)
+        _add_up(lines, self._sums)
+        codes, levels = lines, 0
+        if self._kind == _SPEARMAN:
+            codes, levels = _order(lines)
+        _match(
+            self._kind, lines, codes, levels, self._sums, self._limit, self._window,
+            self._prior_weight, self._before, shift, similarity,
+        )  # fmt: skip
+
+
+def _order(lines: Lines) -> tuple[Lines, int]:
+    """Replace grey levels by their places among those that occur; return also how many occur."""
+    if lines.dtype == np.uint8:
+        return lines, 256
+    values, places = np.unique(lines, return_inverse=True)
+    return places.reshape(lines.shape).astype(np.uint32), len(values)  # type: ignore[return-value]
+
+
+@njit(cache=True, nogil=True)
+def _add_up(lines: Lines, sums: NDArray[np.int64]) -> None:
+    """Write the sums of the first k pixels of each line and of their squares, k = 0..n."""
+    for row in range(lines.shape[0]):
+        total, squares = np.int64(0), np.int64(0)
+        for i in range(lines.shape[1]):
+            sums[0, row, i], sums[1, row, i] = total, squares
+            value = np.int64(lines[row, i])
+            total += value
+            squares += value * value
+        sums[0, row, lines.shape[1]], sums[1, row, lines.shape[1]] = total, squares
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    kind: int,
+    lines: Lines,
+    codes: Lines,
+    levels: int,
+    sums: NDArray[np.int64],
+    limit: int,
+    window: int,
+    weight: float,
+    before: NDArray[np.int64],
+    shift: NDArray[np.int64],
+    similarity: NDArray[np.float64],
+) -> None:
+    ranks = np.empty((2, levels), np.int64)
+    for pair in range(shift.shape[0]):
+        prior = before[0]
+        pull = weight / limit if before[1] else 0.0
+        found, r = 0, -1.0
+        searched = False
+        if window > 0 and before[1]:
+            low, high = max(-limit, prior - window), min(limit, prior + window)
+            found = _best(kind, lines, codes, ranks, sums, pair, low, high, pull, prior)
+            r = _correlation(lines, sums, pair, found)
+            inside = (found > low or low == -limit) and (found < high or high == limit)
+            searched = inside and r >= _CREDIBLE
+        if not searched:
+            found = _best(kind, lines, codes, ranks, sums, pair, -limit, limit, pull, prior)
+            r = _correlation(lines, sums, pair, found)
+        shift[pair], similarity[pair] = found, r
+        before[0], before[1] = found, 1 if r >= _CREDIBLE else 0
+
+
+@njit(cache=True, nogil=True)
+def _best(
+    kind: int,
+    lines: Lines,
+    codes: Lines,
+    ranks: NDArray[np.int64],
+    sums: NDArray[np.int64],
+    pair: int,
+    low: int,
+    high: int,
+    pull: float,
+    prior: int,
+) -> int:
+    """Return the shift of the smallest distance; the smaller motion wins a tie."""
+    best, best_shift = _UNDEFINED, min(max(0, low), high)
+    nearest = max(0, low, -high)
+    for size in range(nearest, max(abs(low), abs(high)) + 1):
+        for sign in (1, -1):
+            s = sign * size
+            if s < low or s > high or (size == 0 and sign < 0):
+                continue
+            d = _distance(kind, lines, codes, ranks, sums, pair, s) * (1.0 + pull * abs(s - prior))
+            if d < best:
+                best, best_shift = d, s
+    return best_shift
+
+
+@njit(cache=True, nogil=True)
+def _distance(
+    kind: int,
+    lines: Lines,
+    codes: Lines,
+    ranks: NDArray[np.int64],
+    sums: NDArray[np.int64],
+    pair: int,
+    s: int,
+) -> float:
+    """Return the distance of a pair at a shift, infinite where it is undefined."""
+    count = lines.shape[1] - abs(s)
+    x, y = max(0, -s), max(0, s)
+    distance: float
+    if kind == _MANHATTAN:  # Eq. (80)
+        distance = _differences(lines[pair + 1, x : x + count], lines[pair, y : y + count]) / count
+        return distance
+    if kind == _SPEARMAN:
+        distance = 1.0 - _rank_correlation(
+            codes[pair + 1, x : x + count], codes[pair, y : y + count], ranks
+        )
+        return distance
+    if kind == _PEARSON:  # Eq. (81)
+        distance = 1.0 - _correlation(lines, sums, pair, s, -_UNDEFINED)
+        return distance
+    xy = _product(lines[pair + 1, x : x + count], lines[pair, y : y + count])
+    xx = sums[1, pair + 1, x + count] - sums[1, pair + 1, x]
+    yy = sums[1, pair, y + count] - sums[1, pair, y]
+    if kind == _COSINE:  # Eq. (83)
+        if xx == 0 or yy == 0:
+            return _UNDEFINED
+        distance = 1.0 - xy / math.sqrt(np.float64(xx) * np.float64(yy))
+        return distance
+    square = np.float64(xx + yy - 2 * xy)
+    distance = (math.sqrt(square) if kind == _EUCLIDEAN else square) / count  # Eq. (79)
+    return distance
+
+
+@njit(cache=True, nogil=True)
+def _correlation(
+    lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
+) -> float:
+    """Return Pearson's correlation (81) of a pair at a shift, to the bit as `pearson` does."""
+    count = lines.shape[1] - abs(s)
+    x, y = max(0, -s), max(0, s)
+    s_x = sums[0, pair + 1, x + count] - sums[0, pair + 1, x]
+    s_y = sums[0, pair, y + count] - sums[0, pair, y]
+    v_x = count * (sums[1, pair + 1, x + count] - sums[1, pair + 1, x]) - s_x * s_x
+    v_y = count * (sums[1, pair, y + count] - sums[1, pair, y]) - s_y * s_y
+    if v_x <= 0 or v_y <= 0:
+        return undefined
+    s_xy = _product(lines[pair + 1, x : x + count], lines[pair, y : y + count])
+    r: float = (count * s_xy - s_x * s_y) / math.sqrt(np.float64(v_x) * np.float64(v_y))
+    return r
+
+
+@njit(cache=True, nogil=True)
+def _product(x: Lines, y: Lines) -> int:
+    """Return the sum of products; 32 bit hold it for 8-bit lines, and make it twice as fast."""
+    if x.itemsize == 1:
+        narrow = np.int32(0)
+        for i in range(x.shape[0]):
+            narrow = np.int32(narrow + np.int32(x[i]) * np.int32(y[i]))
+        return np.int64(narrow)  # type: ignore[return-value]
+    wide = np.int64(0)
+    for i in range(x.shape[0]):
+        wide += np.int64(x[i]) * np.int64(y[i])
+    return wide  # type: ignore[return-value]
+
+
+@njit(cache=True, nogil=True)
+def _differences(x: Lines, y: Lines) -> int:
+    """Return the sum of absolute differences; 32 bit hold it for 16384 px of 16 bit."""
+    total = np.int32(0)
+    for i in range(x.shape[0]):
+        total = np.int32(total + abs(np.int32(x[i]) - np.int32(y[i])))
+    return np.int64(total)  # type: ignore[return-value]
+
+
+@njit(cache=True, nogil=True)
+def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
+    """Return the correlation of ranks; `ranks` is working memory for each level that occurs."""
+    count = np.int64(x.shape[0])
+    # Twice the ranks, so that the mean of ties is a whole number; their mean is count + 1.
+    variance_x = _rank(x, ranks[0])
+    variance_y = _rank(y, ranks[1])
+    if variance_x == 0 or variance_y == 0:
+        return -_UNDEFINED
+    total = np.int64(0)
+    for i in range(count):
+        total += ranks[0, x[i]] * ranks[1, y[i]]
+    return total / math.sqrt(np.float64(variance_x) * np.float64(variance_y))
+
+
+@njit(cache=True, nogil=True)
+def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
+    """Write twice the centred mean rank of each level; return their sum of squares."""
+    count = part.shape[0]
+    ranks[:] = 0
+    for i in range(count):
+        ranks[part[i]] += 1
+    below, squares = 0, 0
+    for level in range(ranks.shape[0]):
+        here = ranks[level]
+        rank = 2 * below + here - count
+        ranks[level] = rank
+        squares += here * rank * rank
+        below += here
+    return squares

@@ -1,0 +1,51 @@
+"""Plausibility of displacements by the largest acceleration (section 4.6, a priori information).
+
+The velocity along an axis cannot have changed by more than ``a dt`` since it was last measured.
+What lies further off is no displacement. The range widens with time, so that a reference that was
+itself wrong, or a shock, shuts the sensor out for a while only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.sensors import LineSensor
+
+
+class Plausibility:
+    """Tells displacements that the platform can have made; remembers the last measurement."""
+
+    def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
+        """Prepare for one sensor.
+
+        Args:
+            sensor: the line camera.
+            maximum_acceleration: of the sensor along its axis [m/s^2].
+            tolerance: error that a single displacement may have besides [px].
+        """
+        self._period_ns = 1e9 / sensor.line_rate
+        # Change of the displacement per line [px] in a nanosecond.
+        self._rate = maximum_acceleration / (sensor.pixel_pitch * sensor.line_rate) * 1e-9
+        self._tolerance = tolerance
+        self._displacement = 0.0
+        self._stamp_ns: float | None = None
+
+    def judge(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which displacements are plausible.
+
+        Args:
+            stamp_ns: exposure of the newest line [ns].
+            displacement: of consecutive pairs of lines, the last ending there [px], shape (m,).
+        """
+        if self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
+            return np.ones(len(displacement), np.bool_)
+        ends = stamp_ns - self._period_ns * np.arange(len(displacement) - 1, -1, -1)
+        reach = self._tolerance + self._rate * np.abs(ends - self._stamp_ns)
+        plausible: NDArray[np.bool_] = np.abs(displacement - self._displacement) <= reach
+        return plausible
+
+    def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
+        """Take a mean over the last `lines` displacements [px] as measured."""
+        self._displacement = displacement
+        self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)

@@ -1,0 +1,80 @@
+"""Options that the studies of one line camera share."""
+
+from __future__ import annotations
+
+import argparse
+
+from linescan_odometry.search import METRICS
+from omni_platform.configuration import ConfigurationError
+from omni_sim.ground_texture import KINDS
+
+_MOST_PAIRS = 10_000
+
+
+def add_line_options(
+    parser: argparse.ArgumentParser, grounds: tuple[str, ...], pairs: int, noise: float
+) -> None:
+    """Declare grounds, distance, number of pairs, noise and seed.
+
+    Args:
+        parser: of the study.
+        grounds: kinds of ground to look at by default; those that there are.
+        pairs: default number of consecutive pairs of lines.
+        noise: default standard deviation [grey levels].
+    """
+    available = [kind for kind in grounds if kind in KINDS]
+    parser.set_defaults(default_grounds=available)
+    parser.add_argument(
+        "--ground",
+        action="append",
+        choices=KINDS,
+        metavar="KIND",
+        help=f"kind of ground, may be repeated (default: {', '.join(available)})",
+    )
+    parser.add_argument(
+        "--metric",
+        default="pearson",
+        choices=tuple(METRICS),
+        help="distance between lines (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--pairs",
+        type=int,
+        default=pairs,
+        metavar="N",
+        help="consecutive pairs of lines that each value is the mean over (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=noise,
+        metavar="LEVELS",
+        help="standard deviation in grey levels (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--texels",
+        type=int,
+        default=8192,
+        metavar="N",
+        help="resolution of the ground over 0.2 m (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
+    )
+
+
+def grounds_of(options: argparse.Namespace) -> list[str]:
+    """Check the shared options and return the grounds to look at.
+
+    Raises:
+        ConfigurationError: names the option that is out of range.
+    """
+    if not 1 <= options.pairs <= _MOST_PAIRS:
+        raise ConfigurationError("--pairs", f"{options.pairs} must be in 1 to {_MOST_PAIRS}")
+    if not 0.0 <= options.noise <= 100.0:
+        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 100")
+    if not 256 <= options.texels <= 8192:
+        raise ConfigurationError("--texels", f"{options.texels} must be in 256 to 8192")
+    if options.seed < 0:
+        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    return list(dict.fromkeys(options.ground or options.default_grounds))

@@ -1,0 +1,169 @@
+"""Error of sideways motion over the two dimensions of the field of view (Figures 63 and 64).
+
+12 m/s at 89 deg to the axis, 2500 lines/s: 4.8 mm across between two lines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
+from omni_analysis.line_study_options import add_line_options, grounds_of
+from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
+from omni_analysis.line_trials import Matches, Motion, ground, measure
+from omni_analysis.metrics import Metric
+from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
+from omni_analysis.view_grid import (
+    LENGTHS,
+    SHAPES,
+    as_map,
+    filtered_right,
+    mean_error,
+    needed_overlap,
+    sideways_motions,
+)
+
+_CLAIM = 0.6  # overlap that is said to be enough
+_GROUP = 10  # n of the median
+_GROUNDS = ("stone", "cork", "asphalt", "walking_tile", "dry_earth", "wood")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare grounds, distance, pairs, noise and seed."""
+    add_line_options(parser, _GROUNDS, pairs=80, noise=1.0)
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+    """Move over the grounds; write figure, data and metrics."""
+    motions = sideways_motions()
+    overlap = np.array([motion.overlap for motion in motions])
+    found = {
+        kind: measure(
+            motions,
+            ground(kind, options.texels),
+            options.pairs,
+            options.noise,
+            options.seed,
+            options.metric,
+        )
+        for kind in grounds_of(options)
+    }
+    metrics: dict[str, Metric] = {}
+    for kind, matches in found.items():
+        right = np.array([float(np.mean(m.right)) for m in matches])
+        exact = np.array([float(np.mean(m.pixel_error == 0.0)) for m in matches])
+        metrics |= {
+            f"overlap_needed.{kind}": Metric(
+                needed_overlap(overlap, right), "1", reference=_CLAIM, note="95 % of pairs right"
+            ),
+            f"right_share_from_60.{kind}": Metric(float(right[overlap >= _CLAIM].mean()), "1"),
+            f"exact_share_from_60.{kind}": Metric(float(exact[overlap >= _CLAIM].mean()), "1"),
+            f"right_share_below_60.{kind}": Metric(float(right[overlap < _CLAIM].mean()), "1"),
+        }
+        if options.pairs >= _GROUP:
+            filtered = np.array([filtered_right(m, _GROUP) for m in matches])
+            metrics[f"overlap_needed_median_10.{kind}"] = Metric(
+                needed_overlap(overlap, filtered), "1", reference=_CLAIM
+            )
+    files = (
+        save_figure(_draw(motions, found), folder / "figure_63.png"),
+        write_table(
+            folder / "field_of_view.csv",
+            (
+                "ground", "length_mm", "width_over_length", "overlap", "mean_error_px",
+                "right_share", "exact_share", "rmse_px", "rmse_mm", "rmse_percent_of_speed",
+            ),
+            (
+                _row(kind, motion, m)
+                for kind, matches in found.items()
+                for motion, m in zip(motions, matches, strict=True)
+            ),
+        ),
+    )  # fmt: skip
+    return StudyResult(metrics, files, _findings(list(found), metrics))
+
+
+def _row(kind: str, motion: Motion, matches: Matches) -> tuple[str | float, ...]:
+    rmse = float(np.sqrt(np.mean(matches.error**2)))
+    view = motion.view
+    return (
+        kind, 1e3 * view.length, view.width / view.length, motion.overlap, mean_error(matches),
+        float(np.mean(matches.right)), float(np.mean(matches.pixel_error == 0.0)),
+        rmse, 1e3 * rmse * view.pitch,
+        100.0 * rmse * view.pitch * view.line_rate / motion.speed,  # Eq. (85)
+    )  # fmt: skip
+
+
+def _findings(kinds: list[str], metrics: dict[str, Metric]) -> tuple[str, ...]:
+    words = []
+    for kind in kinds:
+        single = metrics[f"overlap_needed.{kind}"].value
+        entry = f"{kind} {_percent(single)}"
+        if f"overlap_needed_median_10.{kind}" in metrics:
+            entry += f" ({_percent(metrics[f'overlap_needed_median_10.{kind}'].value)})"
+        words.append(entry)
+    enough = {
+        name: [k for k in kinds if metrics[f"{name}.{k}"].value <= _CLAIM + 0.05]
+        for name in ("overlap_needed", "overlap_needed_median_10")
+        if f"{name}.{kinds[0]}" in metrics
+    }
+    claims = []
+    for name, words_of in (
+        ("overlap_needed", "for single pairs"),
+        ("overlap_needed_median_10", "with a median of 10"),
+    ):
+        if name in enough:
+            holding = enough[name]
+            verdict = (
+                "holds"
+                if len(holding) == len(kinds)
+                else f"holds on {' and '.join(holding)} only"
+                if holding
+                else "does not hold"
+            )
+            claims.append(f"{verdict} {words_of}")
+    return (
+        "Overlap from which on 95 % of the pairs are within a pixel, in brackets with a median "
+        f"of 10: {', '.join(words)}.",
+        "The dissertation's claim that about 60 % overlap is enough on any texture "
+        f"{', and '.join(claims)} (to within 5 % of overlap).",
+    )
+
+
+def _percent(share: float) -> str:
+    return "never" if math.isnan(share) else f"{100.0 * share:.0f} %"
+
+
+def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
+    columns = min(3, len(found))
+    rows = math.ceil(len(found) / columns)
+    figure = Figure(figsize=(4.2 * columns + 1.3, 4.0 * rows + 0.6), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    figure.suptitle(
+        "Moving sideways by 4.8 mm a line: mean error, and lines of equal overlap (Figures 63, 64)",
+        fontsize=TITLE_SIZE,
+        x=0.01,
+        ha="left",
+    )
+    overlap = as_map([motion.overlap for motion in motions])
+    for axes, (kind, matches) in zip(panels.flat, found.items(), strict=False):
+        error = as_map([mean_error(m) for m in matches])
+        draw_error_map(
+            axes, [1e3 * x for x in LENGTHS], [100.0 * y for y in SHAPES], error, overlap
+        )
+        axes.set_title(kind.replace("_", " "), fontsize=LABEL_SIZE, loc="left")
+    for axes in list(panels.flat)[len(found) :]:
+        axes.set_visible(False)
+    for axes in panels[-1]:
+        axes.set_xlabel("length of the field of view [mm]", fontsize=LABEL_SIZE)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("width over length [%]", fontsize=LABEL_SIZE)
+    add_error_scale(figure, list(panels.flat))
+    return figure

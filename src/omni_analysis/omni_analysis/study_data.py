@@ -1,0 +1,19 @@
+"""Tables of studies as CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+def write_table(
+    path: Path, header: Sequence[str], rows: Iterable[Sequence[str | int | float]]
+) -> Path:
+    """Write a table and return its path; numbers have nine digits."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for row in rows:
+            writer.writerow(x if isinstance(x, str | int) else f"{float(x):.9g}" for x in row)
+    return path
