@@ -16,6 +16,7 @@ from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.graph import RecordingOptions
+from omni_bringup.ground_option import check_ground, ground_overrides
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
 from omni_bringup.run_folder import unfinished_recordings, write_summary
@@ -87,10 +88,12 @@ def _compose(
         # The second may have been meant to be another.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
-    return {
-        variant: library.load(options.experiment, variant, options.overrides)
-        for variant in variants
+    overrides = (*ground_overrides(options.ground, options.dpi), *options.overrides)
+    configurations = {
+        variant: library.load(options.experiment, variant, overrides) for variant in variants
     }
+    check_ground(configurations.values())
+    return configurations
 
 
 def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:

@@ -9,7 +9,7 @@ cork           pressed granules of 2 mm
 asphalt        chippings of 0.6 to 6 mm in dark binder
 stone          coarse flat pieces of 12 mm with mineral grain
 wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
-               40 mm, pores of 0.2 mm by 7 mm; like a bar code, next to nothing changes along x
+               40 mm, pores of 0.2 mm by 6 mm; like a bar code, next to nothing changes along x
 plastic        a smooth sheet: faint mottles of 2 to 20 mm and a moulded grain of 0.3 mm
 metal          rolled sheet: faint marks of 0.18 mm by 1.5 mm along x under a soft sheen
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
@@ -90,19 +90,28 @@ def _wood(size: float, generator: np.random.Generator) -> Layers:
     place = (np.arange(8192) + 0.5) / 8192
     ring = np.searchsorted(ends, place)
     phase = 1.0 - (ends[ring] - place) / (width[ring] / width.sum())
-    depth = generator.uniform(22.0, 48.0, rings)[ring]
+    depth = generator.uniform(25.0, 60.0, rings)[ring]
     sharp = np.clip((1.0 - phase) * (width[ring] / width.sum()) * size / 0.0002, 0.0, 1.0)
-    profile = 158.0 - depth * phase**2.5 * sharp
+    profile = 168.0 - depth * phase**2.0 * sharp
     bend = (
         _noise(size, generator, 0.03, 0.2, 0.0012 / size),
         _noise(size, generator, 0.012, 0.1, 0.0003 / size),
     )
-    fibres = ((0.004, 0.2, 7.0), (0.0009, 0.07, 6.0), (0.0002, 0.04, 7.0))
-    pores = Noise(-np.abs(_lattice(size, generator, 0.0002, 0.007, 5.0)))
+    fibres = ((0.02, 0.2, 6.0), (0.0009, 0.07, 4.0), (0.0002, 0.04, 6.0))
+    count = round(40000.0 * size**2)
+    pores = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            generator.uniform(0.0015, 0.0045, count) / size,
+            generator.uniform(0.02, 0.035, count),
+            generator.normal(0.0, 0.01, count),
+            generator.normal(106.0, 10.0, count),
+        )
+    )
     return [
         Rings(profile.astype(np.float32), bend),
         *(_noise(size, generator, *fibre) for fibre in fibres),
-        pores,
+        Leaves(pores, 0.00005 / size),
     ]
 
 

@@ -22,6 +22,16 @@ PICTURE = "picture"
 GENERATION = 1
 """Version of the procedures, part of a cached texture's identity: raise it with every change."""
 
+INCH = 0.0254
+"""An inch [m]."""
+
+BLOCK = 32
+"""Texels that a period is a multiple of where it is not given, so that it can be halved."""
+
+MOST_TEXELS = 20480
+"""Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""
+
+_FEWEST_TEXELS = 256
 _BAND = 128  # rows drawn at a time
 _THREADS = 2
 
@@ -40,36 +50,54 @@ class TextureConfiguration(Configuration):
     )
     texels: int = parameter(
         4096,
-        description="Texels per period in x and y of a material; 18912 on 0.200152 m are 2400 dpi",
+        description="Texels per period in x and y of a material",
         unit="1",
         minimum=256,
-        maximum=20480,
+        maximum=8192,
     )
     seed: int = parameter(1, description="Seed of a material's pattern", minimum=0)
     picture: str = parameter("", description="File of the kind picture, PNG, TIFF or JPEG")
     dpi: float = parameter(
         0.0,
-        description="Dots per inch of the picture on the ground; required with a picture",
+        description="Dots per inch on the ground; a picture needs them, of a material they take "
+        "the place of texels and round its period up to a multiple of 32 texels; 0 for texels",
         minimum=0.0,
         maximum=50000.0,
     )
 
     def check_consistency(self) -> None:
-        """Refuse a picture without its scale, and a picture that would not be looked at.
+        """Refuse a picture without its scale or that would not be looked at, and too many texels.
 
         Raises:
             ConfigurationError: names the key.
         """
         if self.kind != PICTURE:
-            for name in ("picture", "dpi"):
-                if getattr(self, name):
-                    raise ConfigurationError(name, f"goes with the kind {PICTURE}, not {self.kind}")
+            if self.picture:
+                raise ConfigurationError(
+                    "picture", f"goes with the kind {PICTURE}, not {self.kind}"
+                )
+            if self.dpi > 0.0 and not _FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
+                raise ConfigurationError(
+                    "dpi",
+                    f"{self.dpi:g} are {self.extent[0]} texels on {self.size:g} m, must be "
+                    f"{_FEWEST_TEXELS} to {MOST_TEXELS}",
+                )
         elif not self.picture:
             raise ConfigurationError("picture", f"the kind {PICTURE} needs the name of a file")
         elif self.dpi <= 0.0:
             raise ConfigurationError(
                 "dpi", "a picture needs its dots per inch on the ground, such as 2400 of a scan"
             )
+
+    @property
+    def extent(self) -> tuple[int, float]:
+        """Texels per period of a material, and the period [m]."""
+        if self.dpi == 0.0:
+            return self.texels, self.size
+        texel = INCH / self.dpi
+        # A hundredth of a texel less is rounding.
+        texels = math.ceil((self.size / texel - 0.01) / BLOCK) * BLOCK
+        return texels, texels * texel
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,8 +135,8 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
     if configuration.kind == PICTURE:
         raise ValueError("a picture is read, not generated")
     generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
-    layers = MATERIALS[configuration.kind](configuration.size, generator)
-    texels = configuration.texels
+    texels, size = configuration.extent
+    layers = MATERIALS[configuration.kind](size, generator)
     grey = np.empty((texels, texels), np.uint8)
 
     def draw(first: int) -> None:
@@ -122,4 +150,4 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
 
     with ThreadPoolExecutor(_THREADS, "texture") as pool:
         list(pool.map(draw, range(0, texels, _BAND)))
-    return GroundTexture(grey, configuration.size)
+    return GroundTexture(grey, size)
