@@ -83,7 +83,7 @@ def test_a_walking_tile_repeats_every_20_mm() -> None:
     grey = generate_texture(TextureConfiguration(kind="walking_tile", size=0.1, texels=1000)).grey
     row = grey - grey.mean(axis=1, keepdims=True)
     shifted = [float(np.mean(row * np.roll(row, shift, axis=1))) for shift in (0, 100, 200)]
-    assert shifted[2] > 0.7 * shifted[0]
+    assert shifted[2] > 0.5 * shifted[0]
     assert shifted[1] < 0.0
 
 
