@@ -16,6 +16,7 @@ from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import (
+    CameraConfiguration,
     GroundConfiguration,
     ManeuverConfiguration,
     SimulationConfiguration,
@@ -102,6 +103,33 @@ def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCa
     # Moving forward along the axis: what was ahead comes one pixel nearer to the start.
     assert np.abs(lines[1:, :-1] - lines[:-1, 1:]).max() <= 2
     assert np.abs(np.diff(lines, axis=0)).max() > 10  # against itself unshifted
+
+
+def test_lines_are_blurred_by_the_way_during_their_exposure(textures: TextureCache) -> None:
+    """A pixel on the way: a mean over a pixel before and behind, by the weights of two boxes."""
+    sensor = dataclasses.replace(SENSORS["left"], line_rate=2500.0)
+    lines = {}
+    for exposure_time in (0.0, 1.0 / sensor.line_rate):
+        simulator = Simulator(
+            configuration(
+                sensors={"left": sensor},
+                maneuver=ManeuverConfiguration(
+                    speed=sensor.pixel_pitch * sensor.line_rate, brake_time=10.0
+                ),
+                camera=CameraConfiguration(noise=0.0, exposure_time=exposure_time),
+            ),
+            textures,
+        )
+        first = simulator.observe().line_batches["left"].lines
+        simulator.advance(ON)
+        batch = simulator.observe().line_batches["left"].lines
+        lines[exposure_time > 0.0] = np.concatenate((first, batch)).astype(float)
+    sharp, blurred = lines[False], lines[True]
+    expected = 0.125 * sharp[:, :-2] + 0.75 * sharp[:, 1:-1] + 0.125 * sharp[:, 2:]
+    errors = np.sqrt(np.mean((blurred[:, 1:-1] - expected) ** 2, axis=1))
+    change = np.sqrt(np.mean((blurred - sharp) ** 2, axis=1))
+    assert len(errors) == 26
+    assert errors.max() < 0.4 * change.min()
 
 
 def test_the_noise_of_the_velocity_sensor_has_the_covariance_it_claims() -> None:
