@@ -13,10 +13,10 @@ from pathlib import Path
 from omni_analysis.bag_reader import BagError
 from omni_analysis.comparison_table import comparison_table
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.ground_choice import check_ground, ground_overrides
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.graph import RecordingOptions
-from omni_bringup.ground_option import check_ground, ground_overrides
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
 from omni_bringup.run_folder import unfinished_recordings, write_summary

@@ -10,8 +10,8 @@ asphalt        chippings of 0.6 to 6 mm in dark binder
 stone          coarse flat pieces of 12 mm with mineral grain
 wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
                40 mm, pores of 0.2 mm by 6 mm; like a bar code, next to nothing changes along x
-plastic        a smooth sheet: faint mottles of 2 to 20 mm and a moulded grain of 0.3 mm
-metal          rolled sheet: faint marks of 0.18 mm by 1.5 mm along x under a soft sheen
+plastic        a smooth sheet: a faint moulded grain of 0.25 to 2 mm and fainter mottles
+metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
 =============  =====================================================================================
@@ -116,16 +116,17 @@ def _wood(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _plastic(size: float, generator: np.random.Generator) -> Layers:
-    octaves = ((0.02, 1.5), (0.006, 1.0), (0.002, 0.8), (0.0003, 1.2))
+    octaves = ((0.02, 0.6), (0.006, 0.6), (0.002, 0.9), (0.0005, 2.0), (0.00025, 3.0))
     return [Plain(142.0), *_octaves(size, generator, octaves)]
 
 
 def _metal(size: float, generator: np.random.Generator) -> Layers:
     return [
         Plain(148.0),
-        _noise(size, generator, 0.03, 0.1, 2.0),
+        _noise(size, generator, 0.03, 0.1, 1.0),
         _noise(size, generator, 0.00035, 0.004, 2.0),
         _noise(size, generator, 0.00018, 0.0015, 3.5),
+        _noise(size, generator, 0.00018, 0.00025, 3.5),
     ]
 
 

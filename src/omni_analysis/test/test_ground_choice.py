@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from omni_analysis.experiment import ExperimentLibrary
-from omni_bringup.ground_option import check_ground, ground_overrides
+from omni_analysis.ground_choice import check_ground, ground_overrides
 from omni_platform.configuration import ConfigurationError
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")

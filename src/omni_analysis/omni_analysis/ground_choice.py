@@ -1,4 +1,4 @@
-"""``--ground NAME|PICTURE --dpi X``: the ground of a run by a word."""
+"""``--ground NAME|PICTURE --dpi X``: the ground of a run or a study by a word."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
     Raises:
         ConfigurationError: a picture without dots per inch.
     """
-    if ground is None or not _is_picture(ground):
+    if ground is None or not is_picture(ground):
         named = () if ground is None else (f"ground={json.dumps(ground)}",)
         return named if dpi is None else (*named, f"ground.texture.dpi={dpi!r}")
     if dpi is None:
@@ -57,7 +57,11 @@ def check_ground(configurations: Iterable[ExperimentConfiguration]) -> None:
             check_footprints(configuration.sensors, picture)
 
 
-def _is_picture(ground: str) -> bool:
-    """Tell a picture from the name of a ground: by its suffix, or as a file that is no YAML."""
+def is_picture(ground: str) -> bool:
+    """Tell a picture from the name of a ground: by its suffix, or as a file that is no YAML.
+
+    Args:
+        ground: what stands for the ground.
+    """
     path = Path(ground)
     return path.suffix.lower() in _SUFFIXES or (path.suffix != ".yaml" and path.is_file())
