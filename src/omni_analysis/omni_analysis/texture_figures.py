@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
@@ -53,7 +55,12 @@ def draw_error_surfaces(
         texels = min(len(ground.grey), round(_SAMPLE / ground.texel))
         edge = 1e3 * texels * ground.texel
         axes_row[0].imshow(
-            ground.grey[:texels, :texels], cmap="gray", vmin=0, vmax=255, extent=(0, edge, 0, edge)
+            ground.grey[:texels, :texels],
+            cmap="gray",
+            vmin=0,
+            vmax=255,
+            origin="lower",
+            extent=(0, edge, 0, edge),
         )
         axes_row[0].set_title(label, fontsize=LABEL_SIZE, loc="left")
         axes_row[0].set_xlabel("x [mm]", fontsize=LABEL_SIZE)
@@ -63,7 +70,9 @@ def draw_error_surfaces(
             lines = axes.contour(
                 lengths, shares, overlap, levels=[0.4, 0.6, 0.8], colors=BLACK, linewidths=0.9
             )
-            axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %", fontsize=TICK_SIZE)
+            lines.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
+            for text in axes.clabel(lines, fmt=_percent, fontsize=TICK_SIZE):
+                text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
             axes.set_title(name, fontsize=LABEL_SIZE, loc="left")
             axes.set_xlabel("length of field of view [mm]", fontsize=LABEL_SIZE)
             axes.set_ylabel("width over length [%]", fontsize=LABEL_SIZE)
@@ -73,12 +82,17 @@ def draw_error_surfaces(
     return figure
 
 
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
+
+
 def _add_scale(
-    figure: Figure | SubFigure, norm: BoundaryNorm, colours: ListedColormap, panels: list[object]
+    figure: Figure, norm: BoundaryNorm, colours: ListedColormap, panels: list[Axes]
 ) -> None:
     bar = figure.colorbar(
         ScalarMappable(norm=norm, cmap=colours), ax=panels, spacing="uniform", ticks=_EDGES
     )
+    bar.ax.set_yticklabels([f"{edge:g}" for edge in _EDGES])
     bar.set_label("mean error [px], Eq. (84); lines: overlap", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ PRESETS = Path(__file__).parents[3] / "config" / "sensors"
 
 
 def camera(
-    texture: GroundTexture = CORK, sensor: LineSensor = SENSOR, name: str = "one", **values: object
+    texture: GroundTexture = CORK, sensor: LineSensor = SENSOR, name: str = "one", **values: Any
 ) -> LineCamera:
     configuration = from_mapping(CameraConfiguration, values)
     seed = np.random.SeedSequence(1)
@@ -70,7 +71,7 @@ def test_blurred_lines_do_not_depend_on_batches() -> None:
 @pytest.mark.parametrize(("height_error", "scale"), [(0.02, 1.2), (-0.01, 0.9)])
 def test_an_ordinary_lens_magnifies_with_its_height(height_error: float, scale: float) -> None:
     wider = dataclasses.replace(SENSOR, length=scale * SENSOR.length, width=scale * SENSOR.width)
-    optics = {"height_error": height_error, "working_distance": 0.1}
+    optics: dict[str, Any] = {"height_error": height_error, "working_distance": 0.1}
     ordinary = camera(lens="ordinary", **optics).greys(POSE)
     np.testing.assert_allclose(ordinary, camera(sensor=wider).greys(POSE), atol=0.05)
     telecentric = camera(lens="telecentric", **optics).greys(POSE)
@@ -84,7 +85,7 @@ def test_shading_falls_to_both_ends() -> None:
 
 
 def test_dirt_stays_where_it_is_and_is_every_sensors_own() -> None:
-    dirty = {"dirt_spots": 3, "dirt_size": 0.0005, "dirt_opacity": 0.6}
+    dirty: dict[str, Any] = {"dirt_spots": 3, "dirt_size": 0.0005, "dirt_opacity": 0.6}
     places = np.concatenate((POSE, POSE + 0.2))
     one = camera(UNIFORM, **dirty).greys(places)
     other = camera(UNIFORM, name="two", **dirty).greys(POSE)[0]
