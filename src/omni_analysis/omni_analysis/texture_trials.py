@@ -70,8 +70,7 @@ class Shifts:
     @property
     def error(self) -> FloatArray:
         """Error of each pair in whole pixels, Eq. (84), shape (runs, pairs)."""
-        errors: FloatArray = self.shift - float(np.round(self.truth))
-        return errors
+        return (self.shift - round(self.truth)).astype(np.float64)
 
     @property
     def mean_error(self) -> float:

@@ -3,7 +3,8 @@
 Table 4 takes 60 % overlap for granted: ``v = 0.4 w f`` with the width w of the field of view and
 the line rate f. Here each sensor moves sideways over grounds of fine texture, faster and faster;
 it measures a speed if the median of ten consecutive displacements (section 4.6) is within 1.5 px
-of the truth at 95 % of random places, at this speed and all lower ones.
+of the truth at 95 % of random places, at this speed and all lower ones. The highest speed is that
+at 60 % overlap as far as the simulation confirms it on every ground.
 """
 
 from __future__ import annotations
@@ -68,7 +69,10 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     for name, sensor in sensors.items():
         metrics |= {
             f"max_speed.{name}": Metric(
-                min(limits[name].values()), "m/s", _TABLE_4[name], note=_note(limits[name])
+                min(computed[name], *limits[name].values()),
+                "m/s",
+                _TABLE_4[name],
+                note="at 60 % overlap or more, confirmed on every ground",
             ),
             f"computed_speed.{name}": Metric(computed[name], "m/s", reference=_TABLE_4[name]),
             f"straight_speed.{name}": Metric(
@@ -79,7 +83,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             f"pixel_length.{name}": Metric(1e3 * sensor.pixel_pitch, "mm", reference=_PITCH[name]),
         }
         metrics |= {
-            f"max_speed.{name}_{ground}": Metric(value, "m/s")
+            f"measurable_speed.{name}_{ground}": Metric(
+                value, "m/s", note="95 % of medians of 10 right, at any overlap"
+            )
             for ground, value in limits[name].items()
         }
     titled = {_TITLES[name]: name for name in sensors}
@@ -110,7 +116,7 @@ def _highest(speeds: FloatArray, share: FloatArray) -> float:
     return float(speeds[count - 1]) if count else 0.0
 
 
-def _note(limits: dict[str, float]) -> str:
+def _by_ground(limits: dict[str, float]) -> str:
     return ", ".join(f"{ground} {value:.3g} m/s" for ground, value in limits.items())
 
 
@@ -120,7 +126,7 @@ def _finding(name: str, computed: float, limits: dict[str, float]) -> str:
     holds = "holds" if lowest >= 0.98 * min(_TABLE_4[name], computed) else "does not hold"
     return (
         f"{_TITLES[name]}: 60 % overlap is {computed:.3g} m/s sideways, and the simulation "
-        f"measures up to {_note(limits)}; the {_TABLE_4[name]:g} m/s of Table 4 {holds}."
+        f"measures up to {_by_ground(limits)}; the {_TABLE_4[name]:g} m/s of Table 4 {holds}."
     )
 
 
