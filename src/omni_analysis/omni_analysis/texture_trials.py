@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.measurements import LineBatch, SensorReading
 from linescan_odometry.search import METRICS
+from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
 from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
@@ -28,6 +30,7 @@ SHAPES = tuple(0.1 * i for i in range(1, 11))
 """Widths over lengths there [1]."""
 
 _LIMIT_DIVISOR = 2  # k of section 4.4
+_BATCH = 0.01  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,6 +149,29 @@ class Eyes:
         exposure = CameraConfiguration(noise=noise)
         array = LineCameraArray(sensors, texture, exposure, np.random.SeedSequence(seed), threads=1)
         self._cameras = array.cameras
+
+    def read(
+        self, name: str, trial: Sideways, configuration: OdometryConfiguration, batches: int
+    ) -> list[SensorReading]:
+        """Move one of the cameras in batches of 10 ms, as the odometry gets them.
+
+        Args:
+            name: of the camera.
+            trial: the motion; runs and pairs are not used.
+            configuration: of the odometry.
+            batches: how many.
+        """
+        camera = self._cameras[name]
+        odometry = SensorOdometry(camera.sensor, configuration)
+        start = np.random.default_rng((trial.seed, 2)).uniform(0.0, self._size, 2)
+        count = round(_BATCH * camera.sensor.line_rate)
+        whole = dataclasses.replace(trial, pairs=count * batches - 1)
+        lines = _lines(camera, whole, start, 0)
+        period_ns = 1e9 / camera.sensor.line_rate
+        return [
+            odometry.update(LineBatch(round((end - 1) * period_ns), lines[end - count : end]))
+            for end in range(count, count * batches + 1, count)
+        ]
 
     def look(self, name: str, trial: Sideways) -> Shifts:
         """Move one of the cameras and match what it sees."""

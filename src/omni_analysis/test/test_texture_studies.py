@@ -87,6 +87,9 @@ def test_surfaces_are_written_with_every_shape(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     metrics = run("texture_direction", tmp_path)
     assert metrics["mean_error.wood_parallel"] < 1.0 < metrics["mean_error.wood_across"]
+    assert metrics["odometry_measured_share.wood_parallel"] == 1.0
+    for direction in ("parallel", "across"):
+        assert metrics[f"odometry_wrong_share.wood_{direction}"] == 0.0
     with (tmp_path / "directions.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 70
