@@ -8,9 +8,9 @@ from pathlib import Path
 
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError
-from omni_sim.ground_picture import read_picture
 from omni_sim.ground_texture import PICTURE, TextureConfiguration
 from omni_sim.padded_texture import check_footprints
+from omni_sim.texture_cache import TextureCache
 
 _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".webp")
 
@@ -37,24 +37,31 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
     return (f"ground.texture={texture}",)
 
 
-def check_ground(configurations: Iterable[ExperimentConfiguration]) -> None:
-    """Refuse a picture that cannot be a ground before anything starts.
+def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
+    """Draw what a run will look at and refuse what it cannot, before anything starts.
+
+    A ground of 2400 dpi takes longer to draw than nodes wait for each other.
+
+    Args:
+        configurations: of the run's variants.
+        cache: where the nodes will look for their ground.
 
     Raises:
-        ConfigurationError: it cannot be read, or a camera sees more than it shows.
+        ConfigurationError: a picture cannot be read, or a camera sees more than it shows.
     """
     seen: set[TextureConfiguration] = set()
     for configuration in configurations:
         texture = configuration.ground.texture
-        if texture.kind != PICTURE or texture in seen:
+        if texture in seen or not configuration.simulation.render_lines:
             continue
         seen.add(texture)
+        if texture.kind != PICTURE and cache.path(texture).is_file():
+            continue
         try:
-            picture = read_picture(texture.picture, texture.dpi)
+            ground = cache.texture(texture)
         except ConfigurationError as error:
             raise error.below("ground.texture") from None
-        if configuration.simulation.render_lines:
-            check_footprints(configuration.sensors, picture)
+        check_footprints(configuration.sensors, ground)
 
 
 def is_picture(ground: str) -> bool:

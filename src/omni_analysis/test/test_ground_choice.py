@@ -9,10 +9,12 @@ import pytest
 from PIL import Image
 
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.ground_choice import check_ground, ground_overrides
+from omni_analysis.ground_choice import ground_overrides, prepare_grounds
 from omni_platform.configuration import ConfigurationError
+from omni_sim.texture_cache import TextureCache
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
+CACHE = TextureCache(Path("/nowhere"))  # pictures are not cached
 
 
 @pytest.fixture
@@ -41,7 +43,7 @@ def test_a_picture_becomes_the_ground(scan: Path) -> None:
     configuration = LIBRARY.load("straight_line", "assisted", ground_overrides(str(scan), 200.0))
     texture = configuration.ground.texture
     assert (texture.kind, texture.picture, texture.dpi) == ("picture", str(scan), 200.0)
-    check_ground([configuration, configuration])
+    prepare_grounds([configuration, configuration], CACHE)
 
 
 def test_a_picture_needs_a_scale(scan: Path) -> None:
@@ -52,7 +54,7 @@ def test_a_picture_needs_a_scale(scan: Path) -> None:
 def test_a_picture_smaller_than_what_a_camera_sees_is_refused(scan: Path) -> None:
     configuration = LIBRARY.load("straight_line", "assisted", ground_overrides(str(scan), 600.0))
     with pytest.raises(ConfigurationError, match=r"length: 0\.05 m is more than the ground"):
-        check_ground([configuration])
+        prepare_grounds([configuration], CACHE)
 
 
 def test_what_is_no_picture_is_refused_before_anything_starts(tmp_path: Path) -> None:
@@ -60,5 +62,12 @@ def test_what_is_no_picture_is_refused_before_anything_starts(tmp_path: Path) ->
     broken.write_bytes(b"no picture")
     configuration = LIBRARY.load("straight_line", "assisted", ground_overrides(str(broken), 300.0))
     with pytest.raises(ConfigurationError, match="cannot read") as error:
-        check_ground([configuration])
+        prepare_grounds([configuration], CACHE)
     assert error.value.key == "ground.texture.picture"
+
+
+def test_a_ground_is_drawn_before_anything_waits_for_it(tmp_path: Path) -> None:
+    cache = TextureCache(tmp_path)
+    configuration = LIBRARY.load("straight_line", "assisted", ground_overrides("wood", 100.0))
+    prepare_grounds([configuration], cache)
+    assert cache.path(configuration.ground.texture).is_file()

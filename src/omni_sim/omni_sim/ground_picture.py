@@ -80,6 +80,8 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
     edge = min(grey.shape)
     top, left = (grey.shape[0] - edge) // 2, (grey.shape[1] - edge) // 2
     coarser = -(-edge // MOST_TEXELS)
+    if coarser == 1:
+        return grey[top : top + edge, left : left + edge].copy(), dot
     texels = edge // coarser
     square = np.empty((texels, texels), np.uint8)
     for row in range(texels):  # row by row: the mean of the whole would take many times its memory
