@@ -2,7 +2,7 @@
 
 Run it on an otherwise idle machine, with the workspace's packages on the path:
 
-    python benchmarks/render_lines.py [--json] [--ground cork] [--texels 4096]
+    python benchmarks/render_lines.py [--json] [--ground cork] [--texels 4096 | --dpi 2400]
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def share_of_core(texture: GroundTexture, turn: float, threads: int) -> tuple[fl
     return cpu / simulated, wall / simulated
 
 
-def measure(kind: str, texels: int) -> dict[str, dict[str, Any]]:
+def measure(kind: str, texels: int, dpi: float) -> dict[str, dict[str, Any]]:
     """Return all metrics by name."""
     metrics: dict[str, dict[str, Any]] = {}
 
@@ -96,7 +96,7 @@ def measure(kind: str, texels: int) -> dict[str, dict[str, Any]]:
         start = time.perf_counter()
         generate_texture(TextureConfiguration(kind=name, texels=texels))
         note(f"generation.{name}", time.perf_counter() - start, "s", limit=3.0)
-    texture = generate_texture(TextureConfiguration(kind=kind, texels=texels))
+    texture = generate_texture(TextureConfiguration(kind=kind, texels=texels, dpi=dpi))
     for name, sensor in SENSORS.items():
         for heading in HEADINGS_DEG:
             rate, error = throughput(sensor, texture, math.radians(heading))
@@ -117,8 +117,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--ground", choices=KINDS, default="cork")
     parser.add_argument("--texels", type=int, default=4096)
+    parser.add_argument("--dpi", type=float, default=0.0, help="in place of texels")
     arguments = parser.parse_args()
-    metrics = measure(arguments.ground, arguments.texels)
+    metrics = measure(arguments.ground, arguments.texels, arguments.dpi)
     if arguments.json:
         print(json.dumps({"name": "render_lines", "metrics": metrics}, indent=2))
         return

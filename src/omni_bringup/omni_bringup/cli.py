@@ -145,6 +145,17 @@ def _parser() -> argparse.ArgumentParser:
         help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
     )
     run.add_argument(
+        "--ground",
+        metavar="NAME|PICTURE",
+        help="a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi",
+    )
+    run.add_argument(
+        "--dpi",
+        type=float,
+        metavar="X",
+        help="dots per inch of the picture on the ground, or to draw the ground in",
+    )
+    run.add_argument(
         "--real-time",
         action="store_true",
         help="pace the simulation to the wall clock instead of waiting for every reply",

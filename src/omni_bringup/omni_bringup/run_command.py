@@ -13,6 +13,7 @@ from pathlib import Path
 from omni_analysis.bag_reader import BagError
 from omni_analysis.comparison_table import comparison_table
 from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.ground_choice import ground_overrides, prepare_grounds
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
 from omni_bringup.graph import RecordingOptions
@@ -21,6 +22,7 @@ from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
 from omni_bringup.run_folder import unfinished_recordings, write_summary
 from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
 from omni_platform.configuration import ConfigurationError
+from omni_sim.texture_cache import TextureCache
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -87,10 +89,12 @@ def _compose(
         # The second may have been meant to be another.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
-    return {
-        variant: library.load(options.experiment, variant, options.overrides)
-        for variant in variants
+    overrides = (*ground_overrides(options.ground, options.dpi), *options.overrides)
+    configurations = {
+        variant: library.load(options.experiment, variant, overrides) for variant in variants
     }
+    prepare_grounds(configurations.values(), TextureCache.of_user())
+    return configurations
 
 
 def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:

@@ -2,57 +2,30 @@
 
 Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
 the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
-noise, quantised to 8 or 16 bits. The exposure is instantaneous.
+noise, quantised to 8 or 16 bits. By default the exposure is instantaneous and the optics are
+perfect; `camera_configuration` says what else there is.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
+from omni_sim.camera_configuration import CameraConfiguration
+from omni_sim.camera_optics import blur_samples, check_exposure, instants, seen, transmission
 from omni_sim.footprint_integral import integrate_lines
 from omni_sim.ground_texture import GroundTexture
 from omni_sim.line_exposure import expose, noise_key
 from omni_sim.padded_texture import PaddedTexture, padded_levels
 
+__all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
+
 FloatArray = NDArray[np.float64]
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class CameraConfiguration(Configuration):
-    """Exposure of the line cameras."""
-
-    noise: float = parameter(
-        1.0,
-        description="Standard deviation of white noise, in grey levels of an 8-bit scale",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    bit_depth: int = parameter(
-        8, description="Bits of a pixel, 8 or 16", unit="bit", minimum=8, maximum=16
-    )
-    gain: float = parameter(
-        1.0, description="Factor from the ground's grey level to the camera's", above=0.0
-    )
-    offset: float = parameter(
-        0.0, description="Brightness added to every pixel, in grey levels of an 8-bit scale"
-    )
-
-    def check_consistency(self) -> None:
-        """Refuse a bit depth that has no image encoding.
-
-        Raises:
-            ConfigurationError: names the bit depth.
-        """
-        if self.bit_depth not in {8, 16}:
-            raise ConfigurationError("bit_depth", f"{self.bit_depth} bit is neither 8 nor 16 bit")
 
 
 class LineCamera:
@@ -78,6 +51,8 @@ class LineCamera:
             key: of its noise, see `line_exposure.noise_key`.
         """
         self.sensor = sensor
+        self._seen = seen(sensor, configuration)
+        self._transmission = transmission(sensor, configuration, key)
         self._texture = texture
         self._configuration = configuration
         self._key = key
@@ -102,32 +77,62 @@ class LineCamera:
             )
         )
 
-    def greys(self, poses: FloatArray) -> NDArray[np.float32]:
+    def greys(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
         """Return the mean grey level of every footprint, without noise or quantisation.
 
         Args:
             poses: as in `lines`.
+            velocities: as in `lines`.
 
         Raises:
             ValueError: a pose is not finite.
         """
-        sensor = self.sensor
+        if velocities is None or self._configuration.exposure_time == 0.0:
+            greys = self._integrate(poses)
+        else:
+            greys = self._blurred(poses, velocities)
+        if self._transmission is not None:
+            greys *= self._transmission
+        return greys
+
+    def _integrate(self, poses: FloatArray) -> NDArray[np.float32]:
+        view = self._seen
         return integrate_lines(
-            self._texture, self.footprints(poses), sensor.length, sensor.width, sensor.pixels
+            self._texture, self.footprints(poses), view.length, view.width, view.pixels
         )
 
-    def lines(self, poses: FloatArray, first_line: int) -> LineArray:
+    def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
+        """Return means over the exposure, during which each line moves at its own velocity."""
+        exposure_time = self._configuration.exposure_time
+        footprints = self.footprints(poses)
+        motion = velocities.copy()  # of the footprint: v + Omega k x r, Eq. (23)
+        motion[:, 0] -= velocities[:, 2] * (footprints[:, 1] - poses[:, 1])
+        motion[:, 1] += velocities[:, 2] * (footprints[:, 0] - poses[:, 0])
+        samples = blur_samples(self._seen, exposure_time, footprints[:, 2], motion)
+        greys = np.zeros((len(poses), self._seen.pixels), np.float32)
+        for count in np.unique(samples):
+            chosen = samples == count
+            for instant in instants(int(count), exposure_time):
+                greys[chosen] += self._integrate(poses[chosen] + instant * velocities[chosen])
+            greys[chosen] /= np.float32(count)
+        return greys
+
+    def lines(
+        self, poses: FloatArray, first_line: int, velocities: FloatArray | None = None
+    ) -> LineArray:
         """Return exposed lines of shape (m, pixels), uint8 or uint16.
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
             first_line: index of the first line since the start of the run; chooses the noise.
+            velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur;
+                without them there is none.
 
         Raises:
             ValueError: a pose is not finite.
         """
         lines = self.blank(len(poses))
-        self.render(poses, first_line, lines)
+        self.render(poses, first_line, lines, velocities)
         return lines
 
     def blank(self, count: int) -> LineArray:
@@ -137,14 +142,20 @@ class LineCamera:
             return np.empty(shape, np.uint8)
         return np.empty(shape, np.uint16)
 
-    def render(self, poses: FloatArray, first_line: int, lines: LineArray) -> None:
+    def render(
+        self,
+        poses: FloatArray,
+        first_line: int,
+        lines: LineArray,
+        velocities: FloatArray | None = None,
+    ) -> None:
         """Fill `lines`, an array like that of `blank`, as `lines()` does."""
         exposure = self._configuration
         expose(
-            self.greys(poses),
+            self.greys(poses, velocities),
             exposure.gain,
             exposure.offset,
-            exposure.noise,
+            exposure.noise_deviation,
             self._key,
             first_line,
             lines,
@@ -180,26 +191,34 @@ class LineCameraArray:
 
         Raises:
             ConfigurationError: a footprint is longer or wider than the period of the ground, or
-                narrower than 10 texels.
+                narrower than 10 texels, or an exposure lasts longer than a line.
             ValueError: fewer than one thread.
         """
         if threads < 1:
             raise ValueError(f"rendering takes at least one thread, not {threads}")
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
-        padded = padded_levels(sensors, texture)
+        check_exposure(sensors, configuration)
+        views = {name: seen(sensor, configuration) for name, sensor in sensors.items()}
+        padded = padded_levels(views, texture)
         self.cameras: dict[str, LineCamera] = {
             name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))
             for name, sensor in sensors.items()
         }
         self._next_line = dict.fromkeys(self.cameras, 0)
 
-    def render(self, poses: Mapping[str, FloatArray]) -> dict[str, LineArray]:
+    def render(
+        self,
+        poses: Mapping[str, FloatArray],
+        velocities: Mapping[str, FloatArray] | None = None,
+    ) -> dict[str, LineArray]:
         """Return the next lines of each camera, shape (m, pixels), oldest first.
 
         Args:
-            poses: x, y, yaw of `base_link` in the world [m, m, rad] at the exposure of each
-                line, by camera, shape (m, 3); m may differ between cameras and may be 0.
+            poses: x, y, yaw of `base_link` in the world [m, m, rad] in the middle of each line's
+                exposure, by camera, shape (m, 3); m may differ between cameras and may be 0.
+            velocities: rates of these poses [m/s, m/s, rad/s], for motion blur; without them
+                there is none.
 
         Raises:
             ValueError: a pose is not finite.
@@ -207,12 +226,12 @@ class LineCameraArray:
         lines = {name: self.cameras[name].blank(len(entry)) for name, entry in poses.items()}
         parts = self._parts(poses)
         others = [
-            self._pool.submit(self._render, part, poses, lines)
+            self._pool.submit(self._render, part, poses, velocities, lines)
             for part in parts[1:]
             if self._pool is not None
         ]
         try:
-            self._render(parts[0], poses, lines)
+            self._render(parts[0], poses, velocities, lines)
         finally:
             wait(others)
         for other in others:
@@ -239,9 +258,13 @@ class LineCameraArray:
         self,
         part: list[tuple[str, int, int]],
         poses: Mapping[str, FloatArray],
+        velocities: Mapping[str, FloatArray] | None,
         lines: Mapping[str, LineArray],
     ) -> None:
         for name, start, end in part:
             self.cameras[name].render(
-                poses[name][start:end], self._next_line[name] + start, lines[name][start:end]
+                poses[name][start:end],
+                self._next_line[name] + start,
+                lines[name][start:end],
+                None if velocities is None else velocities[name][start:end],
             )

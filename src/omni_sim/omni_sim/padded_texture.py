@@ -20,6 +20,10 @@ _CACHE_LINE = 64  # bytes
 _MARGIN = 16  # texels that a run may be longer than the footprint's length times sqrt(2)
 _TEXELS_PER_PIXEL = 4  # a coarser level of the texture must still have that many
 _TEXELS_ACROSS = 128  # and that many across the footprint
+# Across a wide footprint so many texels are averaged that one for each pixel is enough.
+_ENOUGH_ACROSS = 400
+_MOST_TEXELS = 12288  # per period of a level, which takes up to 0.5 GB
+_BAND = 512  # rows halved at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,15 +85,19 @@ def halved(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     Halves are rounded up and down in the pattern of a chess-board: always up would brighten the
     texture by an eighth of a grey level.
     """
-    total = texture[0::2, 0::2].astype(np.uint16)
-    total += texture[1::2, 0::2]
-    total += texture[0::2, 1::2]
-    total += texture[1::2, 1::2]
-    total[0::2, 0::2] += 2
-    total[1::2, 1::2] += 2
-    total[0::2, 1::2] += 1
-    total[1::2, 0::2] += 1
-    return (total >> 2).astype(np.uint8)
+    result = np.empty((len(texture) // 2, texture.shape[1] // 2), np.uint8)
+    for first in range(0, len(result), _BAND):
+        rows = texture[2 * first : 2 * (first + _BAND)]
+        total = rows[0::2, 0::2].astype(np.uint16)
+        total += rows[1::2, 0::2]
+        total += rows[0::2, 1::2]
+        total += rows[1::2, 1::2]
+        total[0::2, 0::2] += 2
+        total[1::2, 1::2] += 2
+        total[0::2, 1::2] += 1
+        total[1::2, 0::2] += 1
+        result[first : first + _BAND] = total >> 2
+    return result
 
 
 def padded_levels(
@@ -101,7 +109,8 @@ def padded_levels(
         ConfigurationError: a footprint is longer or wider than the period of the ground, or
             narrower than 10 texels.
     """
-    levels = {name: _level(name, sensor, texture) for name, sensor in sensors.items()}
+    check_footprints(sensors, texture)
+    levels = {name: _level(sensor, texture) for name, sensor in sensors.items()}
     padded: dict[int, PaddedTexture] = {}
     grey = texture.grey
     for level in range(max(levels.values(), default=-1) + 1):
@@ -112,24 +121,40 @@ def padded_levels(
     return {name: padded[level] for name, level in levels.items()}
 
 
-def _level(name: str, sensor: LineSensor, texture: GroundTexture) -> int:
-    """Return how often a texture may be halved for a sensor, and check that the two fit."""
-    for field in ("length", "width"):
-        if getattr(sensor, field) > texture.size:
+def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) -> None:
+    """Refuse footprints that do not fit a ground.
+
+    Raises:
+        ConfigurationError: a footprint is longer or wider than the period of the ground, or
+            narrower than 10 texels.
+    """
+    for name, sensor in sensors.items():
+        for field in ("length", "width"):
+            if getattr(sensor, field) > texture.size:
+                raise ConfigurationError(
+                    f"sensors.{name}.{field}",
+                    f"{getattr(sensor, field):g} m is more than the ground's period of "
+                    f"{texture.size:g} m",
+                )
+        if sensor.width < LEAST_WIDTH * texture.texel:
             raise ConfigurationError(
-                f"sensors.{name}.{field}",
-                f"{getattr(sensor, field):g} m is more than the ground's period of "
-                f"{texture.size:g} m",
+                f"sensors.{name}.width",
+                f"{sensor.width:g} m is less than {LEAST_WIDTH:g} texels of the ground, "
+                f"{texture.texel:g} m each",
             )
-    if sensor.width < LEAST_WIDTH * texture.texel:
-        raise ConfigurationError(
-            f"sensors.{name}.width",
-            f"{sensor.width:g} m is less than {LEAST_WIDTH:g} texels of the ground, "
-            f"{texture.texel:g} m each",
-        )
-    finest = min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS)
-    level = max(0, math.floor(math.log2(finest / texture.texel) + 1e-9))
-    while len(texture.grey) % 2**level:
+
+
+def _level(sensor: LineSensor, texture: GroundTexture) -> int:
+    """Return how often a texture may be halved for a sensor."""
+    texels = len(texture.grey)
+    coarsest = max(
+        min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
+        min(sensor.pixel_pitch, sensor.width / _ENOUGH_ACROSS),
+    )
+    level = max(0, math.floor(math.log2(coarsest / texture.texel) + 1e-9))
+    while texels >> level > _MOST_TEXELS:
+        level += 1
+    while texels % 2**level:
         level -= 1
     return level
 

@@ -50,3 +50,22 @@ def interpolate_poses(
     value: FloatArray = before[:, :3] + rise * (after[:, :3] - before[:, :3])
     value += step * t * (1.0 - t) * ((1.0 - t) * before[:, 3:] - t * after[:, 3:])
     return value
+
+
+def interpolate_velocities(
+    trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray
+) -> FloatArray:
+    """Return rates between physics steps by linear interpolation.
+
+    Args:
+        trajectory: as in `interpolate_poses`.
+        start_ns: time of the first row [ns].
+        step_ns: time between rows [ns].
+        times_ns: wanted times [ns], shape (m,).
+
+    Returns:
+        Rates of x, y, yaw in the world frame, shape (m, 3) [m/s, m/s, rad/s].
+    """
+    place = (np.asarray(times_ns, dtype=np.float64) - start_ns) / step_ns
+    rows = np.arange(len(trajectory))
+    return np.column_stack([np.interp(place, rows, trajectory[:, 3 + i]) for i in range(3)])

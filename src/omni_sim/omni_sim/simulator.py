@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
+from omni_sim.camera_optics import check_exposure
 from omni_sim.friction import FrictionMap, FrictionPatch
 from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.ground_texture import TextureConfiguration
@@ -21,7 +22,7 @@ from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
 from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
 from omni_sim.overload import Overload, OverloadWatch
-from omni_sim.pose_interpolation import interpolate_poses
+from omni_sim.pose_interpolation import interpolate_poses, interpolate_velocities
 from omni_sim.texture_cache import TextureCache
 from omni_sim.vehicle_configuration import VehicleConfiguration
 from omni_sim.vehicle_factory import build_vehicle
@@ -145,6 +146,8 @@ class SimulatorConfiguration(Configuration):
     def check_consistency(self) -> None:
         """Refuse a camera that is too slow to deliver a pair of lines in every control period.
 
+        Nor may a line be exposed for longer than there is time.
+
         Raises:
             ConfigurationError: names the sensor.
         """
@@ -155,6 +158,7 @@ class SimulatorConfiguration(Configuration):
                     f"{sensor.line_rate:g} 1/s gives fewer than two lines in a control period of "
                     f"{self.simulation.control_period:g} s",
                 )
+        check_exposure(self.sensors, self.camera)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -269,6 +273,7 @@ class Simulator:
             }
             start = np.zeros((1, 6))
             start[0, :3] = self._driver.start_pose
+            start[0, 3:] = _in_world(self._driver.start_twist, start[0, 2])
             self._batches = self._expose(start, -1, 0)
 
     def observe(self) -> Observation:
@@ -338,13 +343,18 @@ class Simulator:
         if self._cameras is None:
             return {}
         step_ns = self.control_period_ns / self.configuration.simulation.steps_per_period
-        poses, stamps = {}, {}
+        poses, velocities, stamps = {}, {}, {}
+        blurred = self.configuration.camera.exposure_time > 0.0
         for name, clock in self._clocks.items():
             first, last = clock.lines_in(start_ns, end_ns)
             times = clock.times_ns(first, last)
             poses[name] = interpolate_poses(trajectory, max(start_ns, 0), step_ns, times)
+            if blurred:
+                velocities[name] = interpolate_velocities(
+                    trajectory, max(start_ns, 0), step_ns, times
+                )
             stamps[name] = clock.stamp_ns(last - 1)
-        lines = self._cameras.render(poses)
+        lines = self._cameras.render(poses, velocities if blurred else None)
         return {name: LineBatch(stamps[name], lines[name]) for name in lines}
 
     def _reading_covariance(self, reading: FloatArray) -> FloatArray:
@@ -353,3 +363,11 @@ class Simulator:
         share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
         variance = (share * reading) ** 2 / 3.0
         return np.diag(np.maximum(variance, _SMALLEST_DEVIATION**2))
+
+
+def _in_world(twist: FloatArray, yaw: float) -> FloatArray:
+    """Return a body twist as rates of x, y, yaw in the world, shape (3,)."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.array(
+        [cosine * twist[0] - sine * twist[1], sine * twist[0] + cosine * twist[1], twist[2]]
+    )

@@ -1,4 +1,7 @@
-"""Keeps generated ground textures on disk, so that only the first run waits for them."""
+"""Keeps generated ground textures on disk, so that only the first run waits for them.
+
+A ground of 2400 dpi has a third of a gigabyte, so that nothing here holds it twice.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import to_mapping
+from omni_sim.ground_picture import read_picture
 from omni_sim.ground_texture import (
     GENERATION,
+    PICTURE,
     GroundTexture,
     TextureConfiguration,
     generate_texture,
 )
 
 _CHECKSUM_BYTES = 4
+_FORMAT = (1, 0)  # of numpy's files
 
 
 class TextureCache:
@@ -46,11 +52,18 @@ class TextureCache:
         return cls(Path(base).expanduser() / "omni_sim" / "textures")
 
     def texture(self, configuration: TextureConfiguration) -> GroundTexture:
-        """Return a texture, from the cache if it is there."""
+        """Return a texture, from the cache if it is there; a picture is read from its own file.
+
+        Raises:
+            ConfigurationError: the picture cannot be used.
+        """
+        if configuration.kind == PICTURE:
+            return read_picture(configuration.picture, configuration.dpi)
         path = self.path(configuration)
-        grey = _read(path, configuration.texels)
+        texels, size = configuration.extent
+        grey = _read(path, texels)
         if grey is not None:
-            return GroundTexture(grey, configuration.size)
+            return GroundTexture(grey, size)
         texture = generate_texture(configuration)
         with contextlib.suppress(OSError):
             _write(path, texture.grey)
@@ -60,37 +73,43 @@ class TextureCache:
         """Return where a texture is kept."""
         identity = json.dumps([GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        return self.directory / f"{configuration.kind}-{configuration.texels}-{digest}.texture"
+        return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.texture"
 
 
 def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
     """Return the texture in a file, or None if there is no sound one."""
     try:
-        content = path.read_bytes()
-    except OSError:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            if version != _FORMAT:
+                return None
+            shape, by_columns, kind = np.lib.format.read_array_header_1_0(file)
+            if shape != (texels, texels) or by_columns or kind != np.uint8:
+                return None
+            header = file.tell()
+            grey = np.empty(shape, np.uint8)
+            if file.readinto(grey.data) != grey.nbytes:
+                return None
+            checksum = file.read()
+            file.seek(0)
+            expected = zlib.crc32(grey.data, zlib.crc32(file.read(header)))
+    except (OSError, ValueError, EOFError):
         return None
-    body, checksum = content[:-_CHECKSUM_BYTES], content[-_CHECKSUM_BYTES:]
-    if zlib.crc32(body).to_bytes(_CHECKSUM_BYTES, "little") != checksum:
-        return None
-    try:
-        grey = np.load(io.BytesIO(body), allow_pickle=False)
-    except (ValueError, EOFError, OSError):
-        return None
-    if not isinstance(grey, np.ndarray) or grey.dtype != np.uint8 or grey.shape != (texels, texels):
-        return None
-    return grey
+    return grey if checksum == expected.to_bytes(_CHECKSUM_BYTES, "little") else None
 
 
 def _write(path: Path, grey: NDArray[np.uint8]) -> None:
-    buffer = io.BytesIO()
-    np.save(buffer, grey, allow_pickle=False)
-    body = buffer.getvalue()
+    header = io.BytesIO()
+    description = {"descr": "|u1", "fortran_order": False, "shape": grey.shape}
+    np.lib.format.write_array_header_1_0(header, description)
+    checksum = zlib.crc32(grey.data, zlib.crc32(header.getbuffer()))
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(body)
-            file.write(zlib.crc32(body).to_bytes(_CHECKSUM_BYTES, "little"))
+            file.write(header.getbuffer())
+            file.write(grey.data)
+            file.write(checksum.to_bytes(_CHECKSUM_BYTES, "little"))
         os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):

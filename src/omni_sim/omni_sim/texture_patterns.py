@@ -1,11 +1,15 @@
 """Compiled patterns that ground textures are made of; each is periodic over the picture.
 
-Lengths are in periods or in cells of a pattern's own grid, never in texels.
+Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern draws any
+band of rows of the picture by itself, and the same texels whatever the band: so a picture of any
+resolution takes no more memory than its grey levels, and bands may be drawn side by side.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -14,71 +18,188 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 
 
-def voronoi(
-    texels: int,
-    points: Floats,
-    grey: Floats,
-    border_grey: float,
-    border: float,
-    warp: Floats,
-) -> Floats:
-    """Return cells of constant grey around points, with soft dark borders between them.
+class Pattern(Protocol):
+    """One layer of a picture."""
 
-    Args:
-        texels: edge of the picture.
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Draw over what the layers below have drawn.
+
+        Args:
+            band: rows ``first_row ..`` of the picture, shape (rows, texels per period).
+            first_row: index of the first of them in the picture.
+        """
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plain:
+    """One grey level everywhere.
+
+    Attributes:
+        grey: the level.
+    """
+
+    grey: float
+
+    def draw(self, band: Floats, first_row: int) -> None:  # noqa: ARG002
+        """Fill the band."""
+        band[:] = self.grey
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cells:
+    """Voronoi cells of constant grey around points, with soft dark borders between them.
+
+    Attributes:
         points: one point in every cell of a grid, as place within the cell, shape (c, c, 2).
         grey: grey level of each point's cell, shape (c, c).
         border_grey: grey level half way between two points.
         border: distance from there at which the border has faded [cells].
         warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
+        darken: draw only where this is darker than what is below.
     """
-    picture = np.empty((texels, texels), np.float32)
-    shift = np.zeros((2, texels, texels) if warp.any() else (2, 1, 1), np.float32)
-    if warp.any():
-        add_noise(shift[0], warp[0])
-        add_noise(shift[1], warp[1])
-    _voronoi(picture, points, grey, np.float32(border_grey), np.float32(border), shift)
-    return picture
+
+    points: Floats
+    grey: Floats
+    border_grey: float
+    border: float
+    warp: Floats
+    darken: bool = False
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Draw the cells."""
+        warped = bool(self.warp.any())
+        shift = np.zeros((2, *band.shape) if warped else (2, 1, 1), np.float32)
+        if warped:
+            Noise(self.warp[0]).draw(shift[0], first_row)
+            Noise(self.warp[1]).draw(shift[1], first_row)
+        target = np.empty_like(band) if self.darken else band
+        border_grey, border = np.float32(self.border_grey), np.float32(self.border)
+        _voronoi(target, first_row, self.points, self.grey, border_grey, border, warped, shift)
+        if self.darken:
+            np.minimum(band, target, out=band)
 
 
-def add_noise(picture: Floats, lattice: Floats) -> None:
-    """Add a lattice of values, interpolated by the cubic 3 t^2 - 2 t^3, to a square picture."""
-    place = (np.arange(len(picture)) + 0.5) * (len(lattice) / len(picture))
-    node = place.astype(np.int64)
-    t = place - node
-    _add_noise(picture, lattice, node, (t * t * (3.0 - 2.0 * t)).astype(np.float32))
+@dataclasses.dataclass(frozen=True, eq=False)
+class Noise:
+    """Values of a lattice, interpolated by the cubic 3 t^2 - 2 t^3 and added to what is below.
+
+    Attributes:
+        lattice: values at the nodes, any number of them along y and along x.
+    """
+
+    lattice: Floats
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Add the noise."""
+        texels = band.shape[1]
+        row, row_blend = _places(texels, len(self.lattice))
+        column, column_blend = _places(texels, self.lattice.shape[1])
+        rows = slice(first_row, first_row + len(band))
+        _add_noise(band, self.lattice, row[rows], row_blend[rows], column, column_blend)
 
 
-def dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) -> None:
-    """Paint ellipses one over the other.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Leaves:
+    """Ellipses painted one over the other.
 
-    Args:
-        picture: what they are painted on.
+    Attributes:
         leaves: rows of centre x, y [periods], long half axis [periods], axis ratio, direction of
             the long axis [rad], grey level; the first one lies lowest.
         softness: width of the transition at the edge [periods].
     """
-    _dead_leaves(picture, leaves, softness)
+
+    leaves: NDArray[np.float64]
+    softness: float
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Paint the ellipses."""
+        _dead_leaves(band, first_row, self.leaves, self.softness)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rings:
+    """A profile across y whose lines bend, like the growth rings of a board sawn along them.
+
+    Attributes:
+        profile: grey levels over one period in y, interpolated linearly.
+        bend: displacement in y of the profile, layers of `Noise` [periods].
+    """
+
+    profile: Floats
+    bend: tuple[Noise, ...]
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Draw the profile."""
+        shift = np.zeros(band.shape, np.float32)
+        for noise in self.bend:
+            noise.draw(shift, first_row)
+        _bent(band, first_row, self.profile, shift)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Studs:
+    """Square studs with rounded corners and bevelled edges on a grid, lit from the upper left.
+
+    Attributes:
+        grey: of the top of each stud, shape (c, c).
+        groove_grey: between studs.
+        top: half edge of a stud's flat top [cells].
+        bevel: width of its sloping edge [cells].
+        corner: radius of its corners [cells].
+        glare: how much brighter the lit and darker the averted edges are [grey levels].
+    """
+
+    grey: Floats
+    groove_grey: float
+    top: float
+    bevel: float
+    corner: float
+    glare: float
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Draw the studs."""
+        cells, texels = len(self.grey), band.shape[1]
+        y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) * (cells / texels)
+        x = (np.arange(texels, dtype=np.float32) + 0.5) * (cells / texels)
+        u, v = x[None, :] % 1.0 - 0.5, y[:, None] % 1.0 - 0.5
+        inner = self.top - self.corner
+        out_x, out_y = np.maximum(np.abs(u) - inner, 0.0), np.maximum(np.abs(v) - inner, 0.0)
+        outside = np.hypot(out_x, out_y)
+        t = np.clip((outside - self.corner) / self.bevel, 0.0, 1.0)
+        level = t * t * (3.0 - 2.0 * t)
+        slope = 4.0 * t * (1.0 - t) / np.maximum(outside, 1e-9)
+        lit = -(np.sign(u) * out_x + np.sign(v) * out_y) * slope
+        tops = self.grey[np.ix_(y.astype(np.int64), x.astype(np.int64))]
+        band[:] = tops + (self.groove_grey - tops) * level + self.glare * math.sqrt(0.5) * lit
+
+
+def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Floats]:
+    """Return the lattice node before each texel and its blend with the one behind."""
+    place = (np.arange(texels) + 0.5) * (nodes / texels)
+    node = place.astype(np.int64)
+    t = place - node
+    return node, (t * t * (3.0 - 2.0 * t)).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)
 def _voronoi(
-    picture: Floats,
+    band: Floats,
+    first_row: int,
     points: Floats,
     grey: Floats,
     border_grey: np.float32,
     border: np.float32,
+    warped: bool,
     shift: Floats,
 ) -> None:
-    texels = len(picture)
+    texels = band.shape[1]
     cells = len(points)
-    warped = shift.shape[1] == texels
     scale = np.float32(cells) / np.float32(texels)
     half = np.float32(0.5)
-    for row in range(texels):
+    for row in range(len(band)):
         for column in range(texels):
             x = (np.float32(column) + half) * scale
-            y = (np.float32(row) + half) * scale
+            y = (np.float32(first_row + row) + half) * scale
             if warped:
                 x += shift[0, row, column]
                 y += shift[1, row, column]
@@ -105,27 +226,52 @@ def _voronoi(
             between = math.sqrt((s_x - n_x) ** 2 + (s_y - n_y) ** 2)
             t = min(half * (second - nearest) / (between * border), np.float32(1.0))
             t = t * t * (np.float32(3.0) - np.float32(2.0) * t)
-            picture[row, column] = border_grey + (shade - border_grey) * t
+            band[row, column] = border_grey + (shade - border_grey) * t
 
 
 @njit(cache=True, nogil=True)
-def _add_noise(picture: Floats, lattice: Floats, node: NDArray[np.int64], blend: Floats) -> None:
-    cells = len(lattice)
+def _add_noise(
+    band: Floats,
+    lattice: Floats,
+    row_node: NDArray[np.int64],
+    row_blend: Floats,
+    column_node: NDArray[np.int64],
+    column_blend: Floats,
+) -> None:
+    rows, cells = lattice.shape
     mixed = np.empty(cells + 1, np.float32)
-    for row in range(len(picture)):
-        upper = lattice[node[row]]
-        lower = lattice[(node[row] + 1) % cells]
+    for row in range(len(band)):
+        upper = lattice[row_node[row]]
+        lower = lattice[(row_node[row] + 1) % rows]
         for i in range(cells):
-            mixed[i] = upper[i] + (lower[i] - upper[i]) * blend[row]
+            mixed[i] = upper[i] + (lower[i] - upper[i]) * row_blend[row]
         mixed[cells] = mixed[0]
-        for column in range(len(node)):
-            i = node[column]
-            picture[row, column] += mixed[i] + (mixed[i + 1] - mixed[i]) * blend[column]
+        for column in range(len(column_node)):
+            i = column_node[column]
+            band[row, column] += mixed[i] + (mixed[i + 1] - mixed[i]) * column_blend[column]
 
 
 @njit(cache=True, nogil=True)
-def _dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) -> None:
-    texels = len(picture)
+def _bent(band: Floats, first_row: int, profile: Floats, shift: Floats) -> None:
+    """Set each texel to the profile at its own y plus its shift [periods]."""
+    texels = band.shape[1]
+    count = len(profile)
+    for row in range(len(band)):
+        y = (first_row + row + 0.5) / texels
+        for column in range(texels):
+            place = (y + shift[row, column]) * count
+            node = math.floor(place)
+            i = node % count
+            j = i + 1 if i + 1 < count else 0
+            band[row, column] = profile[i] + (profile[j] - profile[i]) * (place - node)
+
+
+@njit(cache=True, nogil=True)
+def _dead_leaves(
+    band: Floats, first_row: int, leaves: NDArray[np.float64], softness: float
+) -> None:
+    texels = band.shape[1]
+    rows = len(band)
     for leaf in range(len(leaves)):
         centre_x = leaves[leaf, 0] * texels
         centre_y = leaves[leaf, 1] * texels
@@ -137,7 +283,9 @@ def _dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) 
         steepness = radius * ratio / (softness * texels)
         rim = radius + softness * texels
         for j in range(math.floor(centre_y - rim), math.ceil(centre_y + rim) + 1):
-            row = j % texels
+            row = j % texels - first_row
+            if row < 0 or row >= rows:
+                continue
             d_y = j + 0.5 - centre_y
             chord = rim * rim - d_y * d_y
             if chord <= 0.0:
@@ -151,5 +299,5 @@ def _dead_leaves(picture: Floats, leaves: NDArray[np.float64], softness: float) 
                 if cover <= 0.0:
                     continue
                 column = i - texels if i >= texels else (i + texels if i < 0 else i)
-                under = picture[row, column]
-                picture[row, column] = under + (grey - under) * min(cover, 1.0)
+                under = band[row, column]
+                band[row, column] = under + (grey - under) * min(cover, 1.0)

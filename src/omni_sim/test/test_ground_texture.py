@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -47,15 +48,59 @@ def test_texels_are_resolution_only(kind: str) -> None:
 def test_the_seed_decides_everything(kind: str) -> None:
     first, again, other = ground(kind), ground(kind), ground(kind, seed=2)
     np.testing.assert_array_equal(first, again)
-    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.3
+    # Studs are where they are, whatever the seed; of plastic's mottles there are few on 5 cm.
+    limit = {"walking_tile": 0.95, "plastic": 0.6}.get(kind, 0.3)
+    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < limit
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_contrast_uses_the_range_without_clipping(kind: str) -> None:
     grey = ground(kind)
     assert 100.0 < grey.mean() < 155.0
-    assert grey.std() > 20.0
-    assert np.mean((grey == 0.0) | (grey == 255.0)) < 1e-3
+    faint = kind in {"plastic", "metal"}
+    assert 1.0 < grey.std() < 6.0 if faint else grey.std() > 15.0
+    assert np.mean((grey == 0.0) | (grey == 255.0)) < (0.01 if kind == "dry_earth" else 1e-3)
+
+
+@pytest.mark.parametrize("kind", ["cork", "asphalt", "stone"])
+def test_standard_grounds_stay_what_they_were(kind: str) -> None:
+    # Recordings and figures of all versions rest on them.
+    grey = ground(kind).astype(np.uint8)
+    digest = {"cork": 0x965032A8, "asphalt": 0xC6AFA54F, "stone": 0x3CDC908C}
+    assert zlib.crc32(grey.data) == digest[kind]
+
+
+def test_wood_is_a_bar_code() -> None:
+    # Looked at by a camera 20 mm wide, the grain along x leaves nothing to see along x.
+    grey = ground("wood")
+    wide = 1024 * 20 // 50
+    across_grain, along_grain = grey[:, :wide].mean(axis=1), grey[:wide].mean(axis=0)
+    assert across_grain.std() > 8.0
+    assert np.diff(along_grain).std() < 0.03 * np.diff(across_grain).std()
+
+
+def test_a_walking_tile_repeats_every_20_mm() -> None:
+    grey = generate_texture(TextureConfiguration(kind="walking_tile", size=0.1, texels=1000)).grey
+    row = grey - grey.mean(axis=1, keepdims=True)
+    shifted = [float(np.mean(row * np.roll(row, shift, axis=1))) for shift in (0, 100, 200)]
+    assert shifted[2] > 0.5 * shifted[0]
+    assert shifted[1] < 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_dots_per_inch_take_the_place_of_texels(kind: str) -> None:
+    configuration = TextureConfiguration(kind=kind, size=SIZE, dpi=300.0)
+    texture = generate_texture(configuration)
+    assert texture.texel == pytest.approx(0.0254 / 300.0, rel=1e-12)
+    assert SIZE <= texture.size < SIZE + 32 * texture.texel
+
+
+def test_the_resolution_of_the_dissertation_fits() -> None:
+    texels, size = TextureConfiguration(dpi=2400.0).extent
+    assert texels >= 18896
+    assert size == pytest.approx(texels * 0.0254 / 2400.0)
+    with pytest.raises(ConfigurationError, match="dpi"):
+        TextureConfiguration(dpi=4800.0)
 
 
 def test_structure_grows_from_cork_to_stone() -> None:

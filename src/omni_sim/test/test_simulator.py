@@ -14,8 +14,10 @@ import yaml
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import TextureConfiguration
+from omni_sim.line_camera import LineCameraArray
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import (
+    CameraConfiguration,
     GroundConfiguration,
     ManeuverConfiguration,
     SimulationConfiguration,
@@ -102,6 +104,29 @@ def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCa
     # Moving forward along the axis: what was ahead comes one pixel nearer to the start.
     assert np.abs(lines[1:, :-1] - lines[:-1, 1:]).max() <= 2
     assert np.abs(np.diff(lines, axis=0)).max() > 10  # against itself unshifted
+
+
+def test_lines_are_blurred_by_the_way_during_their_exposure(textures: TextureCache) -> None:
+    sensor = dataclasses.replace(SENSORS["front"], line_rate=2500.0)
+    camera = CameraConfiguration(noise=0.0, exposure_time=3e-4)
+    maneuver = ManeuverConfiguration(speed=5.0, direction_deg=60.0, brake_time=10.0)
+    settings = configuration(sensors={"front": sensor}, maneuver=maneuver, camera=camera)
+    simulator = Simulator(settings, textures)
+    lines = [simulator.observe().line_batches["front"].lines]
+    simulator.advance(ON)
+    lines.append(simulator.observe().line_batches["front"].lines)
+
+    # Rolling freely, the vehicle keeps its velocity.
+    velocity = 5.0 * np.array([np.cos(np.pi / 3.0), np.sin(np.pi / 3.0), 0.0])
+    poses = np.arange(26)[:, np.newaxis] / 2500.0 * velocity
+    alone = LineCameraArray(
+        {"front": sensor}, textures.texture(SMALL_GROUND.texture), camera, np.random.SeedSequence(1)
+    ).cameras["front"]
+    blurred = alone.lines(poses, 0, np.repeat(velocity[np.newaxis], 26, axis=0)).astype(float)
+    sharp = alone.lines(poses, 0).astype(float)
+    error = np.concatenate(lines) - blurred
+    assert np.sqrt(np.mean(error**2)) < 0.5
+    assert np.sqrt(np.mean((sharp - blurred) ** 2, axis=1)).min() > 1.0
 
 
 def test_the_noise_of_the_velocity_sensor_has_the_covariance_it_claims() -> None:

@@ -1,0 +1,212 @@
+"""Trials of one line camera that moves sideways over a ground (sections 4.4 and 4.5).
+
+The camera keeps a constant velocity at an angle to its axis; consecutive lines are compared at
+every shift up to half a line by Pearson's correlation, as the odometry does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.measurements import LineBatch, SensorReading
+from linescan_odometry.search import METRICS
+from linescan_odometry.sensor import SensorOdometry
+from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import GroundTexture
+from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
+
+FloatArray = NDArray[np.float64]
+
+LENGTHS = tuple(0.01 * i for i in range(1, 8))
+"""Lengths of the field of view in Figures 63, 65 and 66 [m]."""
+
+SHAPES = tuple(0.1 * i for i in range(1, 11))
+"""Widths over lengths there [1]."""
+
+_LIMIT_DIVISOR = 2  # k of section 4.4
+_BATCH = 0.01  # [s]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sideways:
+    """A motion and how it is looked at.
+
+    Attributes:
+        speed: of the camera [m/s].
+        angle: of its motion from its axis [rad].
+        axis: heading of the axis on the ground [rad].
+        noise: standard deviation [grey levels].
+        runs: random places on the ground.
+        pairs: consecutive pairs of lines from each.
+        seed: of places and noise.
+    """
+
+    speed: float
+    angle: float = math.radians(89.0)
+    axis: float = 0.0
+    noise: float = 1.0
+    runs: int = 2
+    pairs: int = 10
+    seed: int = 1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shifts:
+    """What a trial found.
+
+    Attributes:
+        truth: displacement along the axis between two lines [px].
+        shift: of the best match of each pair, shape (runs, pairs) [px].
+        similarity: Pearson's correlation there, shape (runs, pairs).
+    """
+
+    truth: float
+    shift: NDArray[np.int64]
+    similarity: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Error of each pair in whole pixels, Eq. (84), shape (runs, pairs)."""
+        return (self.shift - round(self.truth)).astype(np.float64)
+
+    @property
+    def mean_error(self) -> float:
+        """Mean magnitude of the error over all pairs [px]."""
+        return float(np.mean(np.abs(self.error)))
+
+    @property
+    def wrong_share(self) -> float:
+        """Share of pairs more than a pixel off that the odometry would take for measured."""
+        taken = self.similarity >= OdometryConfiguration.minimum_correlation
+        return float(np.mean(taken & (np.abs(self.shift - self.truth) > 1.5)))
+
+    @property
+    def flagged_share(self) -> float:
+        """Share of pairs that are too unlike for the odometry to use them."""
+        return float(np.mean(self.similarity < OdometryConfiguration.minimum_correlation))
+
+    @property
+    def median_right(self) -> float:
+        """Share of runs whose median shift is within 1.5 px of the truth (section 4.6)."""
+        medians = np.median(self.shift, axis=1)
+        return float(np.mean(np.abs(medians - self.truth) <= 1.5))
+
+
+def overlap(sensor: LineSensor, trial: Sideways) -> float:
+    """Return the share of its field of view that two consecutive lines have in common, 0..1."""
+    step = trial.speed / sensor.line_rate
+    along = max(0.0, 1.0 - abs(step * math.cos(trial.angle)) / sensor.length)
+    across = max(0.0, 1.0 - abs(step * math.sin(trial.angle)) / sensor.width)
+    return along * across
+
+
+def shape_grid(pixels: int = 1024, line_rate: float = 2500.0) -> dict[str, LineSensor]:
+    """Return cameras of every shape, then every length, named by both."""
+    return {
+        f"shape_{i}_length_{j}": LineSensor(
+            x=0.0,
+            y=0.0,
+            heading_deg=0.0,
+            pixels=pixels,
+            length=length,
+            width=shape * length,
+            line_rate=line_rate,
+        )
+        for i, shape in enumerate(SHAPES)
+        for j, length in enumerate(LENGTHS)
+    }
+
+
+def as_map(values: list[float]) -> FloatArray:
+    """Arrange values of `shape_grid` as a map, shape (shapes, lengths)."""
+    return np.array(values).reshape(len(SHAPES), len(LENGTHS))
+
+
+class Eyes:
+    """Cameras over one ground, for many trials."""
+
+    def __init__(
+        self, sensors: Mapping[str, LineSensor], texture: GroundTexture, noise: float, seed: int
+    ) -> None:
+        """Place the cameras.
+
+        Args:
+            sensors: what they see, by name; each one's place is the trial's.
+            texture: the ground.
+            noise: standard deviation [grey levels].
+            seed: of the noise.
+
+        Raises:
+            ConfigurationError: a field of view does not fit the ground.
+        """
+        self._size = texture.size
+        exposure = CameraConfiguration(noise=noise)
+        array = LineCameraArray(sensors, texture, exposure, np.random.SeedSequence(seed), threads=1)
+        self._cameras = array.cameras
+
+    def read(
+        self, name: str, trial: Sideways, configuration: OdometryConfiguration, batches: int
+    ) -> list[SensorReading]:
+        """Move one of the cameras in batches of 10 ms, as the odometry gets them.
+
+        Args:
+            name: of the camera.
+            trial: the motion; runs and pairs are not used.
+            configuration: of the odometry.
+            batches: how many.
+        """
+        camera = self._cameras[name]
+        odometry = SensorOdometry(camera.sensor, configuration)
+        start = np.random.default_rng((trial.seed, 2)).uniform(0.0, self._size, 2)
+        count = round(_BATCH * camera.sensor.line_rate)
+        whole = dataclasses.replace(trial, pairs=count * batches - 1)
+        lines = _lines(camera, whole, start, 0)
+        period_ns = 1e9 / camera.sensor.line_rate
+        return [
+            odometry.update(LineBatch(round((end - 1) * period_ns), lines[end - count : end]))
+            for end in range(count, count * batches + 1, count)
+        ]
+
+    def look(self, name: str, trial: Sideways) -> Shifts:
+        """Move one of the cameras and match what it sees."""
+        camera = self._cameras[name]
+        sensor = camera.sensor
+        generator = np.random.default_rng((trial.seed, 1))
+        starts = generator.uniform(0.0, self._size, (trial.runs, 2))
+        shift = np.empty((trial.runs, trial.pairs), np.int64)
+        similarity = np.empty((trial.runs, trial.pairs))
+        search = METRICS["pearson"](sensor.pixels, sensor.pixels // _LIMIT_DIVISOR)
+        for run, start in enumerate(starts):
+            lines = _lines(camera, trial, start, run * (trial.pairs + 1))
+            search.match(lines, shift[run], similarity[run])
+        truth = trial.speed / sensor.line_rate * math.cos(trial.angle) / sensor.pixel_pitch
+        return Shifts(truth, shift, similarity)
+
+
+def _lines(
+    camera: LineCamera, trial: Sideways, start: FloatArray, first: int
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    travelled = trial.speed / camera.sensor.line_rate * np.arange(trial.pairs + 1)
+    direction = trial.axis + trial.angle
+    poses = np.column_stack(
+        (
+            start[0] + travelled * math.cos(direction),
+            start[1] + travelled * math.sin(direction),
+            np.full(trial.pairs + 1, trial.axis),
+        )
+    )
+    return camera.lines(poses, first)
+
+
+def look_at_shapes(texture: GroundTexture, trial: Sideways) -> tuple[list[Shifts], FloatArray]:
+    """Try every shape of the field of view; return what each found, and the map of overlaps."""
+    sensors = shape_grid()
+    eyes = Eyes(sensors, texture, trial.noise, trial.seed)
+    found = [eyes.look(name, trial) for name in sensors]
+    return found, as_map([overlap(sensor, trial) for sensor in sensors.values()])

@@ -1,0 +1,105 @@
+"""Sideways trials find what is there, and say when there is nothing."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.studies import load_study
+from omni_analysis.texture_trials import Eyes, Shifts, Sideways, overlap
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+SENSOR = LineSensor(
+    x=0.0, y=0.0, heading_deg=0.0, pixels=256, length=0.05, width=0.02, line_rate=2500.0
+)
+
+
+def ground(kind: str) -> GroundTexture:
+    return generate_texture(TextureConfiguration(kind=kind, size=0.1, texels=1024))
+
+
+def look(kind: str, trial: Sideways) -> Shifts:
+    return Eyes({"one": SENSOR}, ground(kind), trial.noise, trial.seed).look("one", trial)
+
+
+@pytest.mark.parametrize("axis", [0.0, 0.7, math.pi / 2])
+def test_motion_is_found_whatever_the_heading(axis: float) -> None:
+    trial = Sideways(6.0, angle=math.radians(40.0), axis=axis)
+    shifts = look("cork", trial)
+    assert shifts.truth == pytest.approx(6.0 / 2500.0 * math.cos(math.radians(40.0)) / (0.05 / 256))
+    assert shifts.mean_error <= 0.5
+    assert (shifts.wrong_share, shifts.flagged_share, shifts.median_right) == (0.0, 0.0, 1.0)
+
+
+def test_overlap_is_the_common_area() -> None:
+    assert overlap(SENSOR, Sideways(20.0, angle=math.pi / 2)) == pytest.approx(0.6)
+    assert overlap(SENSOR, Sideways(25.0, angle=0.0)) == pytest.approx(0.8)
+    assert overlap(SENSOR, Sideways(60.0, angle=math.pi / 2)) == 0.0
+
+
+def test_wood_is_measured_parallel_to_its_grain_only() -> None:
+    parallel = look("wood", Sideways(12.0, axis=math.pi / 2))
+    across = look("wood", Sideways(12.0, axis=0.0))
+    assert parallel.mean_error <= 1.0
+    assert across.mean_error > 5.0
+
+
+def test_noise_drowns_plastic() -> None:
+    assert look("plastic", Sideways(6.0, noise=0.0)).median_right == 1.0
+    assert look("plastic", Sideways(6.0, noise=5.0)).flagged_share == 1.0
+
+
+def run(name: str, folder: Path, *arguments: str) -> dict[str, float]:
+    study = load_study(name)
+    parser = argparse.ArgumentParser()
+    study.add_arguments(parser)
+    options = parser.parse_args([*arguments, "--runs", "1", "--dpi", "400"])
+    result = study.run(options, ExperimentLibrary(CONFIG), folder)
+    assert all(path.stat().st_size > 0 for path in result.files)
+    assert result.findings
+    return {key: metric.value for key, metric in result.metrics.items()}
+
+
+def test_presets_reach_the_speeds_of_table_4(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    metrics = run("sensor_presets", tmp_path, "--ground", "cork")
+    assert metrics["computed_speed.lis770i"] == pytest.approx(3.0, rel=0.02)
+    assert metrics["computed_speed.s3901"] == pytest.approx(120.0, rel=0.02)
+    for name in ("lis770i", "s3901"):
+        assert metrics[f"max_speed.{name}"] == pytest.approx(metrics[f"computed_speed.{name}"])
+        assert metrics[f"measurable_speed.{name}_cork"] > metrics[f"computed_speed.{name}"]
+
+
+def test_surfaces_are_written_with_every_shape(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    metrics = run("texture_direction", tmp_path)
+    assert metrics["mean_error.wood_parallel"] < 1.0 < metrics["mean_error.wood_across"]
+    assert metrics["odometry_measured_share.wood_parallel"] == 1.0
+    for direction in ("parallel", "across"):
+        assert metrics[f"odometry_wrong_share.wood_{direction}"] == 0.0
+    with (tmp_path / "directions.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 70
+    assert np.isfinite([float(row["mean_error_px"]) for row in rows]).all()
+
+
+def test_options_out_of_range_are_refused(tmp_path: Path) -> None:
+    for wrong in (["--runs", "0"], ["--seed", "-1"], ["--ground", "lawn"]):
+        study = load_study("difficult_textures")
+        parser = argparse.ArgumentParser()
+        study.add_arguments(parser)
+        with pytest.raises(ConfigurationError):
+            study.run(parser.parse_args(wrong), ExperimentLibrary(CONFIG), tmp_path)

@@ -1,0 +1,120 @@
+"""Parameters of the line cameras besides their place: exposure, optics and noise (section 4.4)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+TELECENTRIC, ORDINARY = "telecentric", "ordinary"
+
+_FULL_SCALE = 255.0  # grey levels
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraConfiguration(Configuration):
+    """Exposure and optics of the line cameras."""
+
+    noise: float = parameter(
+        1.0,
+        description="Standard deviation of white noise, in grey levels of an 8-bit scale",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    signal_to_noise_db: float = parameter(
+        0.0,
+        description="Full scale over the standard deviation of white noise, in place of noise; 0 "
+        "for noise",
+        unit="dB",
+        minimum=0.0,
+        maximum=200.0,
+    )
+    bit_depth: int = parameter(
+        8, description="Bits of a pixel, 8 or 16", unit="bit", minimum=8, maximum=16
+    )
+    gain: float = parameter(
+        1.0, description="Factor from the ground's grey level to the camera's", above=0.0
+    )
+    offset: float = parameter(
+        0.0, description="Brightness added to every pixel, in grey levels of an 8-bit scale"
+    )
+    exposure_time: float = parameter(
+        0.0,
+        description="Time over which a line is exposed, half before and half after its stamp; "
+        "motion blurs the line meanwhile",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    lens: str = parameter(
+        TELECENTRIC,
+        description="Whether the magnification is the same at every height or goes with it",
+        choices=(TELECENTRIC, ORDINARY),
+    )
+    working_distance: float = parameter(
+        0.1,
+        description="Distance of an ordinary lens from the ground at which the field of view is "
+        "as configured",
+        unit="m",
+        above=0.0,
+        maximum=10.0,
+    )
+    height_error: float = parameter(
+        0.0,
+        description="How much higher than that the cameras are mounted",
+        unit="m",
+        minimum=-10.0,
+        maximum=10.0,
+    )
+    shading: float = parameter(
+        0.0,
+        description="Share of the brightness lost at both ends of a line, by the square of the "
+        "distance from its middle",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    dirt_spots: int = parameter(
+        0, description="Specks of dirt on the optics, at random places", minimum=0, maximum=1000
+    )
+    dirt_size: float = parameter(
+        0.002,
+        description="Mean diameter of their blurred shadows, measured on the ground",
+        unit="m",
+        above=0.0,
+        maximum=1.0,
+    )
+    dirt_opacity: float = parameter(
+        0.5,
+        description="Share of the light lost in the middle of a shadow",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+    @property
+    def noise_deviation(self) -> float:
+        """Standard deviation of the noise [grey levels of an 8-bit scale]."""
+        if self.signal_to_noise_db > 0.0:
+            return float(_FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
+        return self.noise
+
+    @property
+    def magnification(self) -> float:
+        """Seen length of ground over the configured one [1]: 1 + h / d of an ordinary lens."""
+        if self.lens == TELECENTRIC:
+            return 1.0
+        return 1.0 + self.height_error / self.working_distance
+
+    def check_consistency(self) -> None:
+        """Refuse a bit depth that has no image encoding, and a camera under the ground.
+
+        Raises:
+            ConfigurationError: names the bit depth or the height error.
+        """
+        if self.bit_depth not in {8, 16}:
+            raise ConfigurationError("bit_depth", f"{self.bit_depth} bit is neither 8 nor 16 bit")
+        if self.height_error <= -self.working_distance:
+            raise ConfigurationError(
+                "height_error",
+                f"{self.height_error:g} m is below the ground, must be above "
+                f"{-self.working_distance:g} m",
+            )
