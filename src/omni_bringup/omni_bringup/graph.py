@@ -14,6 +14,8 @@ from omni_bringup.process_group import NodeProcess
 from omni_platform.configuration import Configuration
 from omni_platform.flat_parameters import flatten
 
+GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
+
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
@@ -29,7 +31,7 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         "/cmd_vel": "geometry_msgs/msg/TwistStamped",
         "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
         "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
-        "/ground_truth/odom": "nav_msgs/msg/Odometry",
+        GROUND_TRUTH: "nav_msgs/msg/Odometry",
         "/markers": "visualization_msgs/msg/MarkerArray",
     }
     for sensor in configuration.sensors:
@@ -72,6 +74,11 @@ def recorder(
         "compression": options.compression,
         "synchronize": options.synchronize,
     }
+    if GROUND_TRUTH in topics:
+        poses = [(sensor.x, sensor.y, sensor.heading) for sensor in configuration.sensors.values()]
+        parameters["transforms_from"] = GROUND_TRUTH
+        parameters["fixed_frames"] = list(configuration.sensors)
+        parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
     latched = [name for name in latched_topics(configuration) if name in topics]
     if latched:  # an empty list has no type in a parameter file
         parameters["latched_topics"] = latched
