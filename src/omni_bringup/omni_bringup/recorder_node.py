@@ -1,7 +1,8 @@
 """Records topics into a rosbag2 folder, byte for byte as they come off the wire.
 
 The messages are never decoded, save an odometry that is to be recorded as `/tf` too. On SIGINT or
-SIGTERM the node takes in what has already arrived, closes the recording, and reports ``{"recorded": {topic: count}}``, see `omni_ros.report`.
+SIGTERM the node takes in what has already arrived, closes the recording, and reports
+``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
 from __future__ import annotations

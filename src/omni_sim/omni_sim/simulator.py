@@ -19,7 +19,7 @@ from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
-from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
+from omni_sim.maneuver import Driver, ManeuverConfiguration, ScriptedDriver
 from omni_sim.overload import Overload, OverloadWatch
 from omni_sim.pose_interpolation import interpolate_poses
 from omni_sim.texture_cache import TextureCache
@@ -223,18 +223,22 @@ class Simulator:
     """
 
     def __init__(
-        self, configuration: SimulatorConfiguration, textures: TextureCache | None = None
+        self,
+        configuration: SimulatorConfiguration,
+        textures: TextureCache | None = None,
+        driver: Driver | None = None,
     ) -> None:
         """Place the vehicle at the start of its maneuver.
 
         Args:
             configuration: everything that the machine depends on.
             textures: where the ground comes from; the user's cache by default.
+            driver: who drives; the one that follows the script of the maneuver by default.
         """
         self.configuration = configuration
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
-        self._driver = ScriptedDriver(configuration.maneuver)
+        self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
         ground = configuration.ground
         self.vehicle = build_vehicle(
             configuration.vehicle,
