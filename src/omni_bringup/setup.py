@@ -13,7 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
-    package_data={name: ["py.typed"]},
+    package_data={name: ["py.typed", "drive_page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
@@ -21,6 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "driver = omni_bringup.driver_node:main",
             "omni = omni_bringup.cli:main",
             "player = omni_bringup.player_node:main",
             "recorder = omni_bringup.recorder_node:main",

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
+from omni_bringup.drive_command import add_arguments as add_drive_arguments
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
 
 EXIT_FAILED = 1
@@ -64,6 +65,11 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.replay_command import replay
 
         return replay(options, workspace())
+    if options.command == "drive":
+        from omni_bringup.drive_command import drive
+
+        _clean_up_on_signals()
+        return drive(options, workspace())
     from omni_bringup.run_command import run
 
     _clean_up_on_signals()
@@ -167,6 +173,14 @@ def _parser() -> argparse.ArgumentParser:
             help="run nodes on the recorded inputs once more",
             description="Publish the recorded inputs with /clock to the real nodes, record what "
             "they answer beside the recording, and compare it with what was recorded.",
+        )
+    )
+    add_drive_arguments(
+        commands.add_parser(
+            "drive",
+            help="drive a vehicle in real time from a page in the browser",
+            description="Run the nodes in real time for a person, who drives from a page in the "
+            "browser or by cmd_vel. Ctrl-C ends it.",
         )
     )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)
