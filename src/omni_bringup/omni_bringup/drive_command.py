@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--experiment",
-        default="straight_line",
+        default="small_stop",
         metavar="NAME",
         help="where ground, sensors and nodes come from, as its last variant has them "
         "(default: %(default)s)",

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -98,16 +98,22 @@ class DriverNode(Node):
         self._pedal = self.create_publisher(JointState, "driver/pedal", RELIABLE)
         self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", RELIABLE)
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
-        listen = self.create_subscription
-        listen(Twist, "cmd_vel", self._on_command, RELIABLE)
-        listen(Odometry, "ground_truth/odom", self._on_truth, RELIABLE)
-        listen(JointState, "wheel_states", self._on_wheel_states, RELIABLE)
-        listen(JointState, "brake/pedal", self._on_pedal, RELIABLE)
-        listen(JointState, "brake/enable", self._on_enable, RELIABLE)
-        listen(JointState, "brake_assist/error", self._on_error, RELIABLE)
-        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
-        listen(ParameterEvent, "/parameter_events", self._on_parameters, RELIABLE)
+        self.heard = 0
+        self._listen(Twist, "cmd_vel", self._on_command)
+        self._listen(Odometry, "ground_truth/odom", self._on_truth)
+        self._listen(JointState, "brake/pedal", self._on_pedal)
+        self._listen(JointState, "brake/enable", self._on_enable)
+        self._listen(JointState, "brake_assist/error", self._on_error)
+        self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
+        self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
+
+    def _listen(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
+        def on_message(message: Any) -> None:
+            self.heard += 1
+            take(message)
+
+        self.create_subscription(kind, topic, on_message, RELIABLE)
 
     def say_demand(self) -> None:
         """Publish what holds now."""
@@ -138,10 +144,6 @@ class DriverNode(Node):
         self.state["time"] = self._stamp_ns / 1e9
         self.state["pose"] = [place.x, place.y, yaw]
         self.state["twist"] = [twist.linear.x, twist.linear.y, twist.angular.z]
-
-    def _on_wheel_states(self, message: JointState) -> None:
-        self.state["speed"] = self._by_wheel(message.name, message.velocity)
-        self.state["torque"] = self._by_wheel(message.name, message.effort)
 
     def _on_pedal(self, message: JointState) -> None:
         self.state["pedal"] = float(message.position[0])
@@ -190,12 +192,20 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
     }
 
 
+def _take_in(node: DriverNode, spinner: Spinner) -> None:
+    """Run the callbacks of all that has arrived; one call serves one topic."""
+    before = -1
+    while node.heard != before:
+        before = node.heard
+        spinner.spin_once(0.0)
+
+
 async def _drive(node: DriverNode, spinner: Spinner) -> None:
     async with node.server.running():
         report({"url": node.server.url})
         demand_due = state_due = 0.0
         while not spinner.stop:
-            spinner.spin_once(0.0)
+            _take_in(node, spinner)
             now = time.monotonic()
             if now >= demand_due:
                 node.say_demand()
