@@ -22,6 +22,7 @@ from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Origin
 
 from omni_bringup.driver_seat import DriverSeat, Twist
 
@@ -118,7 +119,7 @@ class DriveServer:
         async with serve(
             self._drive,
             sock=self._listener,
-            origins=[f"http://{self._address}"],  # type: ignore[list-item]
+            origins=[Origin(f"http://{self._address}")],
             process_request=self._answer,
             max_size=_LARGEST_MESSAGE,
             compression=None,
