@@ -60,7 +60,7 @@ def test_the_foxglove_layout_reads_fields_that_are_recorded(library: ExperimentL
             assert name in entries, path
             shape, inner = entries[name]
             assert (shape.name in ("ARRAY", "SEQUENCE")) == (index is not None), path
-            kind = inner if shape.name == "NAME" else ""  # nothing below a number
+            kind = str(inner) if shape.name == "NAME" else ""  # nothing below a number
 
 
 def test_the_foxglove_layout_places_the_panels_that_it_sets_up() -> None:

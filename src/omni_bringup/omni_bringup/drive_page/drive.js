@@ -125,7 +125,7 @@ function write() {
   if (!state?.pose || !vehicle) return;
   const [vx, vy, yawRate] = state.twist;
   $("speed").textContent = Math.hypot(vx, vy).toFixed(2);
-  $("yaw").textContent = (yawRate * 180 / Math.PI).toFixed(0);
+  $("yaw").textContent = String(Math.round(yawRate * 180 / Math.PI) || 0);
   $("time").textContent = state.time.toFixed(1);
   $("source").textContent = { page: "this page", cmd_vel: "cmd_vel", nobody: "nobody: full braking" }[state.source] ?? "–";
   $("pedal").style.width = `${100 * (state.pedal ?? 0)}%`;
