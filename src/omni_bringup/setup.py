@@ -1,5 +1,6 @@
 """Installs omni_bringup as an ament_python package."""
 
+from glob import glob
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -17,6 +18,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
+        (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     zip_safe=False,
     entry_points={

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
-    from omni_bringup.process_group import ProcessGroup
+    from omni_bringup.process_group import NodeProcess, ProcessGroup
 
 EXIT_FAILED = 1
 EXIT_REFUSED = 2
@@ -68,7 +69,10 @@ def drive(options: argparse.Namespace, workspace: Path) -> int:
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
             process_group(node_environment(domain)) as group,
         ):
-            _start(group, configuration, options, Path(scratch))
+            seat = {"max_speed": options.max_speed, "port": options.port}
+            folder = options.out and options.out.resolve()
+            for node in drive_nodes(configuration, Path(scratch), seat, folder):
+                group.start(node)
             _follow(group, domain)
     except (ConfigurationError, NoFreeDomainError) as error:
         print(f"omni drive: {error}", file=sys.stderr)
@@ -88,27 +92,36 @@ def _compose(library: ExperimentLibrary, options: argparse.Namespace) -> Experim
     return library.load(options.experiment, variant, [*vehicle, *options.overrides])
 
 
-def _start(
-    group: ProcessGroup,
+def drive_nodes(
     configuration: ExperimentConfiguration,
-    options: argparse.Namespace,
     scratch: Path,
-) -> None:
+    seat: Mapping[str, Any],
+    folder: Path | None,
+) -> list[NodeProcess]:
+    """Return the nodes of a drive, in the order of their start.
+
+    Args:
+        configuration: the whole loop.
+        scratch: folder for the files of their parameters.
+        seat: parameters of the driver's node.
+        folder: rosbag2 folder to record to, if any.
+    """
     from omni_bringup import graph
 
-    recorded = options.out is not None
-    if recorded:
+    nodes = []
+    if folder is not None:
         topics = graph.recorded_topics(configuration)
         topics[graph.APPLIED_COMMAND] = topics.pop(graph.COMMAND)
-        group.start(graph.recorder(configuration, options.out.resolve(), scratch, topics=topics))
-    seat: dict[str, Any] = {"max_speed": options.max_speed, "port": options.port}
-    listeners = recorded + 1 + (configuration.feedback == "optical")
-    group.start(graph.driver(configuration, scratch, seat))
-    group.start(graph.odometry(configuration, scratch, listeners=listeners))
-    group.start(graph.brake_assist(configuration, scratch, lockstep=False, listeners=1 + recorded))
-    group.start(
-        graph.simulator(configuration, scratch, lockstep=False, driven=True, listeners=1 + recorded)
-    )
+        nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
+    listeners = 1 + len(nodes)  # besides the driver, who may come later
+    optical = configuration.feedback == "optical"
+    return [
+        *nodes,
+        graph.driver(configuration, scratch, seat),
+        graph.odometry(configuration, scratch, listeners=listeners + optical),
+        graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
+        graph.simulator(configuration, scratch, lockstep=False, driven=True, listeners=listeners),
+    ]
 
 
 def _follow(group: ProcessGroup, domain: int) -> None:

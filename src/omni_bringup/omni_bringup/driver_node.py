@@ -203,6 +203,7 @@ def _take_in(node: DriverNode, spinner: Spinner) -> None:
 async def _drive(node: DriverNode, spinner: Spinner) -> None:
     async with node.server.running():
         report({"url": node.server.url})
+        node.get_logger().info(f"the page is at {node.server.url}")
         demand_due = state_due = 0.0
         while not spinner.stop:
             _take_in(node, spinner)
