@@ -11,6 +11,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
@@ -97,9 +99,14 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def drive() -> Iterator[Drive]:
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("drive") / "bag"
+
+
+@pytest.fixture(scope="module")
+def drive(recording: Path) -> Iterator[Drive]:
     process = subprocess.Popen(
-        omni_command(["drive", *PLAIN]),
+        omni_command(["drive", *PLAIN, "--out", str(recording)]),
         env=omni_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -276,15 +283,22 @@ def test_every_parameter_is_described(onlooker: Onlooker, name: str) -> None:
 
 
 def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
-    drive: Drive, page: Page, onlooker: Onlooker
+    drive: Drive, page: Page, onlooker: Onlooker, recording: Path
 ) -> None:
-    """The last of this file: the drive is over then."""
+    """After all others, for the drive is over then; what was recorded is whole."""
     page.drive_to(2.0)
-    (seat,) = processes_of("omni_bringup", drive.process.pid)
+    (seat,) = processes_of("omni_bringup", drive.process.pid, "driver")
     os.kill(seat, signal.SIGSTOP)
     onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
     os.kill(seat, signal.SIGKILL)
     assert drive.process.wait(PATIENCE) == 1
+    with AnyReader([recording]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    steps = counts["/clock"]
+    assert steps > 100
+    for topic in ("/tf", "/brake/pedal", "/driver/applied_cmd_vel"):
+        assert counts[topic] == steps
+    assert (recording / "configuration.yaml").exists()
 
 
 def test_what_cannot_be_driven_is_refused() -> None:

@@ -59,6 +59,7 @@ def drive(options: argparse.Namespace, workspace: Path) -> int:
     from omni_analysis.experiment import ExperimentLibrary
     from omni_bringup.process_group import ProcessError, process_group
     from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
+    from omni_bringup.run_variant import write_beside_bag
     from omni_platform.configuration import ConfigurationError
     from omni_ros.environment import node_environment
 
@@ -73,6 +74,8 @@ def drive(options: argparse.Namespace, workspace: Path) -> int:
             folder = options.out and options.out.resolve()
             for node in drive_nodes(configuration, Path(scratch), seat, folder):
                 group.start(node)
+            if folder is not None:
+                write_beside_bag(configuration, folder, group.running[0])
             _follow(group, domain)
     except (ConfigurationError, NoFreeDomainError) as error:
         print(f"omni drive: {error}", file=sys.stderr)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -27,6 +28,7 @@ from omni_bringup.drive_server import DriveServer
 from omni_bringup.driver_seat import DriverSeat
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.geometry import WheelMount
+from omni_ros.environment import REPORT_VARIABLE
 from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process
@@ -203,7 +205,8 @@ def _take_in(node: DriverNode, spinner: Spinner) -> None:
 async def _drive(node: DriverNode, spinner: Spinner) -> None:
     async with node.server.running():
         report({"url": node.server.url})
-        node.get_logger().info(f"the page is at {node.server.url}")
+        if REPORT_VARIABLE not in os.environ:  # nobody reads reports, as under ros2 launch
+            node.get_logger().info(f"the page is at {node.server.url}")
         demand_due = state_due = 0.0
         while not spinner.stop:
             _take_in(node, spinner)

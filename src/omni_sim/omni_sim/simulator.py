@@ -239,6 +239,8 @@ class Simulator:
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
         self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
+        # What the maneuver says of the world is not meant by who drives in its place.
+        self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         ground = configuration.ground
         self.vehicle = build_vehicle(
             configuration.vehicle,
@@ -312,7 +314,7 @@ class Simulator:
             self._driver.pedal(start_ns),
             brake_enable,
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
-            hold_world_direction=self.configuration.maneuver.hold_world_direction,
+            hold_world_direction=self._hold_world,
         )
         self.overloaded = self._overload_watch.update(
             self.vehicle.wheel_load, self.vehicle.overloaded_steps
