@@ -61,10 +61,10 @@ def recorded_bytes(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
 
 
-def processes_of(package: str, session_of: int) -> list[int]:
-    """Return those processes of a bring-up that run an executable of this package."""
+def processes_of(package: str, session_of: int, executable: str = "") -> list[int]:
+    """Return those processes of a bring-up that run this, or any, executable of a package."""
     return [
         pid
         for pid in node_processes(session_of)
-        if f"/lib/{package}/" in Path(f"/proc/{pid}/cmdline").read_text()
+        if f"/lib/{package}/{executable}" in Path(f"/proc/{pid}/cmdline").read_text()
     ]

@@ -13,9 +13,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from omni_analysis.experiment import ExperimentLibrary
@@ -79,6 +82,16 @@ class Vehicle:
         self.send_twist(values, covariance)
         self.wait(lambda: self.last_stamp() == self.stamp_ns)
         return dict(zip(self.enables[-1].name, self.enables[-1].effort, strict=True))
+
+    def set_parameter(self, name: str, value: object) -> SetParametersResult:
+        """Do what ``ros2 param set`` does."""
+        client = self.node.create_client(SetParameters, "/brake_assist/set_parameters")
+        self.wait(client.service_is_ready)
+        given = Parameter(name, value=value).to_parameter_msg()
+        answer = client.call_async(SetParameters.Request(parameters=[given]))
+        self.wait(answer.done)
+        (result,) = answer.result().results
+        return result
 
     def last_stamp(self) -> int:
         return to_nanoseconds(self.enables[-1].header.stamp) if self.enables else -1
@@ -181,3 +194,17 @@ def test_a_pedal_without_a_value_counts_as_full_braking(vehicle: Vehicle) -> Non
     vehicle.wait(lambda: vehicle.last_stamp() == vehicle.stamp_ns)
     assert set(vehicle.enables[-1].effort) == {1.0}
     vehicle.wait(lambda: vehicle.states[-1] == "invalid_demand")
+
+
+@pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])
+def test_the_running_assistant_can_be_switched_and_nothing_else_changed(vehicle: Vehicle) -> None:
+    vehicle.swerve_until_assisted()
+    assert vehicle.set_parameter("enabled", False).successful
+    assert all_on(vehicle.step(SWERVING * 0.97))
+    vehicle.wait(lambda: vehicle.states[-1] == "disabled")
+    for name, value in (("enabled", 1), ("k", 9), ("no_such_parameter", True)):
+        result = vehicle.set_parameter(name, value)
+        assert not result.successful
+        assert result.reason
+    assert vehicle.set_parameter("enabled", True).successful
+    vehicle.swerve_until_assisted()

@@ -111,11 +111,12 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     assert steps == len(history.stamp_ns)
     each_step = ["/wheel_states", "/brake/pedal", "/brake/enable", "/brake_assist/error"]
     each_step += ["/cmd_vel", "/odometry/twist", "/velocity_sensor/twist", "/ground_truth/odom"]
+    each_step += ["/tf"]
     each_step += [f"/line_scan/{sensor}/lines" for sensor in configuration.sensors]
     assert {topic: counts[topic] for topic in each_step} == dict.fromkeys(each_step, steps)
     assert counts["/markers"] == math.ceil(steps / 5)
     assert counts["/diagnostics"] > 0
-    assert counts["/line_scan/left/camera_info"] == 1
+    assert counts["/line_scan/left/camera_info"] == counts["/tf_static"] == 1
     # 2500 lines a second and not one missing: line 0, then 25 in every step.
     assert [image.height for image in images] == [1] + [25] * (steps - 1)
     assert all(image.width == 1024 for image in images)

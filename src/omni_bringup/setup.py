@@ -1,5 +1,6 @@
 """Installs omni_bringup as an ament_python package."""
 
+from glob import glob
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -13,14 +14,16 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
-    package_data={name: ["py.typed"]},
+    package_data={name: ["py.typed", "drive_page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
+        (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "driver = omni_bringup.driver_node:main",
             "omni = omni_bringup.cli:main",
             "player = omni_bringup.player_node:main",
             "recorder = omni_bringup.recorder_node:main",

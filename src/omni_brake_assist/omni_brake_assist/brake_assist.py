@@ -16,6 +16,7 @@ anew. A vehicle that only spins at that moment has no line to keep, so ``s_perp 
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Iterable
 from typing import Any
@@ -100,6 +101,10 @@ class BrakeAssist:
         self._monitor.distrust(silence)
         self._stamp_ns = stamp_ns
         return self._all_on(silence)
+
+    def switch(self, *, enabled: bool) -> None:
+        """Let the assistant release brakes from the next decision on, or no longer."""
+        self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
         """Compare the wheels that the vehicle reports with those of the configuration.

@@ -13,6 +13,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from omni_brake_assist.brake_assist import (
@@ -37,6 +38,8 @@ from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
 from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
+
+_SWITCH = "enabled"  # the one parameter that a running node lets anybody change
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,8 +69,9 @@ class BrakeAssistNode(Node):
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
         self._demand_timeout = timing.demand_timeout
-        configuration = declare_configuration(self, BrakeAssistConfiguration)
+        configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH})
         self._assist = BrakeAssist(configuration)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Feedback | None = None
@@ -88,6 +92,11 @@ class BrakeAssistNode(Node):
         if not self._lockstep:
             shorter = min(self._demand_timeout, self._feedback_timeout)
             self.create_timer(shorter / 2.0, self._watch)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        for given in parameters:
+            if given.name == _SWITCH:
+                self._assist.switch(enabled=given.value)
 
     def _on_pedal(self, message: JointState) -> None:
         # A message without a value is no reason to brake less.

@@ -161,6 +161,21 @@ def test_disabled_keeps_all_brakes_and_still_computes_errors(mecanum: Wheels) ->
         np.testing.assert_array_equal(off.error, on.error)
 
 
+def test_the_assistant_can_be_switched_while_the_pedal_is_down(mecanum: Wheels) -> None:
+    """Switched off every brake acts at once; on again the line is that of before."""
+    switched, assisted = Drive(mecanum, (10.0, 0.1, 0.3)), Drive(mecanum, (10.0, 0.1, 0.3))
+    for enabled, twist in (
+        (True, (9.9, -0.1, 0.2)),
+        (False, (9.8, 0.2, -0.1)),
+        (True, (9.7, 0.1, 0.2)),
+    ):
+        switched.assist.switch(enabled=enabled)
+        decision, expected = switched.step(1.0, twist), assisted.step(1.0, twist)
+        assert (decision.state is AssistState.DISABLED) == (not enabled)
+        np.testing.assert_array_equal(decision.enable, expected.enable if enabled else 1.0)
+        np.testing.assert_array_equal(decision.error, expected.error)
+
+
 def test_kiwi_has_three_decisions(kiwi: Wheels) -> None:
     decision = Drive(kiwi, (3.0, 3.0, 0.5)).step(1.0, (3.0, 3.0, 0.5))
     assert decision.enable.shape == decision.error.shape == (3,)

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
+from omni_bringup.drive_command import add_arguments as add_drive_arguments
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
 from omni_bringup.report_command import add_arguments as add_report_arguments
 
@@ -69,6 +70,11 @@ def _run(options: argparse.Namespace) -> int:
         from omni_bringup.report_command import report
 
         return report(options)
+    if options.command == "drive":
+        from omni_bringup.drive_command import drive
+
+        _clean_up_on_signals()
+        return drive(options, workspace())
     from omni_bringup.run_command import run
 
     _clean_up_on_signals()
@@ -191,6 +197,14 @@ def _parser() -> argparse.ArgumentParser:
             help="show recordings as a page for a browser",
             description="Write one HTML file that needs nothing else: the vehicle from above, the "
             "plots in step with it, the results, and the configuration with its differences.",
+        )
+    )
+    add_drive_arguments(
+        commands.add_parser(
+            "drive",
+            help="drive a vehicle in real time from a page in the browser",
+            description="Run the nodes in real time for a person, who drives from a page in the "
+            "browser or by cmd_vel. Ctrl-C ends it.",
         )
     )
     commands.add_parser("test", help="run the tests (arguments go to pytest)", add_help=False)

@@ -14,6 +14,10 @@ from omni_bringup.process_group import NodeProcess
 from omni_platform.configuration import Configuration
 from omni_platform.flat_parameters import flatten
 
+COMMAND = "/cmd_vel"
+APPLIED_COMMAND = "/driver/applied_cmd_vel"  # of a driven vehicle
+GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
+
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
@@ -26,10 +30,10 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         "/brake/pedal": "sensor_msgs/msg/JointState",
         "/brake/enable": "sensor_msgs/msg/JointState",
         "/brake_assist/error": "sensor_msgs/msg/JointState",
-        "/cmd_vel": "geometry_msgs/msg/TwistStamped",
+        COMMAND: "geometry_msgs/msg/TwistStamped",
         "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
         "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
-        "/ground_truth/odom": "nav_msgs/msg/Odometry",
+        GROUND_TRUTH: "nav_msgs/msg/Odometry",
         "/markers": "visualization_msgs/msg/MarkerArray",
     }
     for sensor in configuration.sensors:
@@ -72,6 +76,11 @@ def recorder(
         "compression": options.compression,
         "synchronize": options.synchronize,
     }
+    if GROUND_TRUTH in topics:
+        poses = [(sensor.x, sensor.y, sensor.heading) for sensor in configuration.sensors.values()]
+        parameters["transforms_from"] = GROUND_TRUTH
+        parameters["fixed_frames"] = list(configuration.sensors)
+        parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
     latched = [name for name in latched_topics(configuration) if name in topics]
     if latched:  # an empty list has no type in a parameter file
         parameters["latched_topics"] = latched
@@ -106,16 +115,38 @@ def brake_assist(
 
 
 def simulator(
-    configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool
+    configuration: ExperimentConfiguration,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    driven: bool = False,
+    listeners: int = _RECORDER + 1,
 ) -> NodeProcess:
-    """Return the process of the simulator."""
+    """Return the process of the simulator, scripted or `driven` by the node of the driver."""
     parameters = _flat(configuration.simulator()) | {
-        "subscribers": _RECORDER + 1,
+        "subscribers": listeners,
         "mode": "lockstep" if lockstep else "real_time",
+        "driver": "topics" if driven else "scripted",
         "await_odometry": configuration.feedback != "optical"
         and configuration.simulation.render_lines,
     }
-    return _node("simulator", "omni_sim", "simulator", parameters, scratch)
+    # The name is free then for what a teleoperation node says.
+    remaps = ["-r", f"{COMMAND}:={APPLIED_COMMAND}"] if driven else []
+    return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
+
+
+def driver(
+    configuration: ExperimentConfiguration, scratch: Path, options: Mapping[str, Any]
+) -> NodeProcess:
+    """Return the process of the driver's seat: page and `cmd_vel`; `options` are parameters."""
+    wheels = flatten(configuration.brake_assist)
+    parameters = {key: value for key, value in wheels.items() if key.startswith("wheels.")} | {
+        "chassis_length": configuration.vehicle.chassis_length,
+        "chassis_width": configuration.vehicle.chassis_width,
+        "assist": configuration.brake_assist.enabled,
+        **options,
+    }
+    return _node("driver", "omni_bringup", "driver", parameters, scratch)
 
 
 def player(

@@ -1,7 +1,8 @@
 """Records topics into a rosbag2 folder, byte for byte as they come off the wire.
 
-The messages are never decoded. On SIGINT or SIGTERM the node takes in what has already arrived,
-closes the recording, and reports ``{"recorded": {topic: count}}``, see `omni_ros.report`.
+The messages are never decoded, save an odometry that is to be recorded as `/tf` too. On SIGINT or
+SIGTERM the node takes in what has already arrived, closes the recording, and reports
+``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import contextlib
 import importlib
 import sys
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from omni_bringup.message_definitions import MessageDefinitionError, find_message_definition
+from omni_bringup.recorded_transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_bringup.recording import RecorderConfiguration, StampedRecording
 from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic
 from omni_bringup.rosbag2_writer import RecordingError, Rosbag2Writer
@@ -54,6 +57,8 @@ class RecorderNode(Node):
             _recorded_topic(topic, kind, configuration.reliability, topic in latched)
             for topic, kind in kinds.items()
         ]
+        self._transforms = self._prepare_transforms(configuration, kinds)
+        topics += self._transforms.topics
         try:
             self.writer = Rosbag2Writer(
                 Path(configuration.folder),
@@ -67,6 +72,7 @@ class RecorderNode(Node):
         self._recording = StampedRecording(
             self.writer, {topic.name: topic.definition.stamped for topic in topics}
         )
+        self._begin()
         for topic, kind in kinds.items():
             qos = QoSProfile(
                 depth=configuration.queue_depth,
@@ -76,12 +82,31 @@ class RecorderNode(Node):
             callback = partial(self._on_message, topic)
             self.create_subscription(classes[kind], topic, callback, qos, raw=True)
 
+    def _prepare_transforms(
+        self, configuration: RecorderConfiguration, kinds: Mapping[str, str]
+    ) -> RecordedTransforms:
+        odometry = configuration.transforms_from and self.resolve_topic_name(
+            configuration.transforms_from
+        )
+        if odometry and kinds[odometry] != ODOMETRY_TYPE:
+            raise ConfigurationError(
+                "transforms_from", f"names {odometry}, which is no {ODOMETRY_TYPE}"
+            )
+        return RecordedTransforms(odometry, configuration.fixed_frames, configuration.fixed_poses)
+
+    def _begin(self) -> None:
+        try:
+            self._transforms.begin(self._recording)
+        except RecordingError as error:
+            raise NodeError(str(error)) from error
+
     def _on_message(self, topic: str, data: bytes) -> None:
         self.received += 1
         if self.failure is not None:
             return
         try:
             self._recording.add(topic, data)
+            self._transforms.follow(self._recording, topic, data)
         except RecordingError as error:
             # Raised from here, it would pass through the executor, which logs it at length.
             self.failure = error

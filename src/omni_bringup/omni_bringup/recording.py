@@ -61,6 +61,17 @@ class RecorderConfiguration(Configuration):
     synchronize: bool = parameter(
         False, description="Wait for the disk at every flush, so that a power cut loses no more"
     )
+    transforms_from: str = parameter(
+        "",
+        description="One of the topics, an odometry whose poses are recorded on /tf as well; "
+        "empty for none",
+    )
+    fixed_frames: tuple[str, ...] = parameter(
+        (), description="Frames fixed to base_link, recorded on /tf_static"
+    )
+    fixed_poses: tuple[float, ...] = parameter(
+        (), description="x [m], y [m] and heading [rad] of each fixed frame, one after the other"
+    )
 
     def check_consistency(self) -> None:
         """Refuse lists that do not fit together."""
@@ -77,6 +88,16 @@ class RecorderConfiguration(Configuration):
                 raise ConfigurationError(
                     "latched_topics", f"names {topic!r}, which is not one of the topics"
                 )
+        if self.transforms_from and self.transforms_from not in self.topics:
+            raise ConfigurationError(
+                "transforms_from", f"names {self.transforms_from!r}, which is not one of the topics"
+            )
+        if len(self.fixed_poses) != 3 * len(self.fixed_frames):
+            raise ConfigurationError(
+                "fixed_poses",
+                f"has {len(self.fixed_poses)} entries for {len(self.fixed_frames)} frames; three "
+                "each are needed",
+            )
 
 
 def leading_stamp(data: bytes) -> int | None:
@@ -112,13 +133,19 @@ class StampedRecording:
         self._stamped = dict(stamped)
         self._latest_ns = 0
 
-    def add(self, topic: str, data: bytes) -> None:
+    def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
         """Write a message.
+
+        Args:
+            topic: full name of one of the recording's topics.
+            data: the message as CDR with its encapsulation header.
+            stamp_ns: its stamp [ns] where that is not at its beginning.
 
         Raises:
             RecordingError: the file cannot be written any more.
         """
-        stamp_ns = leading_stamp(data) if self._stamped[topic] else None
+        if stamp_ns is None and self._stamped.get(topic, False):
+            stamp_ns = leading_stamp(data)
         if stamp_ns is None:
             stamp_ns = self._latest_ns
         elif stamp_ns > self._latest_ns:

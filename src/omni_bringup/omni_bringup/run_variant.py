@@ -117,7 +117,7 @@ def _run_graph(
             group.start(graph.odometry(configuration, scratch))
             group.start(graph.brake_assist(configuration, scratch, lockstep=lockstep))
             simulator = group.start(graph.simulator(configuration, scratch, lockstep=lockstep))
-            _write_beside_bag(configuration, folder, recorder)
+            write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
     except ProcessError as error:
         raise RunError(str(error)) from None
@@ -125,7 +125,7 @@ def _run_graph(
     return report
 
 
-def _write_beside_bag(
+def write_beside_bag(
     configuration: ExperimentConfiguration, folder: Path, recorder: RunningProcess
 ) -> None:
     """Save the effective configuration once the recorder has made the folder."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import sys
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -29,23 +29,24 @@ _OF_RCLPY = ("use_sim_time", "start_type_description_service")
 _OF_RCLPY_BELOW = "qos_overrides."
 
 
-def declare_configuration(node: Node, cls: type[C]) -> C:
+def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] = ()) -> C:
     """Declare every field of a configuration as a parameter of the node and read it.
 
-    The parameters carry descriptors (description, unit, range) and are read-only: a node is
-    configured when it starts.
+    The parameters carry descriptors (description, unit, range) and, unless they are named as
+    changeable, are read-only: a node is configured when it starts.
 
     Args:
         node: the node that gets the parameters.
         cls: the configuration; nested fields become dotted names, see
             `omni_platform.flat_parameters`.
+        changeable: names of the parameters that the running node lets anybody change.
 
     Raises:
         ConfigurationError: a parameter is missing, of the wrong type or out of range.
     """
 
     def read(key: str, kind: Any, default: Any, info: ParameterInfo) -> Any:
-        return _declare(node, key, kind, default, info)
+        return _declare(node, key, kind, default, _descriptor(kind, info, key not in changeable))
 
     return unflatten(cls, read)
 
@@ -90,8 +91,7 @@ def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
     return None
 
 
-def _declare(node: Node, key: str, kind: Any, default: Any, info: ParameterInfo) -> Any:
-    descriptor = _descriptor(kind, info)
+def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: ParameterDescriptor) -> Any:
     doubles = _whole_numbers_as_doubles(_given(node).get(key), kind)
     try:
         if doubles is not None:
@@ -124,9 +124,9 @@ def _parameter_type(kind: Any) -> Parameter.Type:
     return plain[kind]
 
 
-def _descriptor(kind: Any, info: ParameterInfo) -> ParameterDescriptor:
+def _descriptor(kind: Any, info: ParameterInfo, read_only: bool) -> ParameterDescriptor:
     unit = f" [{info.unit}]" if info.unit else ""
-    descriptor = ParameterDescriptor(description=info.description + unit, read_only=True)
+    descriptor = ParameterDescriptor(description=info.description + unit, read_only=read_only)
     if info.choices is not None:
         descriptor.additional_constraints = "one of: " + ", ".join(info.choices)
     lower = info.minimum if info.minimum is not None else info.above

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -66,6 +67,24 @@ class ManeuverConfiguration(Configuration):
         minimum=0.0,
         maximum=60.0,
     )
+
+
+class Driver(Protocol):
+    """Whoever holds pedal and velocity command of the vehicle."""
+
+    @property
+    def start_pose(self) -> FloatArray:
+        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
+
+    @property
+    def start_twist(self) -> FloatArray:
+        """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
+
+    def pedal(self, stamp_ns: int, /) -> float:
+        """Return the position of the brake pedal, 0..1, at a stamp [ns]."""
+
+    def command_twist(self, stamp_ns: int, yaw: float, /) -> FloatArray:
+        """Return the commanded body twist [m/s, m/s, rad/s] at a stamp [ns] and a yaw [rad]."""
 
 
 class ScriptedDriver:

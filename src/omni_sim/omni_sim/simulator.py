@@ -20,7 +20,7 @@ from omni_sim.ground_elevation import ElevationConfiguration
 from omni_sim.ground_texture import TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 from omni_sim.line_clock import LineClock
-from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
+from omni_sim.maneuver import Driver, ManeuverConfiguration, ScriptedDriver
 from omni_sim.overload import Overload, OverloadWatch
 from omni_sim.pose_interpolation import interpolate_poses, interpolate_velocities
 from omni_sim.texture_cache import TextureCache
@@ -227,18 +227,24 @@ class Simulator:
     """
 
     def __init__(
-        self, configuration: SimulatorConfiguration, textures: TextureCache | None = None
+        self,
+        configuration: SimulatorConfiguration,
+        textures: TextureCache | None = None,
+        driver: Driver | None = None,
     ) -> None:
         """Place the vehicle at the start of its maneuver.
 
         Args:
             configuration: everything that the machine depends on.
             textures: where the ground comes from; the user's cache by default.
+            driver: who drives; the one that follows the script of the maneuver by default.
         """
         self.configuration = configuration
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
-        self._driver = ScriptedDriver(configuration.maneuver)
+        self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
+        # What the maneuver says of the world is not meant by who drives in its place.
+        self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         ground = configuration.ground
         self.vehicle = build_vehicle(
             configuration.vehicle,
@@ -313,7 +319,7 @@ class Simulator:
             self._driver.pedal(start_ns),
             brake_enable,
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
-            hold_world_direction=self.configuration.maneuver.hold_world_direction,
+            hold_world_direction=self._hold_world,
         )
         self.overloaded = self._overload_watch.update(
             self.vehicle.wheel_load, self.vehicle.overloaded_steps

@@ -1,5 +1,8 @@
 """The simulator as a ROS node: what a vehicle's sensors would see out, brake enables in.
 
+The driver is scripted, or somebody who speaks on `driver/pedal` and `driver/cmd_vel`; whose
+silence is full braking.
+
 Lockstep: after publishing a step the node waits for the `brake/enable` of the same stamp. Real
 time: the same steps are paced to the wall clock and never wait; an enable that is late or missing
 means all brakes on. The contract (topics, types, QoS, parameters, timeouts) is in the README of
@@ -9,6 +12,7 @@ this package.
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 import time
 
@@ -37,6 +41,7 @@ from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 from omni_ros.startup import StartupConfiguration
+from omni_sim.manual_driver import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import camera_info, ground_truth, scene_markers
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
@@ -44,6 +49,8 @@ from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
 FloatArray = NDArray[np.float64]
 
 _SECOND = 1_000_000_000
+_INPUTS = 4  # topics that the node listens to at most
+_LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 
@@ -64,6 +71,12 @@ class LoopConfiguration(Configuration):
         description="Lockstep: wait for the odometry of each step too, where the brake assistant "
         "that answers does not",
     )
+    driver: str = parameter(
+        "scripted",
+        description="Who drives: the script of the maneuver, or demands on driver/pedal and "
+        "driver/cmd_vel until the node is stopped",
+        choices=("scripted", "topics"),
+    )
     enable_timeout: float = parameter(
         0.05,
         description="Real time: age at which an enable no longer counts and all brakes are on",
@@ -80,7 +93,16 @@ class SimulatorNode(Node):
         self.startup = declare_configuration(self, StartupConfiguration)
         self.loop = declare_configuration(self, LoopConfiguration)
         self.configuration = declare_configuration(self, SimulatorConfiguration)
-        self.simulator = Simulator(self.configuration)
+        manual = declare_configuration(self, ManualDriverConfiguration)
+        self.manual_driver: ManualDriver | None = None
+        if self.loop.driver == "topics":
+            self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
+            self._inbox = DemandInbox(manual.driver_timeout)
+            self.create_subscription(JointState, "driver/pedal", self._on_driver_pedal, RELIABLE)
+            self.create_subscription(
+                TwistStamped, "driver/cmd_vel", self._on_driver_command, RELIABLE
+            )
+        self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         self._wheels = tuple(self.configuration.vehicle.wheels)
         self._all_on = np.ones(len(self._wheels))
         self._enable = self._all_on
@@ -196,6 +218,15 @@ class SimulatorNode(Node):
         )
         self._send(self._diagnostics, status)
 
+    def take_demand(self) -> None:
+        """Let whoever drives from outside set pedal and command for the next step."""
+        if self.manual_driver is None:
+            return
+        pedal, target = self._inbox.demand(time.monotonic())
+        twist = self.simulator.vehicle.twist
+        period = self.simulator.control_period_ns / _SECOND
+        self.manual_driver.steer(pedal, target, twist, period)
+
     def enable_for(self, stamp_ns: int) -> FloatArray:
         """Return the enables (N,) to brake with; all on where they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
@@ -224,6 +255,15 @@ class SimulatorNode(Node):
         publisher.publish(message)  # type: ignore[attr-defined]
         topic = publisher.topic_name  # type: ignore[attr-defined]
         self.sent[topic] = self.sent.get(topic, 0) + 1
+
+    def _on_driver_pedal(self, message: JointState) -> None:
+        pedal = float(message.position[0]) if message.position else math.nan
+        self._inbox.take_pedal(pedal, time.monotonic())
+
+    def _on_driver_command(self, message: TwistStamped) -> None:
+        twist = message.twist
+        values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+        self._inbox.take_twist(values, time.monotonic())
 
     def _on_enable(self, message: JointState) -> None:
         values = dict(zip(message.name, message.effort, strict=False))
@@ -258,6 +298,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     progress = RunProgress(node.configuration)
     started = time.monotonic()
     while not spinner.stop:
+        node.take_demand()
         observation = simulator.observe()
         node.publish(observation)
         progress.update(observation)
@@ -266,10 +307,15 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         if node.loop.mode == "lockstep":
             # Also at the last step: what is recorded then does not depend on who is faster.
             _await_reply(node, spinner, observation.stamp_ns)
-        if progress.finished:
+        if progress.finished and node.manual_driver is None:
             break
         if node.loop.mode == "real_time":
-            _pace(spinner, started + (observation.stamp_ns + simulator.control_period_ns) / _SECOND)
+            deadline = started + (observation.stamp_ns + simulator.control_period_ns) / _SECOND
+            if node.manual_driver is not None:
+                # A person cannot steer through what is made up for in fast motion.
+                late = time.monotonic() - deadline - _LARGEST_LAG
+                started += max(0.0, late)
+            _pace(spinner, deadline)
         simulator.advance(node.enable_for(observation.stamp_ns))
     wall = time.monotonic() - started
     final: dict[str, object] = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
@@ -288,6 +334,10 @@ def _await_reply(node: SimulatorNode, spinner: Spinner, stamp_ns: int) -> None:
 
 
 def _pace(spinner: Spinner, deadline: float) -> None:
+    if time.monotonic() >= deadline:
+        # Who is late still listens, or what it has heard would be older and older.
+        for _ in range(_INPUTS):
+            spinner.spin_once(0.0)
     while not spinner.stop:
         remaining = deadline - time.monotonic()
         if remaining <= 0.0:

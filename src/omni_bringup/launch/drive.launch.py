@@ -1,0 +1,34 @@
+"""A vehicle that a person drives, as `omni drive`; the page's address is in the driver's log.
+
+``ros2 launch omni_bringup drive.launch.py experiment:=small_stop``
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch_ros.actions import Node
+
+from omni_bringup.launch_plan import ARGUMENTS, DRIVE, planned_nodes
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the arguments and the nodes; the end of one ends all."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=words)
+        for name, (default, words) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def start(context: LaunchContext) -> list[Node]:
+    """Return the nodes that the arguments ask for."""
+    given = {name: context.launch_configurations[name] for name in ARGUMENTS}
+    return [
+        Node(
+            package=node.package,
+            executable=node.executable,
+            arguments=list(node.arguments),
+            output="screen",
+            on_exit=Shutdown(),
+        )
+        for node in planned_nodes(DRIVE, given)
+    ]

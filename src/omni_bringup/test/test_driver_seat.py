@@ -1,0 +1,110 @@
+"""Whoever stops speaking, for whatever reason, stops the vehicle."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from omni_bringup.drive_server import PageError, parse_demand
+from omni_bringup.driver_seat import REST, DriverSeat
+
+FORWARD = (3.0, 0.0, 0.0)
+LEFT = (0.0, 1.0, 0.0)
+
+
+@pytest.fixture
+def seat() -> DriverSeat:
+    return DriverSeat(page_timeout=0.3, command_timeout=1.0)
+
+
+def brakes(seat: DriverSeat, now: float) -> bool:
+    demand = seat.demand(now)
+    if demand.pedal == 1.0:
+        assert demand.twist == REST
+    return demand.pedal == 1.0
+
+
+def test_an_empty_seat_brakes(seat: DriverSeat) -> None:
+    assert brakes(seat, 0.0)
+
+
+def test_a_page_drives_only_while_it_speaks(seat: DriverSeat) -> None:
+    seat.open_page()
+    assert brakes(seat, 0.0)
+    seat.take_page(0.0, FORWARD, 0.0)
+    assert seat.demand(0.29).twist == FORWARD
+    assert brakes(seat, 0.31)
+    seat.take_page(0.25, FORWARD, 1.0)
+    assert seat.demand(1.0).pedal == 0.25
+
+
+def test_closing_the_page_brakes_at_once_and_until_somebody_means_to_drive(
+    seat: DriverSeat,
+) -> None:
+    seat.open_page()
+    seat.take_page(0.0, FORWARD, 0.0)
+    seat.take_command(LEFT, 0.0)
+    seat.close_page()
+    assert brakes(seat, 0.0)
+    seat.take_command(LEFT, 0.1)  # a key that is still down
+    assert brakes(seat, 0.1)
+    seat.take_command(REST, 0.2)
+    seat.take_command(LEFT, 0.3)
+    assert seat.demand(0.3).twist == LEFT
+    seat.open_page()
+    assert brakes(seat, 0.3)  # what the page before has said does not count
+
+
+def test_cmd_vel_drives_without_a_page_while_it_is_repeated(seat: DriverSeat) -> None:
+    seat.take_command(FORWARD, 0.0)
+    demand = seat.demand(0.9)
+    assert (demand.pedal, demand.twist, demand.source) == (0.0, FORWARD, "cmd_vel")
+    assert brakes(seat, 1.1)
+
+
+def test_an_idle_page_leaves_cmd_vel_the_wheel_but_keeps_the_pedal(seat: DriverSeat) -> None:
+    seat.open_page()
+    seat.take_page(0.0, REST, 0.0)
+    seat.take_command(LEFT, 0.0)
+    assert seat.demand(0.0).twist == LEFT
+    seat.take_page(0.0, FORWARD, 0.1)
+    assert seat.demand(0.1).twist == FORWARD
+    seat.take_page(1.0, REST, 0.2)
+    assert brakes(seat, 0.2)
+    seat.take_page(0.0, REST, 0.3)
+    assert brakes(seat, 0.7)  # halted: cmd_vel does not outvote a page that has stopped speaking
+
+
+def test_a_cmd_vel_that_is_no_number_counts_as_none(seat: DriverSeat) -> None:
+    seat.take_command((math.nan, 0.0, 0.0), 0.0)
+    assert brakes(seat, 0.0)
+
+
+def test_a_page_asks_for_no_more_than_there_is() -> None:
+    text = '{"pedal": 7, "stick": [-9, 0.5, 1], "assist": false}'
+    assert parse_demand(text) == (1.0, (-1.0, 0.5, 1.0), False)
+    assert parse_demand('{"pedal": 0, "stick": [0, 0, 0]}')[2] is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "null",
+        "{}",
+        '{"pedal": 0}',
+        '{"pedal": "1", "stick": [0, 0, 0]}',
+        '{"pedal": true, "stick": [0, 0, 0]}',
+        '{"pedal": NaN, "stick": [0, 0, 0]}',
+        '{"pedal": 0, "stick": [0, 0]}',
+        '{"pedal": 0, "stick": [0, 0, Infinity]}',
+        '{"pedal": 0, "stick": [0, 0, 0], "assist": 1}',
+        b"\xff",
+        "[" * 1000,
+    ],
+)
+def test_what_makes_no_sense_is_refused(text: str | bytes) -> None:
+    with pytest.raises(PageError):
+        parse_demand(text)

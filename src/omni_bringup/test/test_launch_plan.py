@@ -1,0 +1,105 @@
+"""The launch files start what the command line starts; they need no ROS launch to be looked at."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_bringup import graph, launch_plan
+from omni_bringup.drive_command import drive_nodes
+from omni_bringup.launch_plan import ARGUMENTS, planned_nodes
+from omni_bringup.process_group import NodeProcess
+from omni_platform.configuration import ConfigurationError
+
+PACKAGE = Path(__file__).parents[1]
+CONFIG = PACKAGE.parents[1] / "config"
+MODES = ("lockstep", "real_time", "drive")
+
+
+def arguments(**changes: str) -> dict[str, str]:
+    defaults = {name: default for name, (default, _) in ARGUMENTS.items()}
+    return defaults | {"config": str(CONFIG)} | changes
+
+
+def described(nodes: list[NodeProcess]) -> Mapping[str, Any]:
+    """Return package, executable, parameters and remappings of each node."""
+    found = {}
+    for node in nodes:
+        ros, flag, path, *rest = node.arguments
+        assert (ros, flag) == ("--ros-args", "--params-file")
+        found[node.name] = (
+            node.package,
+            node.executable,
+            yaml.safe_load(Path(path).read_text()),
+            rest,
+        )
+    return found
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch_plan.tempfile, "tempdir", str(tmp_path))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_every_mode_has_a_file_of_sound_python(mode: str) -> None:
+    text = (PACKAGE / f"launch/{mode}.launch.py").read_text()
+    tree = ast.parse(text)
+    assert {node.name for node in tree.body if isinstance(node, ast.FunctionDef)} == {
+        "generate_launch_description",
+        "start",
+    }
+    imported = {
+        alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module == "omni_bringup.launch_plan"
+        for alias in node.names
+    }
+    assert imported == {"ARGUMENTS", "planned_nodes", mode.upper()}
+    assert getattr(launch_plan, mode.upper()) == mode
+    assert compile(tree, mode, "exec")
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "real_time"])
+def test_a_run_gets_the_parameters_of_the_command_line(mode: str, tmp_path: Path) -> None:
+    scratch, bag = tmp_path / "scratch", tmp_path / "bag"
+    scratch.mkdir()
+    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted", ["seed=7"])
+    lockstep = mode == "lockstep"
+    expected = [
+        graph.recorder(configuration, bag, scratch),
+        graph.odometry(configuration, scratch),
+        graph.brake_assist(configuration, scratch, lockstep=lockstep),
+        graph.simulator(configuration, scratch, lockstep=lockstep),
+    ]
+    planned = planned_nodes(mode, arguments(out=str(bag), overrides="seed=7"))
+    assert described(planned) == described(expected)
+    simulator = described(planned)["simulator"][2]["simulator"]["ros__parameters"]
+    assert (simulator["mode"], simulator["driver"], simulator["seed"]) == (mode, "scripted", 7)
+
+
+@pytest.mark.parametrize("out", ["", "bag"])
+def test_a_drive_gets_the_parameters_of_the_command_line(out: str, tmp_path: Path) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    configuration = ExperimentLibrary(CONFIG).load("small_stop", "assisted")
+    folder = Path(out).resolve() if out else None
+    planned = planned_nodes("drive", arguments(experiment="small_stop", out=out))
+    assert described(planned) == described(drive_nodes(configuration, scratch, {}, folder))
+    assert [node.name for node in planned][-4:] == [
+        "driver",
+        "linescan_odometry",
+        "brake_assist",
+        "simulator",
+    ]
+
+
+def test_a_run_without_a_folder_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"^out: is needed"):
+        planned_nodes("lockstep", arguments())

@@ -1,0 +1,308 @@
+"""A person drives: over HTTP, a WebSocket and topics, with the real processes."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from omni_process import omni, omni_command, omni_environment, processes_of
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from omni_ros.qos import RELIABLE
+
+PATIENCE = 60.0  # [s] only ends a test that hangs
+HEARTBEAT = 0.05  # [s]
+REST = (0.0, 0.0, 0.0)
+FORWARD = (1.0, 0.0, 0.0)
+# Without pictures, so that a busy machine keeps up with the wall clock.
+PLAIN = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+
+
+class Drive:
+    """A running ``omni drive`` and its address."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self.url = process.stdout.readline().strip()
+        match = re.search(r"ROS_DOMAIN_ID=(\d+)", process.stderr.readline())
+        assert match is not None
+        self.domain = int(match.group(1))
+        found = re.fullmatch(r"http://(127\.0\.0\.1:\d+)(/[\w-]{32}/)", self.url)
+        assert found is not None, self.url
+        self.address, self.path = found.groups()
+        self.origin = Origin(f"http://{self.address}")
+
+    def get(self, path: str, **headers: str) -> http.client.HTTPResponse:
+        connection = http.client.HTTPConnection(self.address, timeout=PATIENCE)
+        connection.request("GET", path, headers=headers)
+        return connection.getresponse()
+
+    def connect(self, **changes: Any) -> ClientConnection:
+        options = {"origin": self.origin} | changes
+        return connect(f"ws://{self.address}{self.path}socket", **options)
+
+
+class Page:
+    """What the page does: speaks 20 times a second and shows what it is told."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.socket = drive.connect()
+        self.greeting = json.loads(self.socket.recv(PATIENCE))
+        self.demand: dict[str, Any] | None = {"pedal": 0.0, "stick": REST}
+        self.state: dict[str, Any] = {}
+        self._said = 0.0
+
+    def step(self) -> None:
+        now = time.monotonic()
+        if self.demand is not None and now - self._said >= HEARTBEAT:
+            self.say(**self.demand)
+            self._said = now
+        with contextlib.suppress(TimeoutError):
+            self.state = json.loads(self.socket.recv(HEARTBEAT))
+
+    def say(self, **message: Any) -> None:
+        self.socket.send(json.dumps(message))
+
+    def until(self, condition: Callable[[dict[str, Any]], bool]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not ("pose" in self.state and "error" in self.state and condition(self.state)):
+            assert time.monotonic() < deadline, f"timed out at {self.state}"
+            self.step()
+
+    def drive_to(self, speed: float) -> None:
+        """Accelerate forward up to a speed [m/s]."""
+        self.demand = {"pedal": 0.0, "stick": FORWARD}
+        self.until(lambda state: state["twist"][0] > speed)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("drive") / "bag"
+
+
+@pytest.fixture(scope="module")
+def drive(recording: Path) -> Iterator[Drive]:
+    process = subprocess.Popen(
+        omni_command(["drive", *PLAIN, "--out", str(recording)]),
+        env=omni_environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield Drive(process)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE)
+
+
+@pytest.fixture
+def page(drive: Drive) -> Iterator[Page]:
+    page = Page(drive)
+    yield page
+    page.socket.close()
+
+
+class Onlooker:
+    """A node in the same domain, as a terminal with ``ros2`` would be."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = Context()
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = Node("onlooker", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.pedal, self.speed = -1.0, -1.0
+        self.node.create_subscription(JointState, "brake/pedal", self._on_pedal, RELIABLE)
+        self.node.create_subscription(Odometry, "ground_truth/odom", self._on_truth, RELIABLE)
+        self.command = self.node.create_publisher(Twist, "cmd_vel", RELIABLE)
+
+    def _on_pedal(self, message: JointState) -> None:
+        self.pedal = message.position[0]
+
+    def _on_truth(self, message: Odometry) -> None:
+        self.speed = message.twist.twist.linear.x
+
+    def until(self, condition: Callable[[], bool], say: Twist | None = None) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"timed out at {self.pedal}, {self.speed}"
+            if say is not None:
+                self.command.publish(say)
+            self._executor.spin_once(timeout_sec=HEARTBEAT)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready)
+        answer = client.call_async(request)
+        self.until(answer.done)
+        return answer.result()
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def onlooker(drive: Drive) -> Iterator[Onlooker]:
+    onlooker = Onlooker(drive.domain)
+    yield onlooker
+    onlooker.close()
+
+
+def test_the_page_is_for_those_who_know_the_token(drive: Drive) -> None:
+    page = drive.get(drive.path)
+    assert page.status == 200
+    assert "default-src 'none'" in str(page.headers["Content-Security-Policy"])
+    assert b"drive.js" in page.read()
+    for file in ("drive.js", "drive.css"):
+        assert drive.get(drive.path + file).status == 200
+    assert drive.get(drive.path + "../drive_server.py").status == 404
+    assert drive.get("/").status == 403
+    assert drive.get("/" + "A" * 32 + "/").status == 403
+    assert drive.get(drive.path[:-2] + "/").status == 403
+    # A name that its owner has bound to this machine's address.
+    assert drive.get(drive.path, Host="evil.example").status == 421
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", None])
+def test_a_page_from_elsewhere_is_refused(drive: Drive, origin: str | None) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        drive.connect(origin=origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_a_socket_without_the_token_is_refused(drive: Drive) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://{drive.address}/socket", origin=drive.origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_a_page_that_falls_silent_brakes(page: Page) -> None:
+    assert len(page.greeting["vehicle"]["wheels"]) == 4
+    page.drive_to(2.0)
+    page.demand = None
+    page.until(lambda state: state["pedal"] == 1.0)
+    assert page.state["source"] == "nobody"
+    page.until(lambda state: abs(state["twist"][0]) < 0.05)
+    page.drive_to(0.5)  # and goes on when it speaks again
+
+
+def test_the_assistant_is_switched_from_the_page(page: Page) -> None:
+    page.drive_to(2.5)
+    page.demand = {"pedal": 1.0, "stick": REST}
+    page.until(lambda state: 0.0 in state["enable"] and 1.0 in state["enable"])
+    page.until(lambda state: state["assist_state"] != "inactive")
+    page.demand = {"pedal": 0.0, "stick": REST}
+    page.say(pedal=0.0, stick=REST, assist=False)
+    page.until(lambda state: not state["assist"])
+    page.drive_to(2.5)
+    page.demand = {"pedal": 1.0, "stick": REST}
+    page.until(lambda state: state["assist_state"] == "disabled" and state["pedal"] == 1.0)
+    assert page.state["enable"] == [1.0] * 4
+    page.until(lambda state: abs(state["twist"][0]) < 0.05)
+    page.say(pedal=1.0, stick=REST, assist=True)
+    page.until(lambda state: bool(state["assist"]))
+
+
+def test_closing_the_page_stops_the_vehicle(page: Page, onlooker: Onlooker) -> None:
+    page.drive_to(2.0)
+    page.socket.close()
+    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+
+
+def test_a_second_page_takes_over(drive: Drive, page: Page) -> None:
+    page.drive_to(0.5)
+    second = Page(drive)
+    second.drive_to(1.5)
+    with pytest.raises(ConnectionClosed) as closed:
+        page.until(lambda _: False)
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 4001
+    second.drive_to(1.5)  # its end has taken nothing from the other
+    second.socket.close()
+
+
+def test_a_page_that_makes_no_sense_is_closed_and_brakes(page: Page, onlooker: Onlooker) -> None:
+    page.drive_to(1.0)
+    page.say(pedal="all the way")
+    with pytest.raises(ConnectionClosed):
+        page.until(lambda _: False)
+    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+
+
+def test_cmd_vel_drives_as_long_as_it_is_repeated(onlooker: Onlooker) -> None:
+    forward = Twist()
+    forward.linear.x = 1.0
+    # After the pages before, whose end brakes: first of all zero.
+    onlooker.until(lambda: onlooker.command.get_subscription_count() == 1)
+    onlooker.until(lambda: onlooker.pedal == 0.0, say=Twist())
+    onlooker.until(lambda: onlooker.speed > 0.9, say=forward)
+    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+
+
+@pytest.mark.parametrize("name", ["simulator", "linescan_odometry", "brake_assist", "driver"])
+def test_every_parameter_is_described(onlooker: Onlooker, name: str) -> None:
+    """What ``ros2 param list`` and ``ros2 param describe`` show."""
+    listed = onlooker.call(ListParameters, f"/{name}/list_parameters", ListParameters.Request())
+    own = [
+        key
+        for key in listed.result.names
+        if key not in ("use_sim_time", "start_type_description_service")
+    ]
+    assert len(own) > 5
+    request = DescribeParameters.Request(names=own)
+    described = onlooker.call(DescribeParameters, f"/{name}/describe_parameters", request)
+    for descriptor in described.descriptors:
+        assert descriptor.description or descriptor.name.endswith(".names"), descriptor.name
+        assert descriptor.read_only == ((name, descriptor.name) != ("brake_assist", "enabled"))
+
+
+def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
+    drive: Drive, page: Page, onlooker: Onlooker, recording: Path
+) -> None:
+    """After all others, for the drive is over then; what was recorded is whole."""
+    page.drive_to(2.0)
+    (seat,) = processes_of("omni_bringup", drive.process.pid, "driver")
+    os.kill(seat, signal.SIGSTOP)
+    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+    os.kill(seat, signal.SIGKILL)
+    assert drive.process.wait(PATIENCE) == 1
+    with AnyReader([recording]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    steps = counts["/clock"]
+    assert steps > 100
+    for topic in ("/tf", "/brake/pedal", "/driver/applied_cmd_vel"):
+        assert counts[topic] == steps
+    assert (recording / "configuration.yaml").exists()
+
+
+def test_what_cannot_be_driven_is_refused() -> None:
+    finished = omni(["drive", "--vehicle", "mecanum_forklif"])
+    assert finished.returncode == 2
+    assert "did you mean 'mecanum_forklift'" in finished.stderr
+    assert not finished.stdout
