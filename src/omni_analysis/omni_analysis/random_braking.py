@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import hashlib
+import json
 import math
 from typing import Any
 
@@ -53,9 +55,11 @@ class RandomBraking:
         }
 
     @property
-    def description(self) -> Tree:
-        """Everything that the runs depend on besides their seeds and the code."""
-        return {name: to_mapping(base) for name, base in self._bases.items()}
+    def fingerprint(self) -> str:
+        """A digest of the vehicles and of how their days are drawn."""
+        bases = [to_mapping(base) for base in self._bases.values()]
+        samples = [draw(seed) for seed in range(20)]
+        return hashlib.sha256(json.dumps([bases, samples]).encode()).hexdigest()[:16]
 
     def configurations(self, drawn: Tree) -> dict[str, ExperimentConfiguration]:
         """Return the run that has been drawn without and with the assistant, by variant."""

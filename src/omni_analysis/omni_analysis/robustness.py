@@ -1,4 +1,8 @@
-"""One run of the robustness campaign: the same braking unassisted and assisted, and its limits."""
+"""One run of the robustness campaign: the same braking unassisted and assisted, and its limits.
+
+A run that breaks a limit is run again with one adversity after the other taken away; the one
+without which the limit holds is its cause.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +12,28 @@ import numpy as np
 
 from omni_analysis.experiment import ExperimentConfiguration
 from omni_analysis.fast_loop import FastRun, run_fast_loop
-from omni_analysis.random_braking import RandomBraking, draw
+from omni_analysis.random_braking import RandomBraking, Tree, draw
 
 ORIENTATION_LIMIT = 5.0
 """How much worse the orientation change may be than unassisted [deg]."""
 
-DISTANCE_FACTOR = 1.5
-"""How many times longer the stopping distance may be than unassisted [1]."""
+DISTANCE_FACTOR = 2.0
+"""How many times longer the stopping distance may be than unassisted [1]: the assistant may have to
+give up the friction of half of the wheels."""
 
 ENERGY_LIMIT = 1e-3
 """Share of the energy at the start of braking that may come back while braking [1]."""
 
 SHORTEST_DISTANCE = 0.2
 """Stopping distances below this are compared as if they were this long [m]."""
+
+CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
+"""Why a limit is broken: the sensor fails; it is noisy, biased or slow; wheels meet patches; the
+vehicle turns when it starts to brake; it does not move straight ahead; or none of these, which
+leaves the control law itself."""
+
+LIMITS = ("energy", "orientation", "distance", "rest")
+"""What may be violated; the fields of `Outcome` that hold the causes."""
 
 
 class Outcome(NamedTuple):
@@ -41,6 +54,10 @@ class Outcome(NamedTuple):
             reports, 0 or 1.
         distrusted: share of the braking in which the assistant had all brakes on for want of
             trust [1].
+        energy: what causes a violation of the limit of the energy, one of `CAUSES`, else empty.
+        orientation: likewise for the orientation.
+        distance: likewise for the stopping distance.
+        rest: likewise for coming to rest, if the vehicle does so unassisted.
     """
 
     seed: int
@@ -55,19 +72,37 @@ class Outcome(NamedTuple):
     stopped_assisted: int
     tipping: int
     distrusted: float
+    energy: str = ""
+    orientation: str = ""
+    distance: str = ""
+    rest: str = ""
 
 
 def outcome(braking: RandomBraking, seed: int) -> Outcome:
-    """Run a seed without and with the assistant."""
+    """Run a seed without and with the assistant, and find the causes of what breaks a limit."""
     drawn = draw(seed)
+    result = compare(braking, drawn)
+    open_limits = violations(result)
+    causes: dict[str, str] = {}
+    for cause in CAUSES[:-1]:
+        if not open_limits:
+            break
+        drawn = _without(drawn, cause)
+        still = violations(compare(braking, drawn))
+        causes |= {limit: cause for limit in open_limits if limit not in still}
+        open_limits = tuple(limit for limit in open_limits if limit in still)
+    return result._replace(**causes, **dict.fromkeys(open_limits, CAUSES[-1]))
+
+
+def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
+    """Run what has been drawn without and with the assistant."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
         run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
     )
     configuration = configurations["assisted"]
-    start = assisted.brake_start
     return Outcome(
-        seed=seed,
+        seed=drawn["seed"],
         vehicle=drawn["vehicle"],
         orientation_unassisted=unassisted.orientation_change,
         orientation_assisted=assisted.orientation_change,
@@ -78,8 +113,21 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
         stopped_unassisted=int(unassisted.stopped),
         stopped_assisted=int(assisted.stopped),
         tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
-        distrusted=float(np.mean(~assisted.trusted[start:])),
+        distrusted=float(np.mean(~assisted.trusted[assisted.brake_start :])),
     )
+
+
+def _without(drawn: Tree, cause: str) -> Tree:
+    """Return what has been drawn without one of its adversities."""
+    if cause == "failure":
+        kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
+        return drawn | {"velocity_sensor": kept}
+    if cause == "noise":
+        return drawn | {"velocity_sensor": {}}
+    if cause == "patches":
+        return drawn | {"ground": drawn["ground"] | {"patches": {}}}
+    entry = "yaw_rate_deg" if cause == "rotation" else "direction_deg"
+    return drawn | {"maneuver": drawn["maneuver"] | {entry: 0.0}}
 
 
 def energy_rise(run: FastRun, configuration: ExperimentConfiguration) -> float:
