@@ -57,7 +57,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
                 LocalCluster(
                     n_workers=workers or len(os.sched_getaffinity(0)),
                     threads_per_worker=1,
-                    dashboard_address=None,
+                    dashboard_address=":0",
                     local_directory=scratch,
                     silence_logs=_SILENT,
                 )
