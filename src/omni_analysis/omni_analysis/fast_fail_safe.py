@@ -196,5 +196,5 @@ def _follows(
     speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
     moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
     if braking and moving and _same(twist, last):
-        return (now_ns - clock[UNCHANGED_NS]) / 1e9 <= limits.frozen_time
+        return bool((now_ns - clock[UNCHANGED_NS]) / 1e9 <= limits.frozen_time)
     return True

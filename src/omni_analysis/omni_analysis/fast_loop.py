@@ -85,7 +85,8 @@ class FastRun:
     @property
     def trusted(self) -> BoolArray:
         """Whether the fail-safe let the assistant release brakes, shape (T,)."""
-        return self.body[:, _TRUST] != 0.0
+        trusted: BoolArray = self.body[:, _TRUST] != 0.0
+        return trusted
 
     @property
     def energy(self) -> FloatArray:
@@ -267,7 +268,7 @@ def _energy(
     plant: dynamics.Plant, body: FloatArray, wheels: FloatArray, rollers: Rollers | None
 ) -> float:
     """Return the energy of motion and of the tyres' deflection [J]."""
-    energy = 0.5 * plant.mass * (body[dynamics.V_X] ** 2 + body[dynamics.V_Y] ** 2)
+    energy: float = 0.5 * plant.mass * (body[dynamics.V_X] ** 2 + body[dynamics.V_Y] ** 2)
     energy += 0.5 * plant.yaw_inertia * body[dynamics.YAW_RATE] ** 2
     energy += 0.5 * plant.wheel_inertia * np.sum(wheels[:, dynamics.SPEED] ** 2)
     if rollers is None:

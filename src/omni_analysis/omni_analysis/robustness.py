@@ -6,7 +6,7 @@ without which the limit holds is its cause.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
     drawn = draw(seed)
     result = compare(braking, drawn)
     open_limits = violations(result)
-    causes: dict[str, str] = {}
+    causes: dict[str, Any] = {}
     for cause in CAUSES[:-1]:
         if not open_limits:
             break
@@ -91,7 +91,8 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
         still = violations(compare(braking, drawn))
         causes |= {limit: cause for limit in open_limits if limit not in still}
         open_limits = tuple(limit for limit in open_limits if limit in still)
-    return result._replace(**causes, **dict.fromkeys(open_limits, CAUSES[-1]))
+    causes |= dict.fromkeys(open_limits, CAUSES[-1])
+    return result._replace(**causes)
 
 
 def compare(braking: RandomBraking, drawn: Tree) -> Outcome:

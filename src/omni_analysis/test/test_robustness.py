@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def test_every_kind_of_adversity_is_drawn() -> None:
         ({"stopped_assisted": 0, "stopped_unassisted": 0}, ()),
     ],
 )
-def test_limits(change: dict[str, float], broken: tuple[str, ...]) -> None:
+def test_limits(change: dict[str, Any], broken: tuple[str, ...]) -> None:
     assert violations(FINE._replace(**change)) == broken
 
 
