@@ -28,6 +28,8 @@ CHUNK = 25
 
 _CONNECT_TIME = 10.0  # [s]
 _SILENT = 50  # level of log messages that distributed keeps to itself
+# What workers do first: Ctrl-C reaches them too, and it is not theirs to answer.
+_PRELOAD = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
 
 
 class CampaignError(RuntimeError):
@@ -60,6 +62,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
                     dashboard_address=":0",
                     local_directory=scratch,
                     silence_logs=_SILENT,
+                    preload=_PRELOAD,
                 )
             )
         else:
