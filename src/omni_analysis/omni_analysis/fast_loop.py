@@ -1,10 +1,9 @@
 """The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
 
 Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
-functions; what is left out is what such a run does not need: line cameras, odometry, messages, and
-the fail-safe's judgement of a feedback that is never late and never missing. A run gives the same
-bits as `closed_loop.run_closed_loop` with ``feedback: velocity_sensor`` as long as that
-judgement finds nothing implausible.
+functions, behind the fail-safe of `fast_fail_safe`; what is left out is what such a run does not
+need: line cameras, odometry and messages. A run gives the same bits as
+`closed_loop.run_closed_loop` with ``feedback: velocity_sensor``.
 """
 
 from __future__ import annotations
@@ -18,7 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omni_analysis.experiment import ExperimentConfiguration
+from omni_analysis.fast_fail_safe import CLOCK_SIZE, TRUSTED, Judge, judge, make_judge
 from omni_analysis.run_history import RunHistory
+from omni_brake_assist.braking_line import LINE_SIZE, forget_line
 from omni_brake_assist.control_law import MEMORY_SIZE, ControlLaw, control_law, control_step
 from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
@@ -27,14 +28,16 @@ from omni_sim import dynamics
 from omni_sim.base_motion import base_motion
 from omni_sim.friction import FrictionMap
 from omni_sim.maneuver import ScriptedDriver, in_turned_frame
+from omni_sim.roller_dynamics import Rollers, roller_energies
 from omni_sim.vehicle import KernelState
 from omni_sim.vehicle_factory import build_vehicle
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-# Columns of the record of the body: pose, twist, feedback; and of each wheel.
-_BODY_COLUMNS = 9
+# Columns of the record of the body: pose, twist, feedback, trust, energy; and of each wheel.
+_BODY_COLUMNS = 11
+_TRUST, _STORED = 9, 10
 _ANGLE, _SPEED, _TORQUE, _ENABLE, _ERROR = range(5)
 _WHEEL_COLUMNS = 5
 
@@ -47,11 +50,13 @@ class FastRun:
         wheel_names: of the columns.
         period_ns: control period [ns].
         pedal: the driver's brake demand 0..1, shape (T,).
-        body: x, y, yaw of `base_link` in `odom` [m, m, rad], its twist in the body frame and the
-            twist that the assistant was told [m/s, m/s, rad/s], shape (T, 9).
+        body: x, y, yaw of `base_link` in `odom` [m, m, rad], its twist in the body frame, the
+            twist that the assistant was told [m/s, m/s, rad/s], whether it trusted it [1], and the
+            energy of motion and of the tyres' deflection [J], shape (T, 11).
         wheels: angle [rad], speed [rad/s], brake torque [N m], enable [1] and error s_i [m/s],
             shape (T, N, 5).
         stopped: whether the vehicle came to rest within the limit of the duration.
+        tipping_steps: physics steps in which the vehicle would have tipped over.
     """
 
     wheel_names: tuple[str, ...]
@@ -60,6 +65,7 @@ class FastRun:
     body: FloatArray
     wheels: FloatArray
     stopped: bool
+    tipping_steps: int
 
     @property
     def pose(self) -> FloatArray:
@@ -75,6 +81,17 @@ class FastRun:
     def feedback(self) -> FloatArray:
         """Twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3)."""
         return self.body[:, 6:9]
+
+    @property
+    def trusted(self) -> BoolArray:
+        """Whether the fail-safe let the assistant release brakes, shape (T,)."""
+        trusted: BoolArray = self.body[:, _TRUST] != 0.0
+        return trusted
+
+    @property
+    def energy(self) -> FloatArray:
+        """Kinetic energy of body and wheels and that of the tyres' deflection [J], shape (T,)."""
+        return self.body[:, _STORED]
 
     @property
     def brake_start(self) -> int:
@@ -126,7 +143,8 @@ class _Loop(NamedTuple):
     sampled: BoolArray  # whether the velocity sensor takes a new sample, (T,)
     noise: FloatArray  # shares of the true value, Eqs. (60), (61), (T or 1, 3)
     offset: FloatArray  # (3,)
-    recovery_count: int
+    failing: BoolArray  # whether the sensor reads nothing but the following, (T,)
+    failed_reading: float
     rest_speed: float
     settling_time: float
     duration_limit: float
@@ -162,7 +180,9 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     body = np.empty((stamps, _BODY_COLUMNS))
     wheels = np.empty((stamps, len(vehicle.wheel_names), _WHEEL_COLUMNS))
     law = control_law(limits, manifold.constants)
-    used, stopped = _run(vehicle.kernel_state, law, loop, body, wheels)
+    reach = float(np.max(np.hypot(*vehicle.kinematics.geometry.position.T)))
+    trust = make_judge(limits, configuration.velocity_sensor, reach)
+    used, stopped = _run(vehicle.kernel_state, law, trust, loop, body, wheels)
     return FastRun(
         vehicle.wheel_names,
         loop.period_ns,
@@ -170,6 +190,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         body[:used].copy(),
         wheels[:used].copy(),
         stopped,
+        vehicle.tipping_steps,
     )
 
 
@@ -198,7 +219,10 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     pedal[: settled + 1] = [driver.pedal(time) for time in times]
     command = np.zeros((stamps, 3))
     command[: settled + 1] = [driver.command_twist(time, start_yaw) for time in times]
-    samples = np.arange(stamps) * period_ns // round(sensor.sample_time * 1e9)
+    stamp_ns = np.arange(stamps) * period_ns
+    start, end = sensor.failure_ns
+    fails = (stamp_ns >= start) & (stamp_ns < end)
+    samples = np.where(fails, -1, stamp_ns // round(sensor.sample_time * 1e9))
     share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
     noise = np.zeros((1, 3))
     if np.any(share > 0.0):
@@ -215,10 +239,11 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        sampled=np.diff(samples, prepend=-1) > 0,
+        sampled=np.diff(np.maximum.accumulate(samples), prepend=-1) > 0,
         noise=noise,
         offset=np.array([sensor.offset_x, sensor.offset_y, sensor.yaw_rate_offset]),
-        recovery_count=configuration.brake_assist.recovery_count,
+        failing=fails & (sensor.failure != "frozen"),
+        failed_reading=math.nan if sensor.failure == "invalid" else 0.0,
         rest_speed=simulation.rest_speed,
         settling_time=simulation.settling_time,
         duration_limit=simulation.duration_limit,
@@ -226,14 +251,32 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _measure(loop: _Loop, stamp: int, draw: int, row: FloatArray) -> int:
+def _measure(loop: _Loop, stamp: int, draw: int, held: FloatArray, row: FloatArray) -> int:
     """Write what the velocity sensor reads, Eqs. (60), (61); return the number of draws."""
-    if not loop.sampled[stamp]:
-        return draw
-    noise = loop.noise[min(draw, loop.noise.shape[0] - 1)]
+    if loop.sampled[stamp]:
+        noise = loop.noise[min(draw, loop.noise.shape[0] - 1)]
+        for j in range(3):
+            held[j] = row[3 + j] * (1.0 + noise[j]) + loop.offset[j]
+        draw += 1
     for j in range(3):
-        row[6 + j] = row[3 + j] * (1.0 + noise[j]) + loop.offset[j]
-    return draw + 1
+        row[6 + j] = loop.failed_reading if loop.failing[stamp] else held[j]
+    return draw
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _energy(
+    plant: dynamics.Plant, body: FloatArray, wheels: FloatArray, rollers: Rollers | None
+) -> float:
+    """Return the energy of motion and of the tyres' deflection [J]."""
+    energy: float = 0.5 * plant.mass * (body[dynamics.V_X] ** 2 + body[dynamics.V_Y] ** 2)
+    energy += 0.5 * plant.yaw_inertia * body[dynamics.YAW_RATE] ** 2
+    energy += 0.5 * plant.wheel_inertia * np.sum(wheels[:, dynamics.SPEED] ** 2)
+    if rollers is None:
+        energy += 0.5 * plant.stiffness * np.sum(wheels[:, dynamics.DEFLECTION] ** 2)
+    else:
+        spin, elastic = roller_energies(rollers)
+        energy += spin + elastic
+    return energy
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -273,36 +316,39 @@ def _advance(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(
-    state: KernelState, law: ControlLaw, loop: _Loop, body: FloatArray, wheels: FloatArray
+    state: KernelState,
+    law: ControlLaw,
+    trust: Judge,
+    loop: _Loop,
+    body: FloatArray,
+    wheels: FloatArray,
 ) -> tuple[int, bool]:
     """Run the loop; fill the records and return the number of stamps and whether it stopped."""
     plant = state.plant
     memory = np.zeros(MEMORY_SIZE)
     error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
     scratch = np.empty((loop.steps + 1, 6))
-    draw, last_ns, still_since = 0, 0, -1.0
+    held, last, clock = np.zeros(3), np.zeros(3), np.zeros(CLOCK_SIZE, np.int64)
+    draw, followed_ns, still_since = 0, 0, -1.0
     for stamp in range(loop.pedal.size):
         now_ns = stamp * loop.period_ns
         row = body[stamp]
         base_motion(state.body, plant.centre_x, plant.centre_y, row)
-        if stamp > 0:
-            row[6:9] = body[stamp - 1, 6:9]
-        draw = _measure(loop, stamp, draw, row)
+        draw = _measure(loop, stamp, draw, held, row)
         pedal = loop.pedal[stamp]
-        control_step(
-            law,
-            memory,
-            pedal >= law.pedal_threshold,
-            True,
-            stamp + 1 >= loop.recovery_count,  # every feedback is good
-            (now_ns - last_ns) * 1e-9,
-            row[6],
-            row[7],
-            row[8],
-            error,
-            enable,
-        )
-        last_ns = now_ns
+        braking = pedal >= law.pedal_threshold
+        good = judge(trust, last, clock, now_ns, row[6:9], braking)
+        dt = 0.0
+        if good:  # as `BrakeAssist._step`
+            dt = (now_ns - followed_ns) * 1e-9
+            followed_ns = now_ns
+            if dt > trust.maximum_time_step:
+                forget_line(memory[:LINE_SIZE])
+                dt = 0.0
+        trusted = clock[TRUSTED] != 0
+        control_step(law, memory, braking, good, trusted, dt, row[6], row[7], row[8], error, enable)
+        row[_TRUST] = 1.0 if trusted else 0.0
+        row[_STORED] = _energy(plant, state.body, state.wheels, state.rollers)
         wheels[stamp, :, _ANGLE] = state.wheels[:, dynamics.ANGLE]
         wheels[stamp, :, _SPEED] = state.wheels[:, dynamics.SPEED]
         wheels[stamp, :, _TORQUE] = state.wheels[:, dynamics.BRAKE]

@@ -13,11 +13,27 @@ from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.fast_loop import run_fast_loop
 from omni_analysis.metrics import run_metrics
 from omni_analysis.run_history import first_difference
+from omni_brake_assist.decision import AssistState
 from omni_platform.configuration import ConfigurationError
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
 TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
+
+
+NOISE = (
+    "velocity_sensor.sample_time=0.03",
+    "velocity_sensor.linear_noise=0.02",
+    "velocity_sensor.offset_x=0.05",
+)
+
+
+def failing(failure: str, time: float, duration: float) -> tuple[str, ...]:
+    return (
+        f"velocity_sensor.failure={failure}",
+        f"velocity_sensor.failure_time={time}",
+        f"velocity_sensor.failure_duration={duration}",
+    )
 
 
 def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfiguration:
@@ -38,6 +54,14 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         ("three_wheel_diagonal", "assisted", ()),
         ("ice_patch_noisy", "noisy", ()),
         ("turn_while_translate", "k1", ()),
+        # What the fail-safe objects to: too much noise, leaps, and every way to fail.
+        ("ice_patch_noisy", "noisy", ("brake_assist.maximum_speed_deviation=0.2",)),
+        ("ice_patch_noisy", "noisy", ("brake_assist.speed_noise=0.3", "seed=3")),
+        ("straight_line", "assisted", (*failing("frozen", 1.0, 0.5), *TURNING)),
+        ("straight_line", "assisted", (*failing("invalid", 0.9, 0.1), *TURNING)),
+        ("straight_line", "assisted", (*failing("invalid", 1.1, 0.4), *TURNING)),
+        ("straight_line", "assisted", (*failing("zero", 0.0, 1.0), "seed=2", *NOISE)),
+        ("straight_line", "assisted", (*failing("zero", 0.803, 0.604), *NOISE)),
     ],
 )
 def test_same_bits_as_the_loop_of_the_cores(
@@ -47,6 +71,11 @@ def test_same_bits_as_the_loop_of_the_cores(
     fast = run_fast_loop(configuration)
     cores = run_closed_loop(configuration)
     assert first_difference(fast.history(), cores) is None
+    faulty = {state.value for state in AssistState if state.is_fault}
+    faults = np.array([state in faulty for state in cores.assist_state])
+    if configuration.brake_assist.enabled:
+        braking = fast.pedal >= configuration.brake_assist.pedal_threshold
+        np.testing.assert_array_equal(faults[braking], ~fast.trusted[braking])
     metrics = run_metrics(cores)
     if fast.stopped:
         assert fast.orientation_change == pytest.approx(metrics["orientation_change"].value)

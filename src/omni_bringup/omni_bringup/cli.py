@@ -34,8 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         code = _run(options)
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interruption:
+        print(": ".join(("interrupted", *map(str, interruption.args))), file=sys.stderr)
         code = EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

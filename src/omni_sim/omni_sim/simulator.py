@@ -46,7 +46,7 @@ LineArray = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SECOND = 1_000_000_000
 # A sensor that is read without noise is still not known better than this [m/s], [rad/s].
-_SMALLEST_DEVIATION = 1e-4
+SMALLEST_DEVIATION = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -368,7 +368,7 @@ class Simulator:
         sensor = self.configuration.velocity_sensor
         share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
         variance = (share * reading) ** 2 / 3.0
-        return np.diag(np.maximum(variance, _SMALLEST_DEVIATION**2))
+        return np.diag(np.maximum(variance, SMALLEST_DEVIATION**2))
 
 
 def _in_world(twist: FloatArray, yaw: float) -> FloatArray:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
 
@@ -10,7 +13,7 @@ MILLISECOND = 1_000_000
 TWIST = np.array([2.0, -1.0, 0.5])
 
 
-def sensor(seed: int = 1, **values: float) -> VelocitySensor:
+def sensor(seed: int = 1, **values: Any) -> VelocitySensor:
     return VelocitySensor(VelocitySensorConfiguration(**values), np.random.default_rng(seed))
 
 
@@ -51,3 +54,15 @@ def test_same_seed_gives_the_same_noise() -> None:
     a, b, c = sensor(7, linear_noise=0.1), sensor(7, linear_noise=0.1), sensor(8, linear_noise=0.1)
     np.testing.assert_array_equal(a.measure(0, TWIST), b.measure(0, TWIST))
     assert not np.array_equal(a.measure(10 * MILLISECOND, TWIST), c.measure(0, TWIST))
+
+
+@pytest.mark.parametrize(
+    ("failure", "reading"),
+    [("frozen", TWIST), ("zero", np.zeros(3)), ("invalid", np.full(3, np.nan))],
+)
+def test_it_fails_for_a_while(failure: str, reading: np.ndarray) -> None:
+    device = sensor(failure=failure, failure_time=0.02, failure_duration=0.03)
+    for stamp in range(0, 80 * MILLISECOND, 10 * MILLISECOND):
+        fails = 20 * MILLISECOND <= stamp < 50 * MILLISECOND
+        twist = TWIST if stamp <= 10 * MILLISECOND else 2.0 * TWIST
+        np.testing.assert_array_equal(device.measure(stamp, twist), reading if fails else twist)

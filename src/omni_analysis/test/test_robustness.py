@@ -1,0 +1,201 @@
+"""Random braking maneuvers, their limits, and campaigns that lose no run."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from distributed import Client, LocalCluster
+
+from omni_analysis import campaign
+from omni_analysis.campaign import ResultTable, connected, run_campaign, run_chunk
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.fast_loop import run_fast_loop
+from omni_analysis.random_braking import RandomBraking, draw, experiment_file
+from omni_analysis.robustness import Outcome, compare, energy_rise, outcome, violations
+from omni_analysis.studies import load_study
+from omni_platform.configuration import ConfigurationError
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+SENSOR_FAILS = 328  # a seed whose vehicle turns farther because its sensor fails
+FINE = Outcome(1, "mecanum_forklift", 20.0, 2.0, 5.0, 6.0, 0.0, 0.0, 1, 1, 0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def braking() -> RandomBraking:
+    return RandomBraking(ExperimentLibrary(CONFIG))
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 7, SENSOR_FAILS])
+def test_the_file_of_a_run_is_that_run(braking: RandomBraking, seed: int, tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text(experiment_file(seed, "worst: of all"))
+    library = ExperimentLibrary(CONFIG)
+    assert set(library.variants(str(path))) == {"unassisted", "assisted"}
+    for variant, configuration in braking.configurations(draw(seed)).items():
+        loaded = library.load(str(path), variant)
+        assert "worst: of all" in loaded.description
+        described = dataclasses.replace(configuration, description=loaded.description)
+        assert loaded == described
+        assert configuration.brake_assist.enabled == (variant == "assisted")
+
+
+def test_every_kind_of_adversity_is_drawn() -> None:
+    drawn = [draw(seed) for seed in range(200)]
+    assert {one["vehicle"] for one in drawn} == {
+        "mecanum_forklift",
+        "three_wheel_robot",
+        "six_wheel_mecanum",
+    }
+    failures = {one["velocity_sensor"].get("failure", "none") for one in drawn}
+    assert failures == {"none", "frozen", "zero", "invalid"}
+    assert {len(one["ground"]["patches"]) for one in drawn} == {0, 1, 2, 3}
+    for entry in ("speed", "direction_deg", "yaw_rate_deg", "pedal"):
+        assert len({one["maneuver"][entry] for one in drawn}) > 50
+
+
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        ({}, ()),
+        ({"orientation_assisted": 24.9}, ()),
+        ({"orientation_assisted": 25.1}, ("orientation",)),
+        ({"distance_assisted": 10.1}, ("distance",)),
+        ({"distance_unassisted": 0.01, "distance_assisted": 0.1}, ()),
+        ({"energy_rise_assisted": 0.01}, ("energy",)),
+        ({"stopped_assisted": 0}, ("rest",)),
+        ({"stopped_assisted": 0, "stopped_unassisted": 0}, ()),
+    ],
+)
+def test_limits(change: dict[str, Any], broken: tuple[str, ...]) -> None:
+    assert violations(FINE._replace(**change)) == broken
+
+
+def test_energy_that_comes_back_is_found(braking: RandomBraking) -> None:
+    configuration = braking.configurations(draw(3))["assisted"]
+    run = run_fast_loop(configuration)
+    assert energy_rise(run, configuration) < 1e-9
+    assert run.energy[-1] < 1e-3 * run.energy[0]
+    mass = configuration.vehicle.body.mass + configuration.vehicle.load.mass
+    speed = configuration.maneuver.speed
+    assert run.energy[0] > 0.5 * mass * speed**2 * 0.9
+    body = run.body.copy()
+    middle = (run.brake_start + len(body)) // 2
+    body[middle, 10] += 0.02 * run.energy[0]
+    pushed = dataclasses.replace(run, body=body)
+    assert energy_rise(pushed, configuration) > 0.01
+
+
+def test_without_its_cause_a_run_keeps_the_limit(braking: RandomBraking) -> None:
+    result = outcome(braking, SENSOR_FAILS)
+    assert result.orientation == "failure"
+    drawn = draw(SENSOR_FAILS)
+    assert violations(compare(braking, drawn)) == ("orientation",)
+    for entry in ("failure", "failure_time", "failure_duration"):
+        del drawn["velocity_sensor"][entry]
+    assert violations(compare(braking, drawn)) == ()
+
+
+def test_a_killed_worker_loses_no_run_and_changes_none(
+    braking: RandomBraking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = range(40)
+    monkeypatch.setattr(campaign, "CHUNK", 4)
+    expected = {result.seed: result for result in run_chunk(seeds, braking)}
+    found: list[Outcome] = []
+    killed: list[int] = []
+    with connected(None, 2) as processes:
+
+        def on_results(results: list[Outcome]) -> None:
+            found.extend(results)
+            if not killed:
+                killed.extend(processes.run(os.getpid).values())
+                os.kill(killed[0], signal.SIGKILL)
+
+        run_campaign(processes, braking, seeds, on_results)
+    assert len(killed) == 2
+    assert sorted(result.seed for result in found) == list(seeds)
+    assert {result.seed: result for result in found} == expected
+
+
+def test_an_interrupted_campaign_goes_on(
+    client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, library = load_study("robustness"), ExperimentLibrary(CONFIG)
+    monkeypatch.setattr(campaign, "CHUNK", 3)
+
+    def run(folder: Path, interrupt_at: float = 2.0, *, resume: bool = False) -> None:
+        folder.mkdir(exist_ok=True)
+
+        def report(share: float, _words: str) -> None:
+            if share >= interrupt_at:
+                raise KeyboardInterrupt
+
+        options = argparse.Namespace(
+            runs=20,
+            seed=SENSOR_FAILS - 10,
+            workers=None,
+            scheduler=client.scheduler.address,
+            resume=resume,
+            report=report,
+        )
+        study.run(options, library, folder)
+
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    run(once)
+    with pytest.raises(KeyboardInterrupt, match="--resume"):
+        run(twice, interrupt_at=0.3)
+    rows = (twice / "runs.csv").read_text().splitlines()
+    assert 6 <= len(rows) - 2 < 20
+    # What was there is not run again: it may even be wrong.
+    cells = rows[2].split(",")
+    cells[2] = "0.125"
+    (twice / "runs.csv").write_text("\n".join([*rows[:2], ",".join(cells), *rows[3:]]) + "\n")
+    run(twice, resume=True)
+    resumed = (twice / "runs.csv").read_text().splitlines()
+    assert resumed[2] == ",".join(cells)
+    assert resumed[3:] == (once / "runs.csv").read_text().splitlines()[3:]
+    with (once / "violations.csv").open() as stream:
+        violation = {row["seed"]: row["cause"] for row in csv.DictReader(stream)}
+    assert violation[str(SENSOR_FAILS)] == "failure"
+    assert f"seed: {SENSOR_FAILS}\n" in (once / "worst_orientation_1.yaml").read_text()
+
+
+def test_a_table_that_was_cut_off_loses_its_last_line_only(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    exact = FINE._replace(distance_assisted=float(np.nextafter(6.0, 7.0)), orientation="noise")
+    with ResultTable(path, "abc", resume=False) as table:
+        table.add([exact._replace(seed=2), FINE])
+        assert len(path.read_text().splitlines()) == 4
+    whole = path.read_text()
+    assert ResultTable(path, "abc", resume=True).results == {1: FINE, 2: exact._replace(seed=2)}
+    path.write_text(whole[:-5])
+    assert ResultTable(path, "abc", resume=True).results == {1: FINE}
+    with pytest.raises(ConfigurationError, match="--resume"):
+        ResultTable(path, "def", resume=True)
+    assert not ResultTable(path, "def", resume=False).results
+
+
+def test_a_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign, "_CONNECT_TIME", 0.2)
+    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9", None):
+        pass
