@@ -21,10 +21,12 @@ from omni_analysis.experiment import ExperimentConfiguration
 from omni_analysis.run_history import RunHistory
 from omni_brake_assist.control_law import MEMORY_SIZE, ControlLaw, control_law, control_step
 from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.valve_dwell import VALVE_SIZE
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.configuration import ConfigurationError
 from omni_sim import dynamics
 from omni_sim.base_motion import base_motion
+from omni_sim.brake_pressure import brake_torques
 from omni_sim.friction import FrictionMap
 from omni_sim.maneuver import ScriptedDriver, in_turned_frame
 from omni_sim.vehicle import KernelState
@@ -246,7 +248,7 @@ def _advance(
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     control = dynamics.Control(
-        pedal * loop.brake_torque * enable,
+        brake_torques(state.pressure, pedal * loop.brake_torque * enable, loop.steps),
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
         loop.hold_world,
@@ -277,7 +279,7 @@ def _run(
 ) -> tuple[int, bool]:
     """Run the loop; fill the records and return the number of stamps and whether it stopped."""
     plant = state.plant
-    memory = np.zeros(MEMORY_SIZE)
+    memory, valves = np.zeros(MEMORY_SIZE), np.zeros((wheels.shape[1], VALVE_SIZE))
     error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
     scratch = np.empty((loop.steps + 1, 6))
     draw, last_ns, still_since = 0, 0, -1.0
@@ -292,6 +294,8 @@ def _run(
         control_step(
             law,
             memory,
+            valves,
+            float(now_ns - last_ns),
             pedal >= law.pedal_threshold,
             True,
             stamp + 1 >= loop.recovery_count,  # every feedback is good
