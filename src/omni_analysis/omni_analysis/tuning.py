@@ -76,8 +76,12 @@ class BrakeLag:
 
     @property
     def label(self) -> str:
-        """Both times in milliseconds."""
-        return f"{1e3 * self.dead_time:g}_{1e3 * self.time_constant:g}_ms"
+        """Both times in milliseconds, ``ideal`` without any."""
+        return (
+            "ideal"
+            if self == BrakeLag()
+            else f"{1e3 * self.dead_time:g}_{1e3 * self.time_constant:g}_ms"
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -219,6 +223,23 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
         if stops and (not best or trial.worst_rotation < best[-1].worst_rotation):
             best.append(trial)
     return tuple(best)
+
+
+def distance_at(trials: Iterable[Trial], rotation: float) -> float:
+    """Return how far it takes to stop with at most some change of orientation.
+
+    Args:
+        trials: whose front is interpolated linearly between its settings.
+        rotation: [deg].
+
+    Returns:
+        [m], NaN where every setting turns further.
+    """
+    best = front(trials)[::-1]
+    if not best or best[0].worst_rotation > rotation:
+        return math.nan
+    rotations = [trial.worst_rotation for trial in best]
+    return float(np.interp(rotation, rotations, [trial.worst_distance for trial in best]))
 
 
 def recommended(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import matplotlib
 import numpy as np
@@ -15,6 +16,8 @@ from omni_analysis.tuning import BrakeLag, Trial, front
 
 _MARKERS = "osD^vP"
 _FRONT_WIDTH = 7.0
+# Of a label of a point, as shares of the axes [1].
+_LABEL_WIDTH, _LABEL_HEIGHT = 0.13, 0.04
 
 
 def trade_off(
@@ -41,13 +44,20 @@ def trade_off(
     )
     all_axes = figure.subplots(1, panels, sharex=True, sharey=True, squeeze=False)[0]
     dwells = sorted({trial.setting.dwell_time for trial in trials})
+    finite = [trial for trial in (*trials, *unassisted) if math.isfinite(trial.worst_distance)]
+    width = np.ptp([trial.worst_distance for trial in finite]) if finite else 0.0
+    height = max((trial.worst_rotation for trial in finite), default=0.0)
+
+    def near(one: Trial, other: Trial) -> bool:
+        across = abs(one.worst_distance - other.worst_distance)
+        along = abs(one.worst_rotation - other.worst_rotation)
+        return bool(across < _LABEL_WIDTH * width and along < _LABEL_HEIGHT * height)
+
     for axes, without in zip(all_axes, unassisted, strict=True):
         style.style_axes(axes)
         here = [trial for trial in trials if trial.lag == without.lag]
-        _panel(axes, here, dwells)
-        axes.plot(
-            [without.worst_distance], [without.worst_rotation], "X", color=style.BLACK, ms=9
-        )
+        _panel(axes, here, dwells, near)
+        axes.plot([without.worst_distance], [without.worst_rotation], "X", color=style.BLACK, ms=9)
         if max_rotation is not None:
             axes.axhline(max_rotation, color=style.VERMILLION, linestyle="--", linewidth=1.2)
         if max_distance is not None:
@@ -101,8 +111,16 @@ def trade_off(
     return figure
 
 
-def _panel(axes: Axes, trials: Sequence[Trial], dwells: Sequence[float]) -> None:
-    """Draw the settings with one lag: a line over the weightings for each dwell time."""
+def _panel(
+    axes: Axes,
+    trials: Sequence[Trial],
+    dwells: Sequence[float],
+    near: Callable[[Trial, Trial], bool],
+) -> None:
+    """Draw the settings with one lag: a line over the weightings for each dwell time.
+
+    `near` tells which labels would lie on one another.
+    """
     best = front(trials)
     axes.plot(
         [trial.worst_distance for trial in best],
@@ -123,7 +141,11 @@ def _panel(axes: Axes, trials: Sequence[Trial], dwells: Sequence[float]) -> None
             linewidth=1.0,
             zorder=3,
         )
-    for trial in (trial for trial in trials if trial.setting.dwell_time == dwells[0]):
+    labelled: list[Trial] = []
+    for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
+        if not math.isfinite(trial.worst_distance) or (labelled and near(labelled[-1], trial)):
+            continue
+        labelled.append(trial)
         axes.annotate(
             _weighting(trial),
             (trial.worst_distance, trial.worst_rotation),
@@ -139,8 +161,8 @@ def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
     """Draw what dwell time and lag of the brakes cost.
 
     Args:
-        rows: lag, dwell time [s], smallest rotation [deg], and shortest distance that halves the
-            unassisted rotation [m], NaN where nothing does.
+        rows: lag, dwell time [s], smallest rotation [deg], and distance at half the unassisted
+            rotation [m], NaN where nothing halves it.
     """
     figure = Figure(figsize=(9.6, 4.2), dpi=style.DOTS_PER_INCH, layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -158,7 +180,7 @@ def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
             )
     for axes, words in (
         (left, "smallest orientation change [deg]"),
-        (right, "distance to halve the unassisted\norientation change [m]"),
+        (right, "stopping distance at half of the\nunassisted orientation change [m]"),
     ):
         style.style_axes(axes)
         axes.set_xlabel("minimum dwell time [ms]", fontsize=style.LABEL_SIZE)

@@ -24,6 +24,7 @@ from omni_analysis.tuning import (
     BrakeLag,
     Setting,
     Trial,
+    distance_at,
     front,
     measure,
     recommended,
@@ -138,10 +139,11 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         metrics |= _recommendation(choice, sentence, *limits)
     costs = _costs(trials, unassisted[0].worst_rotation / 2.0)
     for lag, dwell, rotation, distance in costs:
-        case = f"brakes_{lag.label}_dwell_{1e3 * dwell:g}_ms"
+        case = f"{lag.label}_dwell_{1e3 * dwell:g}_ms"
         metrics[f"smallest_rotation.{case}"] = Metric(rotation, "deg")
         metrics[f"distance_at_half_rotation.{case}"] = Metric(distance, "m")
-    title = f"{options.vehicle or 'vehicle of ' + options.experiment}, worst of {len(bases)} stops"
+    vehicle = Path(options.vehicle).stem if options.vehicle else "its vehicle"
+    title = f"{base.description}, {vehicle}: worst of {len(bases)} situations"
     files = (
         _table(every, front(mine), folder / "settings.csv"),
         save_figure(
@@ -211,13 +213,12 @@ def _recommendation(
 
 
 def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
-    """Return for each lag and dwell time what its front comes to; see `tuning_figures.cost`."""
+    """Return for each lag and dwell time what its settings comes to; see `tuning_figures.cost`."""
     rows: list[Cost] = []
     for lag, dwell in dict.fromkeys((trial.lag, trial.setting.dwell_time) for trial in trials):
-        best = front(t for t in trials if t.lag == lag and t.setting.dwell_time == dwell)
-        reach = [trial.worst_distance for trial in best if trial.worst_rotation <= half]
-        rotation = best[-1].worst_rotation if best else math.nan
-        rows.append((lag, dwell, rotation, min(reach, default=math.nan)))
+        tried = [t for t in trials if t.lag == lag and t.setting.dwell_time == dwell]
+        rotation = min(trial.worst_rotation for trial in tried)
+        rows.append((lag, dwell, rotation, distance_at(tried, half)))
     return rows
 
 
@@ -241,7 +242,7 @@ def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} must be positive")
     return value
@@ -251,4 +252,11 @@ def _lag(text: str) -> BrakeLag:
     dead_time, colon, time_constant = text.partition(":")
     if not colon:
         raise argparse.ArgumentTypeError(f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05")
-    return BrakeLag(float(dead_time), float(time_constant))
+    return BrakeLag(_number(dead_time), _number(time_constant))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
