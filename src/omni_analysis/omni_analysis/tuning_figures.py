@@ -205,8 +205,8 @@ def _weighting(trial: Trial) -> str:
 
 def _colour(dwells: Sequence[float], dwell: float) -> str:
     share = dwells.index(dwell) / max(len(dwells) - 1, 1)
-    colour = matplotlib.colormaps["viridis"](0.9 * share)
-    return str(matplotlib.colors.to_hex(np.asarray(colour)))
+    red, green, blue, _ = matplotlib.colormaps["viridis"](0.9 * share)
+    return f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
 
 
 def _marker(dwells: Sequence[float], dwell: float) -> str:
