@@ -112,3 +112,18 @@ def turned(history: RunHistory) -> FloatArray:
     yaw = history.pose[:, 2]
     start = history.brake_start or 0
     return np.asarray((yaw - yaw[start]) * (180.0 / math.pi), dtype=np.float64)
+
+
+def odometry_lag(history: RunHistory) -> float:
+    """Return by how much the odometry's velocity is late while braking [s].
+
+    A lag ``tau`` puts it off by ``-tau`` times the acceleration, for which ``tau`` is the best
+    fit; noise that knows nothing of the acceleration does not change it. NaN if the odometry never
+    measured.
+    """
+    start = history.brake_start or 0
+    acceleration = np.gradient(history.twist[:, :2], history.time, axis=0)[start:]
+    error = (history.estimate - history.twist)[start:, :2]
+    known = history.measured[start:]
+    square = float(np.sum(acceleration[known] ** 2))
+    return -float(np.sum(error[known] * acceleration[known])) / square if square else math.nan

@@ -17,7 +17,7 @@ _COLUMNS = 4
 
 
 def stops(comparisons: Sequence[Comparison]) -> Figure:
-    """Draw orientation change and stopping distance of every case with either feedback."""
+    """Draw how every case stops with either feedback, and the difference as a number."""
     figure = Figure(
         figsize=(10.0, 1.6 + 0.45 * len(comparisons)),
         dpi=style.DOTS_PER_INCH,
@@ -33,8 +33,17 @@ def stops(comparisons: Sequence[Comparison]) -> Figure:
             sensor = comparison.sensor_metrics[quantity].value
             optical = comparison.optical_metrics[quantity].value
             axes.plot([sensor, optical], [row, row], color=style.GREY, linewidth=1.5, zorder=2)
-            axes.plot([sensor], [row], "o", color=_SENSOR, ms=9, zorder=3)
-            axes.plot([optical], [row], "D", color=_OPTICAL, ms=5, zorder=4)
+            axes.plot([sensor], [row], "o", color=_SENSOR, ms=9, zorder=3, clip_on=False)
+            axes.plot([optical], [row], "D", color=_OPTICAL, ms=5, zorder=4, clip_on=False)
+            axes.annotate(
+                f"{optical - sensor:+.2f}",
+                (max(sensor, optical), row),
+                xytext=(9, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=style.TICK_SIZE,
+            )
+        axes.margins(x=0.14)
         axes.set_xlim(left=0.0)
         axes.set_xlabel(words, fontsize=style.LABEL_SIZE)
     left.set_yticks(range(len(comparisons)), [_words(comparison) for comparison in comparisons])

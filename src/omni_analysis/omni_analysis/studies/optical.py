@@ -6,6 +6,7 @@ The velocity sensor is ideal but for ``ice_patch_noisy``, where it is that of Eq
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,13 @@ import numpy as np
 from omni_analysis import experiment_study, feedback_figures
 from omni_analysis.data_table import write_table
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.feedback_comparison import EXPERIMENTS, Comparison, compare, turned
+from omni_analysis.feedback_comparison import (
+    EXPERIMENTS,
+    Comparison,
+    compare,
+    odometry_lag,
+    turned,
+)
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
@@ -65,6 +72,7 @@ def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
             metrics[f"{quantity}.{case}_optical"] = optical[quantity]
             metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
         metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
+        metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(comparison.optical), "s")
     return metrics
 
 
@@ -93,6 +101,12 @@ def _findings(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
         if faulty
         else "The assistant never distrusted the odometry."
     )
+    lags = [1e3 * odometry_lag(comparison.optical) for comparison in comparisons]
+    if all(map(math.isfinite, lags)):
+        sentences.append(
+            f"The odometry's velocity is a mean over the last lines and so {min(lags):.1f} to "
+            f"{max(lags):.1f} ms late."
+        )
     return tuple(sentences)
 
 
@@ -111,6 +125,7 @@ def _columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     for quantity in _ODOMETRY:
         values = [comparison.optical_metrics[quantity] for comparison in comparisons]
         columns[f"{quantity.replace('_', ' ')} [{values[0].unit}]"] = [m.value for m in values]
+    columns["odometry lag [s]"] = [odometry_lag(c.optical) for c in comparisons]
     return columns
 
 
