@@ -79,8 +79,8 @@ def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
 def _findings(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
     sentences = []
     for quantity, words, unit in (
-        ("orientation_change", "orientation changes", "deg"),
-        ("stopping_distance", "stopping distance differs", "m"),
+        ("orientation_change", "orientation change", "deg"),
+        ("stopping_distance", "stopping distance", "m"),
     ):
         by_case = {
             comparison: (
@@ -92,8 +92,8 @@ def _findings(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
         worst = max(by_case, key=lambda case: abs(by_case[case][1] - by_case[case][0]))
         sensor, optical = by_case[worst]
         sentences.append(
-            f"The {words} most in {worst.experiment} {worst.variant}: {optical:.2f} {unit} with "
-            f"the line-scan odometry, {sensor:.2f} {unit} with the velocity sensor."
+            f"The {words} differs most in {worst.experiment} {worst.variant}: {optical:.2f} {unit} "
+            f"with the line-scan odometry, {sensor:.2f} {unit} with the velocity sensor."
         )
     faulty = [c.case for c in comparisons if c.optical_metrics["fail_safe_share"].value > 0.0]
     sentences.append(

@@ -142,10 +142,11 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         case = f"{lag.label}_dwell_{1e3 * dwell:g}_ms"
         metrics[f"smallest_rotation.{case}"] = Metric(rotation, "deg")
         metrics[f"distance_at_half_rotation.{case}"] = Metric(distance, "m")
-    vehicle = Path(options.vehicle).stem if options.vehicle else "its vehicle"
-    title = f"{base.description}, {vehicle}: worst of {len(bases)} situations"
+    vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
+    title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
     files = (
         _table(every, front(mine), folder / "settings.csv"),
+        _cost_table(costs, folder / "cost.csv"),
         save_figure(
             tuning_figures.trade_off(trials, unassisted, choice, *limits, title),
             folder / "trade_off.png",
@@ -220,6 +221,19 @@ def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
         rotation = min(trial.worst_rotation for trial in tried)
         rows.append((lag, dwell, rotation, distance_at(tried, half)))
     return rows
+
+
+def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
+    return write_table(
+        {
+            "dead time [s]": [lag.dead_time for lag, *_ in costs],
+            "time constant [s]": [lag.time_constant for lag, *_ in costs],
+            "dwell time [s]": [dwell for _, dwell, _, _ in costs],
+            "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
+            "distance at half of the unassisted [m]": [distance for *_, distance in costs],
+        },
+        path,
+    )
 
 
 def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
