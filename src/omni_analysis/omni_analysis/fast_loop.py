@@ -22,10 +22,12 @@ from omni_analysis.run_history import RunHistory
 from omni_brake_assist.braking_line import LINE_SIZE, forget_line
 from omni_brake_assist.control_law import MEMORY_SIZE, ControlLaw, control_law, control_step
 from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.valve_dwell import VALVE_SIZE
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.configuration import ConfigurationError
 from omni_sim import dynamics
 from omni_sim.base_motion import base_motion
+from omni_sim.brake_pressure import brake_torques
 from omni_sim.friction import FrictionMap
 from omni_sim.maneuver import ScriptedDriver, in_turned_frame
 from omni_sim.roller_dynamics import Rollers, roller_energies
@@ -289,7 +291,7 @@ def _advance(
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     control = dynamics.Control(
-        pedal * loop.brake_torque * enable,
+        brake_torques(state.pressure, pedal * loop.brake_torque * enable, loop.steps),
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
         loop.hold_world,
@@ -325,11 +327,11 @@ def _run(
 ) -> tuple[int, bool]:
     """Run the loop; fill the records and return the number of stamps and whether it stopped."""
     plant = state.plant
-    memory = np.zeros(MEMORY_SIZE)
+    memory, valves = np.zeros(MEMORY_SIZE), np.zeros((wheels.shape[1], VALVE_SIZE))
     error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
     scratch = np.empty((loop.steps + 1, 6))
     held, last, clock = np.zeros(3), np.zeros(3), np.zeros(CLOCK_SIZE, np.int64)
-    draw, followed_ns, still_since = 0, 0, -1.0
+    draw, followed_ns, last_ns, still_since = 0, 0, 0, -1.0
     for stamp in range(loop.pedal.size):
         now_ns = stamp * loop.period_ns
         row = body[stamp]
@@ -346,7 +348,22 @@ def _run(
                 forget_line(memory[:LINE_SIZE])
                 dt = 0.0
         trusted = clock[TRUSTED] != 0
-        control_step(law, memory, braking, good, trusted, dt, row[6], row[7], row[8], error, enable)
+        control_step(
+            law,
+            memory,
+            valves,
+            float(now_ns - last_ns),
+            braking,
+            good,
+            trusted,
+            dt,
+            row[6],
+            row[7],
+            row[8],
+            error,
+            enable,
+        )
+        last_ns = now_ns
         row[_TRUST] = 1.0 if trusted else 0.0
         row[_STORED] = _energy(plant, state.body, state.wheels, state.rollers)
         wheels[stamp, :, _ANGLE] = state.wheels[:, dynamics.ANGLE]

@@ -18,6 +18,11 @@ from omni_platform.configuration import ConfigurationError
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
+VALVES = (
+    "brake_assist.minimum_dwell_time=0.03",
+    "vehicle.brake.dead_time=0.004",
+    "vehicle.brake.time_constant=0.02",
+)
 TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
 
 
@@ -51,6 +56,7 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         ("straight_line", "assisted", ("velocity_sensor.sample_time=0.03",)),
         ("straight_line", "assisted", ("simulation.duration_limit=1.003",)),
         ("straight_line", "assisted", ("simulation.control_period=0.005",)),
+        ("straight_line", "assisted", VALVES),
         ("three_wheel_diagonal", "assisted", ()),
         ("ice_patch_noisy", "noisy", ()),
         ("turn_while_translate", "k1", ()),

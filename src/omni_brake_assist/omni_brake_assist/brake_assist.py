@@ -1,7 +1,8 @@
 """The brake assistant: which brakes may act, at every control step. Eqs. (44)-(46), section 3.3.
 
 From the moment the pedal goes down the brake of wheel i acts while its error ``s_i`` is negative.
-All brakes act
+A valve that has just switched stays as it is for the minimum dwell time (`valve_dwell`). All
+brakes act at once
 
 - while the pedal is up (nothing is held back from a driver who does not brake),
 - if no error is negative, so that the vehicle never rolls unbraked,
@@ -36,6 +37,7 @@ from omni_brake_assist.control_law import (
 from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault, Feedback
 from omni_brake_assist.fail_safe import FeedbackMonitor, TwistSample, checked_stamp
 from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
 
@@ -70,6 +72,8 @@ class BrakeAssist:
         self._monitor = FeedbackMonitor(configuration, reach)
         self._law = control_law(configuration, self.manifold.constants)
         self._memory = np.zeros(MEMORY_SIZE)
+        self._valves = np.zeros((len(self.geometry.names), VALVE_SIZE))
+        self._switched_ns = 0
         self._followed_ns = 0
         self._wheels_fault: Fault | None = None
         self._stamp_ns = 0
@@ -155,7 +159,7 @@ class BrakeAssist:
         outcome, enable, error = self._step(sample, braking=braking)
         state, reason = self._state(braking, fault_now, outcome)
         if state is not AssistState.ASSISTING:
-            enable = np.ones_like(enable)
+            enable = self._open_valves()
         return Decision(self._stamp_ns, enable, error, state, reason, fault_now)
 
     def _step(
@@ -174,6 +178,8 @@ class BrakeAssist:
         outcome = control_step(
             self._law,
             self._memory,
+            self._valves,
+            self._elapsed(),
             braking,
             sample is not None,
             self._monitor.fault is None,
@@ -185,6 +191,17 @@ class BrakeAssist:
             enable,
         )
         return outcome, enable, error
+
+    def _elapsed(self) -> float:
+        """Return the time since it was last asked for [ns]; time that runs back counts as none."""
+        elapsed = max(self._stamp_ns - self._switched_ns, 0)
+        self._switched_ns = self._stamp_ns
+        return float(elapsed)
+
+    def _open_valves(self) -> FloatArray:
+        """Let all brakes act and return the enables."""
+        open_valves(self._valves, self._law.dwell, self._elapsed())
+        return np.ones(len(self._valves))
 
     def _state(self, braking: bool, fault: Fault | None, outcome: int) -> tuple[AssistState, str]:
         configuration = self.configuration
@@ -201,12 +218,14 @@ class BrakeAssist:
             )
         if outcome == NO_HELP:
             return AssistState.ALL_ERRORS_POSITIVE, "no error is negative"  # section 3.3
-        return AssistState.ASSISTING, "brakes with a negative error are on"
+        dwell = configuration.minimum_dwell_time
+        within = f", switched at most every {dwell:g} s" if dwell > 0.0 else ""
+        return AssistState.ASSISTING, f"brakes with a negative error are on{within}"
 
     def _all_on(self, fault: Fault) -> Decision:
-        wheels = len(self.geometry.names)
+        enable = self._open_valves()
         return Decision(
-            self._stamp_ns, np.ones(wheels), np.zeros(wheels), fault.state, fault.reason, fault
+            self._stamp_ns, enable, np.zeros(len(enable)), fault.state, fault.reason, fault
         )
 
 

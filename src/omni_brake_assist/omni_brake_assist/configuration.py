@@ -33,6 +33,14 @@ class BrakeAssistConfiguration(Configuration):
         minimum=1,
         maximum=999,
     )
+    minimum_dwell_time: float = parameter(
+        0.0,
+        description="Shortest time between two switchings of a valve; not waited for where all "
+        "brakes must act",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
     pedal_threshold: float = parameter(
         0.05, description="Pedal position from which the driver brakes", above=0.0, maximum=1.0
     )

@@ -22,6 +22,7 @@ from omni_brake_assist.braking_line import (
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.sliding_manifold import Manifold, fastest_wheel, wheel_error
+from omni_brake_assist.valve_dwell import open_valves, switch_valves
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +44,7 @@ class ControlLaw(NamedTuple):
         minimum_reference_speed: below which there is no line to keep [m/s].
         speed_threshold: of the fastest wheel centre, below which all brakes are on [m/s].
         speed_hysteresis: above it, to resume assisting [m/s].
+        dwell: shortest time between two switchings of a valve [ns].
     """
 
     manifold: Manifold
@@ -51,6 +53,7 @@ class ControlLaw(NamedTuple):
     minimum_reference_speed: float
     speed_threshold: float
     speed_hysteresis: float
+    dwell: float
 
 
 def control_law(configuration: BrakeAssistConfiguration, manifold: Manifold) -> ControlLaw:
@@ -62,6 +65,7 @@ def control_law(configuration: BrakeAssistConfiguration, manifold: Manifold) -> 
         configuration.minimum_reference_speed,
         configuration.speed_threshold,
         configuration.speed_hysteresis,
+        float(round(configuration.minimum_dwell_time * 1e9)),
     )
 
 
@@ -76,7 +80,7 @@ def _is_slow(law: ControlLaw, memory: FloatArray, speed: float) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def control_step(
+def _judge(
     law: ControlLaw,
     memory: FloatArray,
     braking: bool,
@@ -87,28 +91,9 @@ def control_step(
     v_y: float,
     omega: float,
     error: FloatArray,
-    enable: FloatArray,
 ) -> int:
-    """Follow the braking line and decide which brakes help, Eqs. (44)-(46), section 3.3.
-
-    Args:
-        law: constants.
-        memory: from step to step, zeros at the start, shape (7,).
-        braking: whether the driver brakes.
-        good: whether the feedback passed every check; otherwise its numbers are not used.
-        trusted: whether good feedback may release brakes.
-        dt: time since the last good feedback [s].
-        v_x: ``v_cx`` of the feedback [m/s].
-        v_y: ``v_cy`` [m/s].
-        omega: ``Omega`` [rad/s].
-        error: receives ``s_i`` [m/s], shape (N,); zeros without braking or trust.
-        enable: receives 1 where brake pressure passes, else 0, shape (N,).
-
-    Returns:
-        One of RELEASED, UNTRUSTED, SLOW, NO_HELP and ASSIST.
-    """
+    """Follow the braking line and compute the errors; arguments as for `control_step`."""
     error[:] = 0.0
-    enable[:] = 1.0
     line = memory[:LINE_SIZE]
     if not braking:
         forget_line(line)
@@ -131,7 +116,51 @@ def control_step(
         return SLOW
     if helpful == 0:
         return NO_HELP
-    if law.enabled:
+    return ASSIST
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def control_step(
+    law: ControlLaw,
+    memory: FloatArray,
+    valves: FloatArray,
+    elapsed: float,
+    braking: bool,
+    good: bool,
+    trusted: bool,
+    dt: float,
+    v_x: float,
+    v_y: float,
+    omega: float,
+    error: FloatArray,
+    enable: FloatArray,
+) -> int:
+    """Follow the braking line and decide which brakes help, Eqs. (44)-(46), section 3.3.
+
+    Args:
+        law: constants.
+        memory: from step to step, zeros at the start, shape (7,).
+        valves: likewise, see `valve_dwell`, shape (N, 2).
+        elapsed: time since the last step [ns].
+        braking: whether the driver brakes.
+        good: whether the feedback passed every check; otherwise its numbers are not used.
+        trusted: whether good feedback may release brakes.
+        dt: time since the last good feedback [s].
+        v_x: ``v_cx`` of the feedback [m/s].
+        v_y: ``v_cy`` [m/s].
+        omega: ``Omega`` [rad/s].
+        error: receives ``s_i`` [m/s], shape (N,); zeros without braking or trust.
+        enable: receives 1 where brake pressure passes, else 0, shape (N,).
+
+    Returns:
+        One of RELEASED, UNTRUSTED, SLOW, NO_HELP and ASSIST.
+    """
+    outcome = _judge(law, memory, braking, good, trusted, dt, v_x, v_y, omega, error)
+    if outcome == ASSIST and law.enabled:
         for i in range(error.size):
             enable[i] = 1.0 if error[i] < 0.0 else 0.0  # Eqs. (45), (46)
-    return ASSIST
+        switch_valves(valves, law.dwell, elapsed, enable)
+    else:
+        enable[:] = 1.0
+        open_valves(valves, law.dwell, elapsed)
+    return int(outcome)

@@ -48,7 +48,7 @@ def workspace() -> Path:
     return Path(os.environ.get("OMNI_WORKSPACE", "."))
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:  # noqa: PLR0911
     # Imported late: help and a mistyped option answer at once.
     if options.command == "study":
         from omni_bringup.study_command import study

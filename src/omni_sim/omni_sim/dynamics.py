@@ -156,7 +156,8 @@ class Control(NamedTuple):
     """What acts on the vehicle during a call.
 
     Attributes:
-        brake: torque that each brake can exert [N m], shape (N,).
+        brake: torque that each brake can exert in each step [N m], shape (n, N), or (1, N) in all
+            steps.
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         hold_world: whether its linear part keeps its direction in the world while the body turns.
@@ -357,6 +358,7 @@ def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) ->
 def _step_wheels(
     plant: Plant,
     control: Control,
+    brake: FloatArray,
     body: FloatArray,
     heading: tuple[float, float],
     ahead: tuple[float, float, float],
@@ -372,6 +374,7 @@ def _step_wheels(
         plant: constants.
         control: inputs.
         body: body state at the start of the step.
+        brake: torque that each brake can exert in this step [N m].
         heading: cosine and sine of the yaw at the middle of the step.
         ahead: velocity of the centre of gravity and yaw rate at the end of the step if the
             forces did not change, in the body frame.
@@ -404,7 +407,7 @@ def _step_wheels(
         force, deflection, new_omega, brake_torque, patch, sliding = wheel_step(
             omega + wheels[i, GAIN],
             plant.wheel_inertia,
-            control.brake[i],
+            brake[i],
             control.drive_stiffness,
             plant.rolling[i, 0] * drive[0]
             + plant.rolling[i, 1] * drive[1]
@@ -446,6 +449,7 @@ def _drive_after(control: Control, turned: float) -> tuple[float, float]:
 def _step_roller_wheels(
     plant: Plant,
     control: Control,
+    brake: FloatArray,
     body: FloatArray,
     heading: tuple[float, float],
     ahead: tuple[float, float, float],
@@ -471,7 +475,7 @@ def _step_roller_wheels(
             i,
             omega,
             wheel[ANGLE] + 0.5 * dt * omega,
-            control.brake[i],
+            brake[i],
             control.drive_stiffness,
             rolling[0] * drive[0] + rolling[1] * drive[1] + rolling[2] * drive[2],
             loads[i],
@@ -603,12 +607,14 @@ def advance(
         if lossy:
             _resist(plant, losses, body, (cos, sin), ahead, loads, wheels)
         drive = (drive_x, drive_y, control.twist[2])
+        brake = control.brake[min(k, control.brake.shape[0] - 1)]
         if rollers is None:
             if plant.roller_pitch > 0.0:
                 displace_contacts(plant, wheels, contacts)
             _step_wheels(
                 plant,
                 control,
+                brake,
                 body,
                 (cos, sin),
                 ahead,
@@ -622,6 +628,7 @@ def advance(
             _step_roller_wheels(
                 plant,
                 control,
+                brake,
                 body,
                 (cos, sin),
                 ahead,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim import dynamics
 from omni_sim.base_motion import base_motion
+from omni_sim.brake_pressure import BrakePressure, brake_torques, build_brake_pressure, release
 from omni_sim.contact import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.friction import FrictionMap
 from omni_sim.ground_elevation import ElevationConfiguration
@@ -72,6 +73,7 @@ class KernelState(NamedTuple):
         rollers: individual rollers, if the wheels have any.
         wheels: wheel states, shape (N, 12).
         counters: of steps with tipping or overload, shape (2,).
+        pressure: in the brakes; `brake_pressure.brake_torques` advances it.
     """
 
     plant: dynamics.Plant
@@ -82,6 +84,7 @@ class KernelState(NamedTuple):
     rollers: Rollers | None
     wheels: FloatArray
     counters: NDArray[np.int64]
+    pressure: BrakePressure
 
 
 class Vehicle:
@@ -148,6 +151,10 @@ class Vehicle:
         n = len(configuration.wheels)
         self._body = np.zeros(dynamics.BODY_SIZE)
         self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
+        brake = configuration.brake
+        self._pressure = build_brake_pressure(
+            brake.time_constant, brake.dead_time, n, self.physics_step
+        )
         self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
         self._individual_rollers: Rollers | None = None
         if np.ndim(wheel_angle) == 0:
@@ -182,6 +189,7 @@ class Vehicle:
         self._body[dynamics.V_X] = cos * v[0] - sin * v[1]
         self._body[dynamics.V_Y] = sin * v[0] + cos * v[1]
         self._body[dynamics.YAW_RATE] = twist_body[2]
+        release(self._pressure)
         self._wheels[:] = 0.0
         self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
         pressing = math.sqrt(1.0 - float(np.sum(self._tilt**2)))
@@ -229,7 +237,7 @@ class Vehicle:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
             at the start and after each step, shape (n_steps + 1, 6).
         """
-        control = self._control(pedal, enable, command_twist, hold_world_direction)
+        control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
         return self._run(n_steps, control, *self._no_log)
 
     def advance_logged(
@@ -242,7 +250,7 @@ class Vehicle:
         hold_world_direction: bool = False,
     ) -> StepLog:
         """Advance like `advance` and record every step."""
-        control = self._control(pedal, enable, command_twist, hold_world_direction)
+        control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
         wheels = np.empty((n_steps, *self._wheels.shape))
         energy = np.empty((n_steps, dynamics.ENERGIES))
         trajectory = self._run(n_steps, control, wheels, energy)
@@ -304,8 +312,15 @@ class Vehicle:
         return self._body[dynamics.TILT_X : dynamics.TILT_Y + 1]
 
     def _control(
-        self, pedal: float, enable: ArrayLike, command_twist: ArrayLike, hold_world: bool
+        self,
+        n_steps: int,
+        pedal: float,
+        enable: ArrayLike,
+        command_twist: ArrayLike,
+        hold_world: bool,
     ) -> dynamics.Control:
+        if n_steps < 0:
+            raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         shares = _finite("enable", enable, (len(self._wheels),))
         if not 0.0 <= _finite("pedal", pedal, ()) <= 1.0:
             raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")
@@ -313,10 +328,12 @@ class Vehicle:
             raise VehicleInputError(f"enable {enable!r} must be in 0..1")
         drive = self.configuration.drive
         engaged = pedal < drive.clutch_threshold
+        twist = _finite("command twist", command_twist, (3,))
+        asked = pedal * self.configuration.brake.max_torque * shares
         return dynamics.Control(
-            brake=pedal * self.configuration.brake.max_torque * shares,
+            brake=brake_torques(self._pressure, asked, n_steps),
             drive_stiffness=drive.stiffness if engaged else 0.0,
-            twist=_finite("command twist", command_twist, (3,)),
+            twist=twist,
             hold_world=bool(hold_world),
             force_x=float(self._force[0]),
             force_y=float(self._force[1]),
@@ -325,8 +342,6 @@ class Vehicle:
     def _run(
         self, n_steps: int, control: dynamics.Control, wheels: FloatArray, energy: FloatArray
     ) -> FloatArray:
-        if n_steps < 0:
-            raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         trajectory = np.empty((n_steps + 1, 6))
         before = int(self._counters[dynamics.TIPPING_STEPS])
         dynamics.advance(
@@ -378,6 +393,7 @@ class Vehicle:
             self._individual_rollers,
             self._wheels,
             self._counters,
+            self._pressure,
         )
 
     @property

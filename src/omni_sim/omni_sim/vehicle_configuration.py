@@ -34,6 +34,20 @@ class BrakeConfiguration(Configuration):
         minimum=0.0,
         maximum=1.0e6,
     )
+    dead_time: float = parameter(
+        0.0,
+        description="Time until the pressure in a brake begins to follow pedal and valve",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    time_constant: float = parameter(
+        0.0,
+        description="Time constant with which the pressure then builds up and falls",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

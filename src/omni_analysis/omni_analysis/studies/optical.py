@@ -1,0 +1,143 @@
+"""Chapter 3 with the loop closed over the line-scan odometry, beside the feedback taken for given.
+
+The velocity sensor is ideal but for ``ice_patch_noisy``, where it is that of Eqs. (60), (61).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omni_analysis import experiment_study, feedback_figures
+from omni_analysis.data_table import write_table
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.feedback_comparison import (
+    EXPERIMENTS,
+    Comparison,
+    compare,
+    odometry_lag,
+    turned,
+)
+from omni_analysis.figure_style import save_figure
+from omni_analysis.metrics import Metric
+from omni_analysis.studies import StudyResult
+
+_DIFFERENCES = {
+    "orientation_change": "deg",
+    "stopping_distance": "m",
+    "lateral_deviation": "m",
+    "brake_switchings": "1",
+}
+_ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the study's options."""
+    parser.add_argument(
+        "--experiment",
+        action="append",
+        metavar="NAME",
+        help=f"may be repeated (default: {', '.join(EXPERIMENTS)})",
+    )
+    experiment_study.add_arguments(parser)
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Run every assisted variant with either feedback and report the difference."""
+    comparisons = compare(
+        library, options.experiment or EXPERIMENTS, options.overrides, options.report
+    )
+    files = (
+        write_table(_columns(comparisons), folder / "stops.csv"),
+        write_table(_orientation_columns(comparisons), folder / "orientations.csv"),
+        save_figure(feedback_figures.stops(comparisons), folder / "stops.png"),
+        save_figure(feedback_figures.orientations(comparisons), folder / "orientations.png"),
+    )
+    return StudyResult(_metrics(comparisons), files, _findings(comparisons))
+
+
+def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for comparison in comparisons:
+        sensor, optical = comparison.sensor_metrics, comparison.optical_metrics
+        case = comparison.case
+        for quantity, unit in _DIFFERENCES.items():
+            difference = optical[quantity].value - sensor[quantity].value
+            metrics[f"{quantity}.{case}_sensor"] = sensor[quantity]
+            metrics[f"{quantity}.{case}_optical"] = optical[quantity]
+            metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
+        metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
+        metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(comparison.optical), "s")
+    return metrics
+
+
+def _findings(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
+    sentences = []
+    for quantity, words, unit in (
+        ("orientation_change", "orientation change", "deg"),
+        ("stopping_distance", "stopping distance", "m"),
+    ):
+        by_case = {
+            comparison: (
+                comparison.sensor_metrics[quantity].value,
+                comparison.optical_metrics[quantity].value,
+            )
+            for comparison in comparisons
+        }
+        worst = max(by_case, key=lambda case: abs(by_case[case][1] - by_case[case][0]))
+        sensor, optical = by_case[worst]
+        sentences.append(
+            f"The {words} differs most in {worst.experiment} {worst.variant}: {optical:.2f} {unit} "
+            f"with the line-scan odometry, {sensor:.2f} {unit} with the velocity sensor."
+        )
+    faulty = [c.case for c in comparisons if c.optical_metrics["fail_safe_share"].value > 0.0]
+    sentences.append(
+        f"The assistant distrusted the odometry in {', '.join(faulty)}."
+        if faulty
+        else "The assistant never distrusted the odometry."
+    )
+    lags = [1e3 * odometry_lag(comparison.optical) for comparison in comparisons]
+    if all(map(math.isfinite, lags)):
+        sentences.append(
+            f"The odometry's velocity is a mean over the last lines and so {min(lags):.1f} to "
+            f"{max(lags):.1f} ms late."
+        )
+    return tuple(sentences)
+
+
+def _columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "experiment": [comparison.experiment for comparison in comparisons],
+        "variant": [comparison.variant for comparison in comparisons],
+    }
+    for quantity, unit in _DIFFERENCES.items():
+        for words, metrics in (
+            ("velocity sensor", [c.sensor_metrics for c in comparisons]),
+            ("line-scan odometry", [c.optical_metrics for c in comparisons]),
+        ):
+            name = f"{quantity.replace('_', ' ')}, {words} [{unit}]"
+            columns[name] = [case[quantity].value for case in metrics]
+    for quantity in _ODOMETRY:
+        values = [comparison.optical_metrics[quantity] for comparison in comparisons]
+        columns[f"{quantity.replace('_', ' ')} [{values[0].unit}]"] = [m.value for m in values]
+    columns["odometry lag [s]"] = [odometry_lag(c.optical) for c in comparisons]
+    return columns
+
+
+def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    runs = [
+        (comparison, feedback, history)
+        for comparison in comparisons
+        for feedback, history in (("sensor", comparison.sensor), ("optical", comparison.optical))
+    ]
+    return {
+        "case": [c.case for c, _, history in runs for _ in history.stamp_ns],
+        "feedback": [feedback for _, feedback, history in runs for _ in history.stamp_ns],
+        "time since braking [s]": np.concatenate([h.braking_time for _, _, h in runs]),
+        "orientation [deg]": np.concatenate([turned(h) for _, _, h in runs]),
+    }

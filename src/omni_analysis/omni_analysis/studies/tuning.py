@@ -1,0 +1,276 @@
+"""Orientation kept against distance paid: which setting of the brake assistant suits a vehicle.
+
+Every weighting and k is tried with every dwell time, with the brakes that the vehicle has and with
+slower ones, and judged by the worst of several situations (`omni_analysis.tuning`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from omni_analysis import tuning_figures
+from omni_analysis.data_table import write_table
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import save_figure
+from omni_analysis.metrics import Metric
+from omni_analysis.studies import StudyResult
+from omni_analysis.tuning import (
+    OFF,
+    BrakeLag,
+    Setting,
+    Trial,
+    distance_at,
+    front,
+    measure,
+    recommended,
+    situations,
+)
+from omni_platform.configuration import ConfigurationError
+
+_K = (1, 3, 5, 7, 11, 31)
+_DWELLS = (0.0, 0.02, 0.05, 0.1, 0.2)
+_LAGS = (BrakeLag(0.005, 0.01), BrakeLag(0.02, 0.05))
+
+Cost = tuple[BrakeLag, float, float, float]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the study's options."""
+    parser.add_argument(
+        "--vehicle",
+        metavar="NAME",
+        help="a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)",
+    )
+    parser.add_argument(
+        "--experiment",
+        default="turn_while_translate",
+        metavar="NAME",
+        help="whose maneuver and ground it brakes on (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--max-rotation",
+        type=_positive,
+        metavar="DEG",
+        help="recommend the setting that stops shortest without turning further than this",
+    )
+    parser.add_argument(
+        "--max-distance",
+        type=_positive,
+        metavar="M",
+        help="recommend the setting that turns least without needing more than this to stop",
+    )
+    parser.add_argument(
+        "--k",
+        type=int,
+        action="append",
+        metavar="K",
+        help="tuning constant of the enhanced weighting to try; may be repeated "
+        f"(default: {', '.join(map(str, _K))})",
+    )
+    parser.add_argument(
+        "--dwell",
+        type=float,
+        action="append",
+        metavar="S",
+        help="minimum dwell time of the valves to try; may be repeated "
+        f"(default: {', '.join(f'{dwell:g}' for dwell in _DWELLS)})",
+    )
+    parser.add_argument(
+        "--brakes",
+        type=_lag,
+        action="append",
+        metavar="DEAD:LAG",
+        help="dead time and time constant [s] of other brakes to compare; may be repeated "
+        f"(default: {', '.join(f'{lag.dead_time:g}:{lag.time_constant:g}' for lag in _LAGS)})",
+    )
+    parser.add_argument(
+        "--situations",
+        type=int,
+        default=8,
+        metavar="N",
+        help="slightly different maneuvers that a setting is judged by (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of the situations (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
+    )
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Try every setting, and recommend one within the limits."""
+    if options.situations < 1:
+        raise ConfigurationError("--situations", f"{options.situations} must be at least 1")
+    overrides = [f"vehicle={options.vehicle}"] if options.vehicle else []
+    overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.overrides]
+    variant = library.variants(options.experiment)[0]
+    base = library.load(options.experiment, variant, overrides)
+    brake = base.vehicle.brake
+    own = BrakeLag(brake.dead_time, brake.time_constant)
+    lags = tuple(dict.fromkeys((own, *(options.brakes or _LAGS))))
+    settings = _settings(options.k or _K, options.dwell or _DWELLS)
+
+    def on_trial(share: float) -> None:
+        options.report(share, f"{len(settings) * len(lags)} settings")
+
+    bases = situations(base, options.situations, options.seed)
+    every = measure(bases, (OFF, *settings), lags, on_trial)
+    unassisted = [trial for trial in every if trial.setting == OFF]
+    trials = [trial for trial in every if trial.setting != OFF]
+    mine = [trial for trial in trials if trial.lag == own]
+    limits = options.max_rotation, options.max_distance
+    choice: Trial | None = None
+    findings = [_spread(mine, unassisted[0], options.situations)]
+    metrics = _metrics(mine, unassisted[0])
+    if any(limit is not None for limit in limits):
+        choice, sentence = recommended(mine, *limits)
+        findings.append(sentence)
+        metrics |= _recommendation(choice, sentence, *limits)
+    costs = _costs(trials, unassisted[0].worst_rotation / 2.0)
+    for lag, dwell, rotation, distance in costs:
+        case = f"{lag.label}_dwell_{1e3 * dwell:g}_ms"
+        metrics[f"smallest_rotation.{case}"] = Metric(rotation, "deg")
+        metrics[f"distance_at_half_rotation.{case}"] = Metric(distance, "m")
+    vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
+    title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
+    files = (
+        _table(every, front(mine), folder / "settings.csv"),
+        _cost_table(costs, folder / "cost.csv"),
+        save_figure(
+            tuning_figures.trade_off(trials, unassisted, choice, *limits, title),
+            folder / "trade_off.png",
+        ),
+        save_figure(tuning_figures.cost(costs), folder / "cost.png"),
+    )
+    return StudyResult(metrics, files, tuple(findings))
+
+
+def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]:
+    """Return all settings, in each dwell time from the shortest stop to the least turn."""
+    return tuple(
+        Setting(weighting, k, dwell)
+        for dwell in sorted(set(dwells))
+        for weighting, k in (
+            ("cosine", 7),
+            *(("enhanced", k) for k in sorted(set(ks))),
+            ("zero", 7),
+        )
+    )
+
+
+def _spread(trials: Sequence[Trial], unassisted: Trial, count: int) -> str:
+    best = front(trials)
+    if not best:
+        return "The vehicle does not stop with any setting."
+    first, last = best[0], best[-1]
+    return (
+        f"At worst of {count} situations the best settings go from "
+        f"{first.worst_rotation:.1f} deg and {first.worst_distance:.2f} m ({_case(first)}) to "
+        f"{last.worst_rotation:.1f} deg and {last.worst_distance:.2f} m ({_case(last)}); "
+        f"unassisted {unassisted.worst_rotation:.1f} deg and {unassisted.worst_distance:.2f} m."
+    )
+
+
+def _case(trial: Trial) -> str:
+    return f"{trial.setting.label}_dwell_{1e3 * trial.setting.dwell_time:g}_ms"
+
+
+def _metrics(trials: Sequence[Trial], unassisted: Trial) -> dict[str, Metric]:
+    """Return the front with the vehicle's own brakes."""
+    cases = {"unassisted": unassisted} | {_case(trial): trial for trial in front(trials)}
+    rotation = {
+        f"orientation_change.{case}": Metric(trial.worst_rotation, "deg")
+        for case, trial in cases.items()
+    }
+    distance = {
+        f"stopping_distance.{case}": Metric(trial.worst_distance, "m")
+        for case, trial in cases.items()
+    }
+    return rotation | distance
+
+
+def _recommendation(
+    choice: Trial | None, sentence: str, max_rotation: float | None, max_distance: float | None
+) -> dict[str, Metric]:
+    rotation = choice.worst_rotation if choice else math.nan
+    distance = choice.worst_distance if choice else math.nan
+    return {
+        "orientation_change.recommended": Metric(
+            rotation, "deg", limit=max_rotation, note=sentence
+        ),
+        "stopping_distance.recommended": Metric(distance, "m", limit=max_distance, note=sentence),
+    }
+
+
+def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
+    """Return for each lag and dwell time what its settings comes to; see `tuning_figures.cost`."""
+    rows: list[Cost] = []
+    for lag, dwell in dict.fromkeys((trial.lag, trial.setting.dwell_time) for trial in trials):
+        tried = [t for t in trials if t.lag == lag and t.setting.dwell_time == dwell]
+        rotation = min(trial.worst_rotation for trial in tried)
+        rows.append((lag, dwell, rotation, distance_at(tried, half)))
+    return rows
+
+
+def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
+    return write_table(
+        {
+            "dead time [s]": [lag.dead_time for lag, *_ in costs],
+            "time constant [s]": [lag.time_constant for lag, *_ in costs],
+            "dwell time [s]": [dwell for _, dwell, _, _ in costs],
+            "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
+            "distance at half of the unassisted [m]": [distance for *_, distance in costs],
+        },
+        path,
+    )
+
+
+def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
+    chosen = {id(trial) for trial in best}
+    return write_table(
+        {
+            "dead time [s]": [trial.lag.dead_time for trial in trials],
+            "time constant [s]": [trial.lag.time_constant for trial in trials],
+            "weighting": [trial.setting.label for trial in trials],
+            "dwell time [s]": [trial.setting.dwell_time for trial in trials],
+            "orientation change, worst [deg]": [trial.worst_rotation for trial in trials],
+            "stopping distance, worst [m]": [trial.worst_distance for trial in trials],
+            "orientation change, undisturbed [deg]": [float(t.rotation[0]) for t in trials],
+            "stopping distance, undisturbed [m]": [float(t.distance[0]) for t in trials],
+            "brake switchings, mean": [float(np.mean(trial.switchings)) for trial in trials],
+            "best of the vehicle's brakes": [int(id(trial) in chosen) for trial in trials],
+        },
+        path,
+    )
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} must be positive")
+    return value
+
+
+def _lag(text: str) -> BrakeLag:
+    dead_time, colon, time_constant = text.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05")
+    return BrakeLag(_number(dead_time), _number(time_constant))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None

@@ -1,0 +1,95 @@
+"""The pressure in the brakes against its closed form, and what it costs a vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omni_sim.brake_pressure import brake_torques, build_brake_pressure
+from omni_sim.loads import MassConfiguration
+from omni_sim.vehicle import Vehicle
+from omni_sim.vehicle_configuration import VehicleConfiguration
+
+FloatArray = NDArray[np.float64]
+
+LAG, DEAD, STEP = 0.03, 0.007, 0.0005
+ASKED = np.array([1500.0, 0.0, 700.0])
+
+
+def test_pressure_without_lag_is_what_is_asked() -> None:
+    pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
+    np.testing.assert_array_equal(brake_torques(pressure, ASKED, 20), [ASKED])
+
+
+def test_dead_time_alone_shifts_what_is_asked() -> None:
+    pressure = build_brake_pressure(0.0, DEAD, 3, STEP)
+    steps = round(DEAD / STEP)
+    torques = [brake_torques(pressure, c * ASKED, 10) for c in (1.0, 0.5, 0.2)]
+    shares = np.concatenate((np.zeros(steps), np.repeat([1.0, 0.5], 10)))[:30]
+    np.testing.assert_array_equal(np.concatenate(torques), np.outer(shares, ASKED))
+
+
+@pytest.mark.parametrize("step", [STEP, 0.001])
+def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
+    """The integral of ``p`` after 0.1 s of demand and 0.1 s without."""
+    pressure = build_brake_pressure(LAG, DEAD, 3, step)
+    on, off = 0.1, 0.1
+    rows = [brake_torques(pressure, asked, round(0.1 / step)) for asked in (ASKED, 0.0 * ASKED)]
+    impulse = step * np.concatenate(rows).sum(axis=0)
+    top = 1.0 - math.exp(-on / LAG)
+    rising = on - LAG * top
+    falling = LAG * top * (1.0 - math.exp(-(off - DEAD) / LAG))
+    np.testing.assert_allclose(impulse, (rising + falling) * ASKED, rtol=1e-12)
+
+
+def light_brakes(forklift: VehicleConfiguration, **brake: float) -> VehicleConfiguration:
+    """A vehicle with its load in the middle, whose brakes do not lock the wheels."""
+    return dataclasses.replace(
+        forklift,
+        load=MassConfiguration(mass=250.0, height=0.5, yaw_inertia=10.0),
+        brake=dataclasses.replace(forklift.brake, max_torque=150.0, **brake),
+    )
+
+
+def distance(vehicle: Vehicle, seconds: float = 6.0) -> float:
+    steps = round(seconds / vehicle.physics_step)
+    vehicle.advance(steps, 1.0, np.ones(4), np.zeros(3))
+    return float(vehicle.pose[0])
+
+
+@pytest.mark.parametrize(("lag", "dead"), [(0.2, 0.0), (0.0, 0.05), (0.1, 0.02)])
+def test_late_brakes_lengthen_the_stop_by_the_closed_form(
+    forklift: VehicleConfiguration, lag: float, dead: float
+) -> None:
+    """From ``v`` at a constant deceleration ``a`` of the full torque: ``v (T + t_d) - a T^2/2``."""
+    v = 6.0
+    at_once = distance(Vehicle(light_brakes(forklift), twist=(v, 0.0, 0.0)))
+    a = v**2 / (2.0 * at_once)
+    late = light_brakes(forklift, time_constant=lag, dead_time=dead)
+    extra = distance(Vehicle(late, twist=(v, 0.0, 0.0))) - at_once
+    assert extra == pytest.approx(v * (lag + dead) - 0.5 * a * lag**2, rel=0.01)
+
+
+def test_late_brakes_add_no_energy(forklift: VehicleConfiguration) -> None:
+    brake = dataclasses.replace(forklift.brake, time_constant=LAG, dead_time=DEAD)
+    vehicle = Vehicle(dataclasses.replace(forklift, brake=brake), twist=(6.0, 2.0, 1.0))
+    allowance = 1e-9 * vehicle.kinetic_energy
+    random = np.random.default_rng(3)
+    for _ in range(100):
+        before = vehicle.kinetic_energy + vehicle.elastic_energy
+        log = vehicle.advance_logged(20, 1.0, random.integers(0, 2, 4), np.zeros(3))
+        energy = np.concatenate(([before], log.energy.sum(axis=1)))
+        assert np.max(np.diff(energy)) <= allowance
+        assert np.all(np.abs(log.brake_torque) <= brake.max_torque)
+
+
+def test_a_vehicle_that_is_placed_anew_has_no_pressure(forklift: VehicleConfiguration) -> None:
+    brake = dataclasses.replace(forklift.brake, time_constant=LAG, dead_time=DEAD)
+    vehicle = Vehicle(dataclasses.replace(forklift, brake=brake), twist=(6.0, 2.0, 1.0))
+    first = vehicle.advance(333, 1.0, np.ones(4), np.zeros(3))
+    vehicle.place((0.0, 0.0, 0.0), (6.0, 2.0, 1.0))
+    np.testing.assert_array_equal(vehicle.advance(333, 1.0, np.ones(4), np.zeros(3)), first)
