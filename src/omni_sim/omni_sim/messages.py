@@ -82,7 +82,7 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
     markers.append(_sphere(stamp_ns, "load", (*load, vehicle.load.height), 0.3, _GREEN))
     for index, mount in enumerate(vehicle.wheels.values()):
         hub = origin + to_world @ np.array([mount.x, mount.y])
-        locked = observation.brake_torque[index] > 0.0
+        locked = observation.brake_torque[index] != 0.0
         heading = yaw + math.radians(mount.heading_deg)
         size = (2.0 * mount.radius, 0.5 * mount.radius, 2.0 * mount.radius)
         colour = _VERMILION if locked else _SKY
