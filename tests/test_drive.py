@@ -62,7 +62,8 @@ class Drive:
 
     def connect(self, **changes: Any) -> ClientConnection:
         options = {"origin": self.origin} | changes
-        return connect(f"ws://{self.address}{self.path}socket", **options)
+        # Entered and never left: a page that closes ends its socket by itself.
+        return connect(f"ws://{self.address}{self.path}socket", **options).__enter__()
 
 
 class Page:
@@ -198,7 +199,7 @@ def test_a_page_from_elsewhere_is_refused(drive: Drive, origin: str | None) -> N
 
 def test_a_socket_without_the_token_is_refused(drive: Drive) -> None:
     with pytest.raises(InvalidStatus) as refused:
-        connect(f"ws://{drive.address}/socket", origin=drive.origin)
+        connect(f"ws://{drive.address}/socket", origin=drive.origin).__enter__()
     assert refused.value.response.status_code == 403
 
 

@@ -9,7 +9,16 @@ import subprocess
 import time
 from pathlib import Path
 
-from omni_process import RUN_TIMEOUT, WORKSPACE, omni, omni_command, omni_environment
+from omni_process import (
+    RUN_TIMEOUT,
+    WORKSPACE,
+    omni,
+    omni_command,
+    omni_environment,
+    processes_of,
+    recorded_bytes,
+    wait_until,
+)
 from rosbags.highlevel import AnyReader
 
 from omni_analysis.bag_comparison import compare_topics
@@ -49,7 +58,7 @@ def test_the_rate_is_that_of_the_recording_on_request(tmp_path: Path) -> None:
     assert "not within the tolerance" in finished.stdout
 
 
-def test_a_killed_recording_is_recovered_and_replayed(tmp_path: Path) -> None:
+def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     bag = folder / "assisted"
     process = subprocess.Popen(
@@ -59,18 +68,9 @@ def test_a_killed_recording_is_recovered_and_replayed(tmp_path: Path) -> None:
         text=True,
     )
     try:
-        deadline = time.monotonic() + RUN_TIMEOUT
-        while sum(path.stat().st_size for path in bag.glob("*.mcap")) < 4_000_000:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        mark = f"OMNI_PARENT_PID={process.pid}".encode()
-        for entry in Path("/proc").glob("[0-9]*"):
-            try:
-                ours = mark in (entry / "environ").read_bytes().split(b"\0")
-                if ours and "recorder" in (entry / "cmdline").read_text():
-                    os.kill(int(entry.name), signal.SIGKILL)
-            except OSError:
-                continue  # it has just ended, or is not ours
+        wait_until(lambda: recorded_bytes(folder) > 4_000_000)
+        (recorder,) = processes_of("omni_bringup", process.pid)
+        os.kill(recorder, signal.SIGKILL)
         _, words = process.communicate(timeout=RUN_TIMEOUT)
     finally:
         process.kill()
@@ -96,3 +96,7 @@ def test_a_killed_recording_is_recovered_and_replayed(tmp_path: Path) -> None:
     assert twists["recorded"] > 30
     assert twists["recorded"] - twists["identical"] <= twists["unpaired"] < 10
     assert twists["largest_difference"] == 0.0
+    page = tmp_path / "report.html"
+    reported = omni(["report", saved, "--out", str(page)])
+    assert reported.returncode == 0, reported.stderr
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
