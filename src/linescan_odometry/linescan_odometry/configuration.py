@@ -59,7 +59,7 @@ class OdometryConfiguration(Configuration):
         maximum=1.0,
     )
     peak_recovery: int = parameter(
-        0,
+        4,
         description="Distance from the whole pixel within which a peak that noise has moved is "
         "looked for again on smoothed lines; 0 for no recovery",
         unit="px",

@@ -61,61 +61,35 @@ def mark_inliers(
 
 @njit(cache=True, nogil=True)
 def average(
-    displacement: NDArray[np.float64], variance: NDArray[np.float64], inlier: NDArray[np.bool_]
-) -> tuple[float, float]:
+    displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
+) -> float:
     """Average the inliers.
 
     Args:
         displacement: of m consecutive pairs [px], shape (m,).
-        variance: of each displacement, from its match [px^2], shape (m,).
         inlier: which to average, at least one, shape (m,).
+        weight: receives the weight of each displacement in the mean, sum 1, shape (m,).
 
     Returns:
         The mean [px], taken from the straight line through the inliers in the middle of the
-        batch, and its variance [px^2].
-
-    The variance of one displacement is the larger of that of the matches and of the scatter about
-    the line. How it falls with their number depends on where the errors come from. Moving
-    straight they are the noise of the lines; consecutive ones cancel, and V / m is on the safe
-    side. Moving sideways, texture enters and leaves across the axis. The match of any two strips
-    of ground is then wrong twice in the same sense, once when the second one enters the view and
-    once when the first one leaves it: 2 V / m. The correlation of consecutive errors, -1/2 or
-    about 0, tells which it is.
+        batch, so that those left out do not bias it while the platform accelerates.
     """
     total = displacement.shape[0]
     count = 0
-    s_t, s_d, s_tt, s_td, s_v = 0.0, 0.0, 0.0, 0.0, 0.0
+    s_t, s_tt = 0.0, 0.0
     for i in range(total):
         if inlier[i]:
             t = i - 0.5 * (total - 1)
             count += 1
             s_t += t
-            s_d += displacement[i]
             s_tt += t * t
-            s_td += t * displacement[i]
-            s_v += variance[i]
-    mean = s_d / count
     middle = s_t / count
-    single = s_v / count
-    spread_t = s_tt - s_t * middle
-    slope, leverage = 0.0, 1.0 / count
-    if 2 * count > total and count >= 3:
-        slope = (s_td - s_t * mean) / spread_t
-        leverage += middle * middle / spread_t
-    scatter, product, neighbours = 0.0, 0.0, 0
-    before = 0.0
+    spread = s_tt - s_t * middle
+    tilt = middle / spread if 2 * count > total and count >= 3 else 0.0
+    mean = 0.0
     for i in range(total):
+        weight[i] = 0.0
         if inlier[i]:
-            rest = displacement[i] - mean - slope * (i - 0.5 * (total - 1) - middle)
-            scatter += rest * rest
-            if i > 0 and inlier[i - 1]:
-                product += before * rest
-                neighbours += 1
-            before = rest
-    most = 2.0 - 1.0 / count
-    persistence = most
-    if count >= 4 and scatter > 0.0 and neighbours > 0:
-        single = max(single, scatter / (count - 2))
-        correlation = (product / neighbours) / (scatter / count)
-        persistence = min(max(2.0 + 4.0 * correlation, 1.0), most)
-    return mean - slope * middle, persistence * single * leverage
+            weight[i] = 1.0 / count - tilt * (i - 0.5 * (total - 1) - middle)
+            mean += weight[i] * displacement[i]
+    return mean

@@ -126,7 +126,9 @@ class SensorOdometry:
         if count == 0 or share < settings.minimum_inlier_share:
             reason = self._describe(lines, pairs, matched)
             return SensorReading.unmeasured(reason, inlier_share=share)
-        displacement, variance = average(pairs.displacement, pairs.variance, inlier)
+        weight = np.empty(len(inlier))
+        displacement = average(pairs.displacement, inlier, weight)
+        variance = self._refiner.mean_variance(pairs.displacement, weight)
         correlation = float(np.mean(pairs.similarity, where=inlier))
         if abs(displacement) < settings.slow_displacement and len(inlier) > 1:
             displacement, variance = self._span(lines, displacement, variance)
@@ -151,12 +153,14 @@ class SensorOdometry:
         """
         span = len(lines) - 1
         ends = self._measure(lines[::span].copy(), self._ends_search)
-        whole, whole_variance = float(ends.displacement[0]), float(ends.variance[0]) / span**2
+        whole = float(ends.displacement[0])
         drift = abs(whole - span * displacement)
-        trusted = bool(ends.usable[0]) and drift <= self._configuration.median_tolerance
-        if trusted and whole_variance < variance:
-            return whole / span, whole_variance
-        return displacement, variance
+        if not ends.usable[0] or drift > self._configuration.median_tolerance:
+            return displacement, variance
+        whole_variance = self._refiner.mean_variance(ends.displacement, np.ones(1)) / span**2
+        if whole_variance > variance:
+            return displacement, variance
+        return whole / span, whole_variance
 
     def _describe(self, lines: Lines, pairs: PairDisplacements, matched: int) -> str:
         """Say why the pairs of a batch gave no velocity."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
@@ -20,6 +21,7 @@ _KERNEL = np.exp(-0.5 * (np.arange(-_RADIUS, _RADIUS + 1) / _SIGMA) ** 2)
 _KERNEL /= _KERNEL.sum()
 
 
+@njit(cache=True, nogil=True)
 def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     """Return the shift at which the smoothed lines match best.
 
@@ -30,25 +32,37 @@ def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
         reach: how far to look from there [px].
     """
     smooth_old, smooth_new = _smooth(old), _smooth(new)
-    length = len(smooth_new)
     best, best_shift = -math.inf, shift
-    for s in sorted(range(shift - reach, shift + reach + 1), key=lambda s: abs(s - shift)):
-        overlap = length - abs(s)
-        if overlap < 2:
-            continue
-        x = smooth_new[max(0, -s) :][:overlap]
-        y = smooth_old[max(0, s) :][:overlap]
-        r = _correlation(x, y)
-        if r > best:
-            best, best_shift = r, s
+    for away in range(reach + 1):
+        for s in (shift - away, shift + away):
+            r = _correlation(smooth_old, smooth_new, s)
+            if r > best:
+                best, best_shift = r, s
     return best_shift
 
 
+@njit(cache=True, nogil=True)
 def _smooth(line: Lines) -> NDArray[np.float64]:
-    return np.convolve(line.astype(np.float64), _KERNEL, mode="valid")
+    smooth = np.zeros(max(0, len(line) - 2 * _RADIUS))
+    for k in range(len(_KERNEL)):
+        for i in range(len(smooth)):
+            smooth[i] += _KERNEL[k] * line[i + k]
+    return smooth
 
 
-def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    a, b = x - x.mean(), y - y.mean()
-    norm = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / norm if norm > 0.0 else -1.0
+@njit(cache=True, nogil=True)
+def _correlation(old: NDArray[np.float64], new: NDArray[np.float64], shift: int) -> float:
+    """Return Pearson's correlation at a shift; -1 where it is not defined."""
+    overlap = len(new) - abs(shift)
+    if overlap < 2:
+        return -1.0
+    x = new[max(0, -shift) :][:overlap]
+    y = old[max(0, shift) :][:overlap]
+    mean_x, mean_y = x.mean(), y.mean()
+    xx, yy, xy = 0.0, 0.0, 0.0
+    for i in range(overlap):
+        a, b = x[i] - mean_x, y[i] - mean_y
+        xx += a * a
+        yy += b * b
+        xy += a * b
+    return xy / math.sqrt(xx * yy) if xx * yy > 0.0 else -1.0

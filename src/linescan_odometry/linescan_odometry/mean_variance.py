@@ -1,0 +1,114 @@
+"""Variance of the mean of many consecutive displacements, from what stays of their matches.
+
+The errors of consecutive displacements are anything but independent. The noise of a line enters
+the displacement before it and, with the opposite sign, the one after it: nearly all of it cancels
+in the mean of a straight motion. Moving sideways, a strip of ground that enters the view spoils
+the match once, and once more when it leaves; neighbouring strips of the same stone spoil it alike,
+over as many lines as the stone is wide. The variance of a mean of m displacements can so be 30
+times smaller than V / m or 10 times larger.
+
+All of this happens at one place *along the axis*, and places some grains apart know nothing of each
+other. So the errors are summed over the time first and squared afterwards, place by place (the
+cluster-robust variance of regression, Liang and Zeger 1986). With ``r_ib`` the sum of e g over
+block b of the ground in pair i, ``P_ib`` that of p q (see `subpixel`), P_i its sum over the blocks
+and ``w_i`` the weight of pair i in the mean,
+
+    S_b = sum_i w_i (r_ib - P_ib / P_i sum_b r_ib) / P_i,    var = sum_b S_b^2
+
+Three corrections make it right for a handful of blocks. Errors may reach from one block into the
+next ones: products of neighbours enter with the weights of Bartlett (Newey and West 1987), over
+a seventh of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
+sum_i w_i P_ib / P_i``. The fit has taken its part of every error: division by 1 - (leverage of a
+window). And as the variance is itself an estimate with nu degrees of freedom, errors over it have
+the variance of Student's t, ``nu / (nu - 2)``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_WINDOWS = 7.0  # that the effective number of blocks is divided into
+_FEWEST_FREEDOMS = 3.0
+_LARGEST_LEVERAGE = 0.6
+_LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
+
+
+def mean_variance(
+    sums: FloatArray, length: IntArray, parts: IntArray, block: IntArray, weight: FloatArray
+) -> float:
+    """Return the variance of a weighted mean of displacements [px^2].
+
+    Args:
+        sums: of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
+            4); the parts of a pair lie in consecutive blocks of ground.
+        length: of the overlap of each pair [px], shape (m,).
+        parts: number of parts of each pair, shape (m,).
+        block: number of the block of ground in which the first part of a pair lies, shape (m,).
+        weight: of each pair in the mean, zero for those left out, shape (m,).
+    """
+    used = weight != 0.0
+    low = int(block[used].min())
+    error, leverage = np.zeros((2, int((block + parts)[used].max()) - low))
+    _add_pairs(sums, length, parts, block - low, weight, error, leverage)
+    return float(_variance(error, leverage))
+
+
+@njit(cache=True, nogil=True)
+def _add_pairs(
+    sums: FloatArray,
+    length: IntArray,
+    parts: IntArray,
+    block: IntArray,
+    weight: FloatArray,
+    error: FloatArray,
+    leverage: FloatArray,
+) -> None:
+    """Add S_b and h_b of every pair."""
+    for pair in range(len(weight)):
+        if weight[pair] == 0.0:
+            continue
+        e, g, eg, pq = 0.0, 0.0, 0.0, 0.0
+        for part in range(parts[pair]):
+            e += sums[pair, part, 0]
+            g += sums[pair, part, 1]
+            eg += sums[pair, part, 2]
+            pq += sums[pair, part, 3]
+        e /= length[pair]
+        rest = eg - e * g
+        for part in range(parts[pair]):
+            share = sums[pair, part, 3] / pq
+            own = sums[pair, part, 2] - e * sums[pair, part, 1] - share * rest
+            error[block[pair] + part] += weight[pair] * 0.5 * own / pq
+            leverage[block[pair] + part] += weight[pair] * share
+
+
+@njit(cache=True, nogil=True)
+def _variance(error: FloatArray, leverage: FloatArray) -> float:
+    """Return the variance of the sum of the blocks' errors."""
+    squares, shares = 0.0, 0.0
+    for b in range(len(error)):
+        squares += error[b] * error[b]
+        shares += leverage[b] * leverage[b]
+    number = 1.0 / shares
+    window = max(1.0, number / _WINDOWS)
+    total = squares
+    linear, square = 1.0, 1.0  # sums of the weights and of their squares
+    for lag in range(1, min(math.ceil(window), len(error))):
+        bartlett = 1.0 - lag / window
+        product = 0.0
+        for b in range(lag, len(error)):
+            product += error[b] * error[b - lag]
+        total += 2.0 * bartlett * product
+        linear += 2.0 * bartlett
+        square += 2.0 * bartlett * bartlett
+    total = max(total, _LEAST_SHARE * squares)
+    freedoms = max(number / square, _FEWEST_FREEDOMS)
+    kept = 1.0 - min(linear / number, _LARGEST_LEVERAGE)
+    return total / kept * freedoms / (freedoms - 2.0)
