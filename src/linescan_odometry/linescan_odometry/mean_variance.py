@@ -17,10 +17,10 @@ and ``w_i`` the weight of pair i in the mean,
 
 Three corrections make it right for a handful of blocks. Errors may reach from one block into the
 next ones: products of neighbours enter with the weights of Bartlett (Newey and West 1987), over
-a seventh of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
-sum_i w_i P_ib / P_i``. The fit has taken its part of every error: division by 1 - (leverage of a
-window). And as the variance is itself an estimate with nu degrees of freedom, errors over it have
-the variance of Student's t, ``nu / (nu - 2)``.
+a sixth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
+sum_i w_i P_ib / P_i``. The fit of each pair has taken its part of the errors, by the leverage
+of its blocks: the rest is divided by what it left. And as the variance is itself an estimate, with
+nu degrees of freedom, errors over it have the variance of Student's t, ``nu / (nu - 2)``.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_WINDOWS = 7.0  # that the effective number of blocks is divided into
+_WINDOWS = 6.0  # that the effective number of blocks is divided into
 _FEWEST_FREEDOMS = 3.0
-_LARGEST_LEVERAGE = 0.6
+_LARGEST_LEVERAGE = 0.75
 _LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
 
 
@@ -56,8 +56,59 @@ def mean_variance(
     used = weight != 0.0
     low = int(block[used].min())
     error, leverage = np.zeros((2, int((block + parts)[used].max()) - low))
-    _add_pairs(sums, length, parts, block - low, weight, error, leverage)
-    return float(_variance(error, leverage))
+    shares = np.zeros(sums.shape[1])
+    return float(_variance(sums, length, parts, block - low, weight, error, leverage, shares))
+
+
+@njit(cache=True, nogil=True)
+def _variance(
+    sums: FloatArray,
+    length: IntArray,
+    parts: IntArray,
+    block: IntArray,
+    weight: FloatArray,
+    error: FloatArray,
+    leverage: FloatArray,
+    shares: FloatArray,
+) -> float:
+    """Return the variance; `error` and `leverage` receive S_b and h_b, `shares` is for work."""
+    _add_pairs(sums, length, parts, block, weight, error, leverage)
+    squares, number = 0.0, 0.0
+    for b in range(len(error)):
+        squares += error[b] * error[b]
+        number += leverage[b] * leverage[b]
+    number = 1.0 / number
+    window = max(1.0, number / _WINDOWS)
+    total = _smoothed_square(error, window)
+    total = max(total, _LEAST_SHARE * squares)
+    taken, weights = 0.0, 0.0
+    for pair in range(len(weight)):
+        if weight[pair] != 0.0:
+            pq = 0.0
+            for part in range(parts[pair]):
+                pq += sums[pair, part, 3]
+            for part in range(parts[pair]):
+                shares[part] = sums[pair, part, 3] / pq
+            taken += abs(weight[pair]) * _smoothed_square(shares[: parts[pair]], window)
+            weights += abs(weight[pair])
+    kept = 1.0 - min(taken / weights, _LARGEST_LEVERAGE)
+    square = 1.0
+    for lag in range(1, math.ceil(window)):
+        square += 2.0 * (1.0 - lag / window) ** 2
+    freedoms = max(number / square, _FEWEST_FREEDOMS)
+    return total / kept * freedoms / (freedoms - 2.0)
+
+
+@njit(cache=True, nogil=True)
+def _smoothed_square(values: FloatArray, window: float) -> float:
+    """Return the sum of squares and of products of neighbours, with Bartlett's weights."""
+    total = 0.0
+    for lag in range(min(math.ceil(window), len(values))):
+        product = 0.0
+        for b in range(lag, len(values)):
+            product += values[b] * values[b - lag]
+        total += (1.0 - lag / window) * (product if lag == 0 else 2.0 * product)
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -87,28 +138,3 @@ def _add_pairs(
             own = sums[pair, part, 2] - e * sums[pair, part, 1] - share * rest
             error[block[pair] + part] += weight[pair] * 0.5 * own / pq
             leverage[block[pair] + part] += weight[pair] * share
-
-
-@njit(cache=True, nogil=True)
-def _variance(error: FloatArray, leverage: FloatArray) -> float:
-    """Return the variance of the sum of the blocks' errors."""
-    squares, shares = 0.0, 0.0
-    for b in range(len(error)):
-        squares += error[b] * error[b]
-        shares += leverage[b] * leverage[b]
-    number = 1.0 / shares
-    window = max(1.0, number / _WINDOWS)
-    total = squares
-    linear, square = 1.0, 1.0  # sums of the weights and of their squares
-    for lag in range(1, min(math.ceil(window), len(error))):
-        bartlett = 1.0 - lag / window
-        product = 0.0
-        for b in range(lag, len(error)):
-            product += error[b] * error[b - lag]
-        total += 2.0 * bartlett * product
-        linear += 2.0 * bartlett
-        square += 2.0 * bartlett * bartlett
-    total = max(total, _LEAST_SHARE * squares)
-    freedoms = max(number / square, _FEWEST_FREEDOMS)
-    kept = 1.0 - min(linear / number, _LARGEST_LEVERAGE)
-    return total / kept * freedoms / (freedoms - 2.0)

@@ -125,7 +125,8 @@ def test_straight_motion_is_stated_as_accurate_as_it_is(speed: float, expose: Ex
         cancelled[i] = stated / (variance.mean() / 25)
     # The noise of the lines in between cancels, but for what one of two pairs does not see.
     assert cancelled.mean() < 0.1 + 2.0 * abs(speed) / 512
-    assert 0.6 < ratios.mean() < 1.5  # +- 0.13 by chance
+    # +- 0.13 by chance; fast motion is judged on the safe side
+    assert 0.4 < ratios.mean() < 1.5
 
 
 def test_pairs_left_out_count_neither_for_nor_against(expose: Expose) -> None:

@@ -18,6 +18,7 @@ from omni_analysis.studies import (
     accuracy,
     contrast,
     correlation_functions,
+    covariance,
     field_of_view,
     load_study,
     median,
@@ -108,6 +109,20 @@ def test_accuracy_is_near_the_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         # No estimator is better; 160 pairs scatter by 6 %.
         assert 0.85 < metrics[f"rmse_over_bound.{pixels}_2"].value < 1.7
         assert metrics[f"locking.{pixels}_2"].value < 0.03
+
+
+def test_the_twist_is_as_accurate_as_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(covariance, "_GROUNDS", ("cork", "stone"))
+    monkeypatch.setattr(covariance, "_CAMERAS", {"generic": covariance._CAMERAS["generic"]})
+    motions = {name: covariance._MOTIONS[name] for name in ("at rest", "slow", "diagonal")}
+    monkeypatch.setattr(covariance, "_MOTIONS", motions)
+    metrics = study(covariance, tmp_path, "--starts", "6").metrics
+    for ground in ("cork", "stone"):
+        assert metrics[f"measured_share.generic_{ground}"].value == 1.0
+        # 18 starts scatter by some 10 %; with errors taken for independent it would be 0.1 to 4.
+        assert 0.65 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
 
 
 def test_straight_motion_is_right_up_to_the_limit_and_not_beyond(

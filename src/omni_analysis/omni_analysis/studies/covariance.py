@@ -1,0 +1,243 @@
+"""Whether the twist is as accurate as the odometry says, over grounds, line cameras and motions.
+
+Three line cameras on a circle, along its tangents. The error squared of the twist, over what its
+covariance lets expect, has the mean 1 where the covariance is right. Speeds are shares of the
+largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are tried alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    LABEL_SIZE,
+    ORANGE,
+    PALE,
+    TITLE_SIZE,
+    save_figure,
+    style_axes,
+)
+from omni_analysis.line_trials import ground
+from omni_analysis.metrics import Metric
+from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
+from omni_analysis.twist_trials import TwistTrial, cameras_over, drive, tangential
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+
+_GROUNDS = ("cork", "asphalt", "stone")
+_COLOURS = (BLUE, ORANGE, GREEN)
+_RADIUS = 0.6  # m
+_OVERLAP = 0.6
+_BATCHES = 8
+_CAMERAS = {
+    "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
+    "lis770i": LineSensor(
+        x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
+    ),
+    "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
+}
+# (v_x, v_y) as shares of the largest sideways speed, and the lateral share of a point on the circle
+# that turning adds.
+_MOTIONS = {
+    "at rest": (0.0, 0.0, 0.0),
+    "creeping": (0.001, 0.0, 0.0005),
+    "slow": (0.05, 0.0, 0.0),
+    "ahead": (0.5, 0.0, 0.0),
+    "sideways": (0.0, 0.5, 0.0),
+    "diagonal": (0.25, 0.25, 0.0),
+    "in a curve": (0.25, 0.0, 0.05),
+    "spinning": (0.0, 0.0, 0.1),
+}
+_LOW, _HIGH = 0.8, 1.25  # within which a covariance counts as right
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One camera, ground and motion, from several places in several directions.
+
+    Attributes:
+        camera: its name.
+        ground: its kind.
+        motion: its name.
+        trials: one for each start.
+    """
+
+    camera: str
+    ground: str
+    motion: str
+    trials: tuple[TwistTrial, ...]
+
+    @property
+    def squares(self) -> NDArray[np.float64]:
+        """Errors squared over their expectation, of all batches."""
+        return np.concatenate([trial.normalised_error_squared for trial in self.trials])
+
+    @property
+    def mean(self) -> float:
+        """Mean of `squares`."""
+        return float(self.squares.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean, from one start to the other: batches from one start are not independent."""
+        means = [trial.normalised_error_squared.mean() for trial in self.trials]
+        return float(np.std(means, ddof=1)) / math.sqrt(len(means))
+
+    @property
+    def measured(self) -> float:
+        """Share of the batches that were measured, 0..1."""
+        return float(np.mean([trial.measured for trial in self.trials]))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the number of batches, the noise and the seed."""
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=12,
+        metavar="N",
+        help=f"random places and directions, with {_BATCHES} batches of 10 ms from each, for each "
+        "camera, ground and motion (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=1.0,
+        metavar="LEVELS",
+        help="standard deviation in grey levels (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
+    )
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+    """Drive every case; write figure, data and metrics."""
+    if not 2 <= options.starts <= 10_000:
+        raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 10000")
+    if not 0.0 <= options.noise <= 50.0:
+        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 50 grey levels")
+    if options.seed < 0:
+        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    cases = [case for kind in _GROUNDS for name in _CAMERAS for case in _drive(name, kind, options)]
+    files = (
+        save_figure(_draw(cases), folder / "covariance.png"),
+        write_table(
+            folder / "covariance.csv",
+            (
+                "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
+                "normalised_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
+                "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
+            ),
+            (_row(case) for case in cases),
+        ),
+    )  # fmt: skip
+    return StudyResult(_metrics(cases), files, _findings(cases))
+
+
+def _drive(name: str, kind: str, options: argparse.Namespace) -> list[Case]:
+    """Drive all motions with one kind of camera over one ground."""
+    camera = _CAMERAS[name]
+    sensors = tangential(_RADIUS, camera)
+    configuration = OdometryConfiguration(sensors=sensors)
+    cameras = cameras_over(ground(kind), sensors, options.noise, options.seed)
+    generator = np.random.default_rng(options.seed)
+    largest = (1.0 - _OVERLAP) * camera.width * camera.line_rate
+    cases = []
+    for motion, shares in _MOTIONS.items():
+        twist = largest * np.array(shares) / np.array([1.0, 1.0, _RADIUS])
+        trials = tuple(
+            drive(configuration, cameras, twist, _BATCHES, generator) for _ in range(options.starts)
+        )
+        cases.append(Case(name, kind, motion, trials))
+    return cases
+
+
+def _metrics(cases: list[Case]) -> dict[str, Metric]:
+    metrics = {}
+    for name in _CAMERAS:
+        for kind in _GROUNDS:
+            own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
+            pooled = np.concatenate([case.squares for case in own])
+            measured = float(np.mean([case.measured for case in own]))
+            metrics[f"normalised_error_squared.{name}_{kind}"] = Metric(
+                float(pooled.mean()), "1", reference=1.0
+            )
+            metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
+    every = np.concatenate([case.squares for case in cases])
+    metrics["normalised_error_squared.all"] = Metric(float(every.mean()), "1", reference=1.0)
+    right = [_LOW <= case.mean <= _HIGH for case in cases]
+    metrics["right_share.all"] = Metric(float(np.mean(right)), "1")
+    return metrics
+
+
+def _findings(cases: list[Case]) -> tuple[str, ...]:
+    means = {f"{case.camera}, {case.ground}, {case.motion}": case.mean for case in cases}
+    every = np.concatenate([case.squares for case in cases])
+    right = sum(_LOW <= value <= _HIGH for value in means.values())
+    worst = max(means, key=lambda name: abs(math.log(means[name])))
+    return (
+        f"The error squared of the twist is {every.mean():.2f} times what its covariance lets "
+        f"expect; {right} of {len(means)} cases lie within {_LOW:g} to {_HIGH:g}.",
+        f"The farthest off is {worst}, with {means[worst]:.2f}.",
+    )
+
+
+def _row(case: Case) -> tuple[str | float, ...]:
+    error = np.concatenate([trial.error for trial in case.trials])
+    covariance = np.concatenate([trial.covariance for trial in case.trials])
+    rmse = np.sqrt(np.mean(error**2, axis=0))
+    stated = np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0))
+    return (
+        case.camera, case.ground, case.motion, *case.trials[0].twist, case.measured,
+        case.mean, case.standard_error, *rmse, *stated,
+    )  # fmt: skip
+
+
+def _draw(cases: list[Case]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.8), layout="constrained")
+    panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
+    figure.suptitle(
+        "Error squared of the twist over what its covariance lets expect; bars: standard error",
+        fontsize=TITLE_SIZE,
+        x=0.01,
+        ha="left",
+    )
+    places = np.arange(len(_MOTIONS))
+    for axes, name in zip(panels, _CAMERAS, strict=True):
+        axes.axhspan(_LOW, _HIGH, color=PALE, alpha=0.6, linewidth=0.0)
+        axes.axhline(1.0, color=GREY, linewidth=1.0)
+        for i, (kind, colour) in enumerate(zip(_GROUNDS, _COLOURS, strict=True)):
+            own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
+            mean = [case.mean for case in own]
+            spread = [case.standard_error for case in own]
+            axes.errorbar(
+                places + 0.2 * (i - 1), mean, spread, fmt="o", color=colour, label=kind, capsize=2
+            )
+        view = _CAMERAS[name]
+        axes.set_title(
+            f"{name}: {view.pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm",
+            fontsize=LABEL_SIZE,
+            loc="left",
+        )
+        style_axes(axes)
+        axes.set_xticks(places, list(_MOTIONS), rotation=35, ha="right")
+        axes.set_yscale("log")
+        axes.set_yticks([0.5, 0.8, 1.0, 1.25, 2.0], ["0.5", "0.8", "1", "1.25", "2"])
+        axes.minorticks_off()
+    panels[0].set_ylabel("error squared over its expectation [1]", fontsize=LABEL_SIZE)
+    panels[-1].legend(frameon=False, loc="upper right")
+    return figure
