@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+from linescan_odometry.kinematics import KinematicsConfiguration
 from linescan_odometry.search import METRICS
 from linescan_odometry.subpixel import FEWEST_PIXELS
 from linescan_odometry.twist import check_placement
@@ -17,7 +18,8 @@ class OdometryConfiguration(Configuration):
     """How displacements are found, filtered and turned into the body twist."""
 
     sensors: Mapping[str, LineSensor] = parameter(
-        description="Line cameras on the platform, at least three"
+        description="Line cameras on the platform: three or more, or two with a constraint of the "
+        "kinematics"
     )
     metric: str = parameter(
         "pearson",
@@ -121,6 +123,10 @@ class OdometryConfiguration(Configuration):
         above=0.0,
         maximum=10.0,
     )
+    kinematics: KinematicsConfiguration = parameter(
+        default_factory=KinematicsConfiguration,
+        description="Degree of freedom that the vehicle does not have while its wheels grip",
+    )
 
     def shift_limit(self, sensor: LineSensor) -> int:
         """Return the largest shift of the search, n / k rounded down [px]."""
@@ -132,7 +138,7 @@ class OdometryConfiguration(Configuration):
         Raises:
             ConfigurationError: see the text; it names the sensors.
         """
-        check_placement(self.sensors, self.minimum_lever)
+        check_placement(self.sensors, self.minimum_lever, self.kinematics.axle)
         for name, sensor in self.sensors.items():
             overlap = sensor.pixels - self.shift_limit(sensor)
             if overlap < FEWEST_PIXELS:

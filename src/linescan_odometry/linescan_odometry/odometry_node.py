@@ -33,6 +33,7 @@ from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
 
 _OK, _WARN = 0, 1
+_ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
 class OdometryNode(Node):
@@ -45,7 +46,8 @@ class OdometryNode(Node):
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        self._last_report: tuple[bool, ...] | None = None  # which cameras measured
+        # Which cameras measured, what is assumed, and whether it is wrong.
+        self._last_report: tuple[bool, ...] | None = None
         self._reported_ns = 0
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
@@ -72,7 +74,11 @@ class OdometryNode(Node):
 
     def _report(self, estimate: TwistEstimate) -> None:
         """Say how every camera fares, when one changes and every second."""
-        report = tuple(reading.measured for reading in estimate.readings.values())
+        report = (
+            *(reading.measured for reading in estimate.readings.values()),
+            estimate.assumed,
+            bool(estimate.skid),
+        )
         age_ns = estimate.stamp_ns - self._reported_ns
         if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
             return
@@ -83,12 +89,16 @@ class OdometryNode(Node):
             for name, reading in estimate.readings.items()
         }
         blind = [name for name, reading in estimate.readings.items() if not reading.measured]
+        if estimate.assumed or estimate.skid:
+            values["kinematics"] = estimate.skid or _ASSUMED
         words = "measuring" if estimate.measured else "the twist cannot be measured"
+        if estimate.skid:
+            words += ", the platform skids"
         self._diagnostics.publish(
             diagnostics(
                 estimate.stamp_ns,
                 self.get_name(),
-                _WARN if blind else _OK,
+                _WARN if blind or estimate.skid else _OK,
                 words + (f", without {', '.join(blind)}" if blind else ""),
                 values,
             )
