@@ -5,13 +5,15 @@ The contract (topics, types, QoS, parameters, timeouts) is in the README of this
 
 from __future__ import annotations
 
+import math
 import sys
+from collections.abc import Mapping
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, JointState
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.odometry import (
@@ -20,9 +22,12 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
+from linescan_odometry.sideslip import SideslipEstimate
+from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_ros.messages import (
     DIAGNOSTICS_PERIOD_NS,
     diagnostics,
+    joint_state,
     lines_of,
     planar_twist_with_covariance,
     to_nanoseconds,
@@ -46,12 +51,17 @@ class OdometryNode(Node):
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        # Which cameras measured, what is assumed, and whether it is wrong.
+        # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
         self._last_report: tuple[bool, ...] | None = None
         self._reported_ns = 0
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._sideslip = SideslipMonitor(configuration)
+        self._angles = None
+        if configuration.sideslip:
+            self._angles = self.create_publisher(JointState, "odometry/sideslip", RELIABLE)
         self.outputs = (self._twist,)
+        self.further_outputs = () if self._angles is None else (self._angles,)
         for sensor in configuration.sensors:
             self.create_subscription(
                 Image, f"line_scan/{sensor}/lines", partial(self._on_lines, sensor), RELIABLE
@@ -67,17 +77,23 @@ class OdometryNode(Node):
             self._publish(self._odometry.update(batches))
 
     def _publish(self, estimate: TwistEstimate) -> None:
+        sideslip = self._sideslip.measure(estimate)
+        if self._angles is not None:  # before the twist, which others may be waiting for
+            self._angles.publish(
+                joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
+            )
         self._twist.publish(
             planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
         )
-        self._report(estimate)
+        self._report(estimate, sideslip)
 
-    def _report(self, estimate: TwistEstimate) -> None:
+    def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Say how every camera fares, when one changes and every second."""
         report = (
             *(reading.measured for reading in estimate.readings.values()),
             estimate.assumed,
             bool(estimate.skid),
+            *(wheel.measured for wheel in sideslip.values()),
         )
         age_ns = estimate.stamp_ns - self._reported_ns
         if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
@@ -87,6 +103,10 @@ class OdometryNode(Node):
         values = {
             name: reading.reason or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
+        }
+        values |= {
+            f"sideslip {name}": wheel.reason or f"{math.degrees(wheel.angle):.2f} deg"
+            for name, wheel in sideslip.items()
         }
         blind = [name for name, reading in estimate.readings.items() if not reading.measured]
         if estimate.assumed or estimate.skid:
@@ -111,6 +131,13 @@ def main() -> None:
     def run(node: OdometryNode, spinner: Spinner) -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
+        )
+        # Of those, at least the recorder listens to the angles.
+        await_subscribers(
+            node.further_outputs,
+            min(node.startup.subscribers, 1),
+            spinner,
+            node.startup.match_timeout,
         )
         spin_until_stopped(node, spinner)
 
