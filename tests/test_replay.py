@@ -47,18 +47,6 @@ def test_the_real_nodes_give_what_was_recorded(tmp_path: Path) -> None:
         assert one.identical == one.first == one.second == steps
 
 
-def test_the_node_publishes_the_sideslip_of_its_wheels(tmp_path: Path) -> None:
-    wheel = {"sensor": "front", "x": 0.6, "y": 0.0}
-    sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
-    folder = tmp_path / "graph"
-    assert omni(["replay", str(SAMPLE), *sets, "--out", str(folder)]).returncode == 0
-    with AnyReader([folder]) as reader:
-        assert reader.topics["/odometry/sideslip"].msgcount == len(read_run(SAMPLE).stamp_ns)
-        (connection,) = reader.topics["/odometry/sideslip"].connections
-        for _, _, data in reader.messages([connection]):
-            assert list(reader.deserialize(data, connection.msgtype).name) == ["nose"]
-
-
 def test_the_rate_is_that_of_the_recording_on_request(tmp_path: Path) -> None:
     changed = ["--set", "odometry.sensors.front.x=0.61"]
     arguments = ["replay", str(SAMPLE), "--rate", "2", "--check", *changed]

@@ -35,13 +35,16 @@ def check_placement(
     Args:
         sensors: the line cameras by name.
         minimum_lever: smallest effective lever for the yaw rate [m].
-        axle: x of an axle that does not slip sideways [m], which counts as a sensor; None without.
+        axle: x of an axle that does not slip sideways [m], which counts as a sensor where the
+            sensors do not suffice; None without.
 
     Raises:
         ConfigurationError: fewer than three sensors, axes (nearly) parallel, or axes that
             (nearly) pass through one point; the text names the sensors.
     """
-    problem = _problem(sensors, minimum_lever, axle)
+    problem = _problem(sensors, minimum_lever)
+    if problem and axle is not None:
+        problem = _problem(sensors, minimum_lever, axle)
     if problem:
         raise ConfigurationError("sensors", problem)
 

@@ -170,6 +170,12 @@ def test_what_stays_unseen_is_named(sensors: dict[str, LineSensor], words: str) 
         check_placement(sensors, 0.02, AXLE_X)
 
 
+def test_an_axle_far_away_is_no_hindrance_to_sensors_that_suffice() -> None:
+    check_placement(SIDES | AHEAD, 0.02, -30.0)
+    with pytest.raises(ConfigurationError, match="pass through one point"):
+        check_placement(SIDES, 0.02, -30.0)
+
+
 def test_two_sensors_alone_are_told_of_the_constraint() -> None:
     with pytest.raises(ConfigurationError, match=r"these are 2: left, right; .*constraint"):
         OdometryConfiguration(sensors=SIDES)

@@ -21,7 +21,7 @@ CONFIG = Path(__file__).resolve().parents[3] / "config"
 def options(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     load_study("sideslip").add_arguments(parser)
-    return parser.parse_args([*arguments, "--runs", "1", "--dpi", "400"])
+    return parser.parse_args([*arguments, "--runs", "1", "--dpi", "200"])
 
 
 def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
