@@ -43,11 +43,11 @@ SENSORS = {
 }
 
 
-def wheel_velocity(twist: Any = TWIST) -> tuple[float, float]:
+def wheel_velocity(twist: Any = TWIST, wheel: SideslipWheel = WHEEL) -> tuple[float, float]:
     """Forward and sideways velocity of the wheel's contact, from rigid-body motion."""
-    v_x = twist[0] - twist[2] * WHEEL.y
-    v_y = twist[1] + twist[2] * WHEEL.x
-    angle = math.radians(WHEEL.steering_deg)
+    v_x = twist[0] - twist[2] * wheel.y
+    v_y = twist[1] + twist[2] * wheel.x
+    angle = math.radians(wheel.steering_deg)
     return (
         v_x * math.cos(angle) + v_y * math.sin(angle),
         -v_x * math.sin(angle) + v_y * math.cos(angle),
@@ -76,14 +76,15 @@ def test_lever_and_skew_of_the_camera_are_taken_out(twist: Any) -> None:
     assert estimate.angle == pytest.approx(-math.atan2(sideways, abs(forward)))
 
 
-def test_deviation_is_the_scatter_of_the_angle() -> None:
-    forward, _ = wheel_velocity()
+@pytest.mark.parametrize("twist", [TWIST, np.array([3.0, 2.5, 0.9])])
+def test_deviation_is_the_scatter_of_the_angle(twist: Any) -> None:
+    forward, _ = wheel_velocity(twist)
     geometry = WheelSideslip(WHEEL, SENSORS["side"])
     spread = np.array([0.03, 0.06, 0.05])
     covariance = np.diag(spread**2)
     covariance[0, 1] = covariance[1, 0] = 0.5 * spread[0] * spread[1]
-    truth = np.array([seen().velocity, forward, TWIST[2]])
-    claimed = geometry.measure(seen(), forward, float(TWIST[2]), covariance).deviation
+    truth = np.array([seen(twist).velocity, forward, twist[2]])
+    claimed = geometry.measure(seen(twist), forward, float(twist[2]), covariance).deviation
     generator = np.random.default_rng(5)
     found = [
         geometry.measure(dataclasses.replace(seen(), velocity=u), v_f, rate, covariance).angle
@@ -94,22 +95,24 @@ def test_deviation_is_the_scatter_of_the_angle() -> None:
 
 def test_with_a_twist_the_errors_of_the_camera_count_once() -> None:
     """Three sensors determine the twist: the camera's error is in the yaw rate and v_y too."""
-    solver = TwistSolver(SENSORS, 0.02)
-    geometry = WheelSideslip(WHEEL, SENSORS["side"])
-    variance = np.array([1e-4, 4e-4, 2e-4])
+    sensors = SENSORS | {"side": sensor(0.75, 0.55, 140.0)}
+    wheel = dataclasses.replace(WHEEL, steering_deg=25.0)  # which the camera is askew to by 25 deg
+    solver = TwistSolver(sensors, 0.02)
+    geometry = WheelSideslip(wheel, sensors["side"])
+    variance = np.array([1e-4, 1e-4, 9e-4])
     generator = np.random.default_rng(6)
     found, claimed = [], 0.0
     for _ in range(3000):
-        velocity = sensor_matrix(SENSORS) @ TWIST + np.sqrt(variance) * generator.normal(size=3)
+        velocity = sensor_matrix(sensors) @ TWIST + np.sqrt(variance) * generator.normal(size=3)
         twist, covariance = solver.solve(velocity, variance, (True,) * 3)
         readings = {
             name: SensorReading(float(v), float(s), 1.0, 1.0, True)
-            for name, v, s in zip(SENSORS, velocity, variance, strict=True)
+            for name, v, s in zip(sensors, velocity, variance, strict=True)
         }
         estimate = geometry.measure_with(TwistEstimate(0, twist, covariance, True, readings))
         found.append(estimate.angle)
         claimed = estimate.deviation
-    forward, sideways = wheel_velocity()
+    forward, sideways = wheel_velocity(TWIST, wheel)
     assert np.mean(found) == pytest.approx(-math.atan2(sideways, forward), abs=1e-3)
     assert np.std(found) == pytest.approx(claimed, rel=0.05)
 
