@@ -32,12 +32,34 @@ def test_assisted_keeps_its_line(straight_line: FinishedRun, quantity: str) -> N
     assert straight_line.value(f"{quantity}.assisted") < limit
 
 
-def test_weighting_zero_keeps_its_line_too(run_experiment: RunExperiment) -> None:
-    run = run_experiment(
-        "straight_line", "--variant", "assisted", "--set", "brake_assist.weighting=zero"
+@pytest.fixture(scope="module")
+def weighting_zero(run_experiment: RunExperiment) -> FinishedRun:
+    """The assisted run with another weighting, and the sideslip of what would be a nose wheel."""
+    wheel = {"sensor": "front", "x": 0.6, "y": 0.0}
+    sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
+    return run_experiment(
+        "straight_line", "--variant", "assisted", "--set", "brake_assist.weighting=zero", *sets
     )
-    assert run.value("orientation_change.assisted") < 4.0
-    assert run.value("lateral_deviation.assisted") < 0.3
+
+
+def test_weighting_zero_keeps_its_line_too(weighting_zero: FinishedRun) -> None:
+    assert weighting_zero.value("orientation_change.assisted") < 4.0
+    assert weighting_zero.value("lateral_deviation.assisted") < 0.3
+
+
+def test_sideslip_is_published_with_every_twist(weighting_zero: FinishedRun) -> None:
+    with AnyReader([weighting_zero.folder / "assisted"]) as reader:
+        angles = {
+            stamp: reader.deserialize(data, connection.msgtype)
+            for connection, stamp, data in reader.messages()
+            if connection.topic == "/odometry/sideslip"
+        }
+        assert len(angles) == reader.topics["/odometry/twist"].msgcount
+    assert all(list(message.name) == ["nose"] for message in angles.values())
+    # Straight on at 10 m/s before it brakes; the first line has none to be compared with.
+    before = [message.position[0] for stamp, message in angles.items() if stamp < 400_000_000]
+    assert math.isnan(before[0])
+    assert max(abs(math.degrees(angle)) for angle in before[1:]) < 1.0
 
 
 def test_assisted_errors_are_an_order_of_magnitude_smaller(straight_line: FinishedRun) -> None:

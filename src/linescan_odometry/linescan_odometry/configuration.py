@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+from linescan_odometry.kinematics import KinematicsConfiguration
 from linescan_odometry.search import METRICS
+from linescan_odometry.sideslip import SideslipWheel, check_axis
 from linescan_odometry.subpixel import FEWEST_PIXELS
 from linescan_odometry.twist import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -17,7 +19,8 @@ class OdometryConfiguration(Configuration):
     """How displacements are found, filtered and turned into the body twist."""
 
     sensors: Mapping[str, LineSensor] = parameter(
-        description="Line cameras on the platform, at least three"
+        description="Line cameras on the platform: three or more, or two with a constraint of the "
+        "kinematics"
     )
     metric: str = parameter(
         "pearson",
@@ -121,6 +124,13 @@ class OdometryConfiguration(Configuration):
         above=0.0,
         maximum=10.0,
     )
+    kinematics: KinematicsConfiguration = parameter(
+        default_factory=KinematicsConfiguration,
+        description="Degree of freedom that the vehicle does not have while its wheels grip",
+    )
+    sideslip: Mapping[str, SideslipWheel] = parameter(
+        default_factory=dict, description="Wheels whose sideslip angle is measured"
+    )
 
     def shift_limit(self, sensor: LineSensor) -> int:
         """Return the largest shift of the search, n / k rounded down [px]."""
@@ -132,7 +142,8 @@ class OdometryConfiguration(Configuration):
         Raises:
             ConfigurationError: see the text; it names the sensors.
         """
-        check_placement(self.sensors, self.minimum_lever)
+        self.check_placement()
+        self._check_sideslip()
         for name, sensor in self.sensors.items():
             overlap = sensor.pixels - self.shift_limit(sensor)
             if overlap < FEWEST_PIXELS:
@@ -147,3 +158,23 @@ class OdometryConfiguration(Configuration):
                     f"{self.maximum_skew:g} s is shorter than the line period of sensor {name}, "
                     f"{1.0 / sensor.line_rate:g} s",
                 )
+
+    def check_placement(self) -> None:
+        """Refuse sensors that do not see every motion.
+
+        Raises:
+            ConfigurationError: see the text; it names the sensors.
+        """
+        check_placement(self.sensors, self.minimum_lever, self.kinematics.axle)
+
+    def _check_sideslip(self) -> None:
+        for name, wheel in self.sideslip.items():
+            if wheel.sensor not in self.sensors:
+                raise ConfigurationError(
+                    f"sideslip.{name}.sensor",
+                    f"{wheel.sensor!r} is not one of the sensors {', '.join(self.sensors)}",
+                )
+            try:
+                check_axis(wheel, self.sensors[wheel.sensor])
+            except ConfigurationError as error:
+                raise error.below(f"sideslip.{name}") from None

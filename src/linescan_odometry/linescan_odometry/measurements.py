@@ -82,6 +82,10 @@ class TwistEstimate:
             measured.
         measured: whether enough sensors saw the motion.
         readings: what each sensor said, by name, all sensors in the order of the configuration.
+        assumed: whether a degree of freedom is not measured but that of the kinematics: if the
+            vehicle skids, the twist is wrong by the skid, and the covariance does not know.
+        skid: how the sensors contradict the kinematics, which then have no part in the twist;
+            empty if they do not, or cannot.
     """
 
     stamp_ns: int
@@ -89,12 +93,15 @@ class TwistEstimate:
     covariance: FloatArray
     measured: bool
     readings: Mapping[str, SensorReading]
+    assumed: bool = False
+    skid: str = ""
 
     @property
     def reason(self) -> str:
-        """Why sensors did not measure, such as ``front: no line; left: ...``; else empty."""
-        return "; ".join(
+        """Why sensors did not measure, such as ``front: no line; left: ...``, and any skid."""
+        reasons = [
             f"{name}: {reading.reason}"
             for name, reading in self.readings.items()
             if not reading.measured
-        )
+        ]
+        return "; ".join(reasons + ([self.skid] if self.skid else []))

@@ -1,4 +1,4 @@
-"""Line-scan odometry: batches of lines from three or more sensors to the twist of the platform.
+"""Line-scan odometry: batches of lines from line cameras to the twist of the platform.
 
 Each sensor's displacements come from a full search refined to sub-pixel accuracy, pass a median
 filter and become a velocity along the sensor's axis; weighted least squares turn these into the
@@ -8,6 +8,7 @@ duration of a batch, 5 ms at 100 batches per second (0.05 m/s at 10 m/s^2).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -51,7 +52,8 @@ class LineScanOdometry:
             name: SensorOdometry(sensor, configuration)
             for name, sensor in configuration.sensors.items()
         }
-        self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever)
+        self._axle = configuration.kinematics.axle
+        self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever, self._axle)
         self._stamp_ns = 0
 
     def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
@@ -97,42 +99,58 @@ class LineScanOdometry:
 
     def _estimate(self, readings: dict[str, SensorReading]) -> TwistEstimate:
         measured = tuple(reading.measured for reading in readings.values())
-        twist = np.zeros(3)
-        covariance = UNMEASURED_VARIANCE * np.eye(3)
-        sufficient = not self._solver.problem(measured)
-        if sufficient:
-            velocity = np.array([reading.velocity for reading in readings.values()])
-            variance = np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()])
-            twist, covariance = self._solver.solve(velocity, variance, measured)
-            limit = self._configuration.contradiction_limit
-            if sum(measured) > _UNKNOWNS and limit > 0.0:
-                scores = self._solver.contradictions(
-                    velocity, variance, measured, twist, covariance
-                )
-                worst = int(np.argmax(scores))
-                if scores[worst] > limit:
-                    return self._resolve(readings, worst, float(scores[worst]), twist, covariance)
-        return TwistEstimate(self._stamp_ns, twist, covariance, sufficient, readings)
+        velocity = np.array([reading.velocity for reading in readings.values()])
+        variance = np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()])
+        assumed = False
+        if self._axle is not None:
+            speed = float(np.max(np.abs(velocity), where=np.array(measured), initial=0.0))
+            velocity = np.append(velocity, 0.0)
+            variance = np.append(variance, self._configuration.kinematics.variance(speed))
+            # The sensors are believed where they suffice: the axle stands in where they do not.
+            assumed = bool(self._solver.problem((*measured, False)))
+            measured = (*measured, assumed)
+        if self._solver.problem(measured):
+            covariance = UNMEASURED_VARIANCE * np.eye(3)
+            return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
+        twist, covariance = self._solver.solve(velocity, variance, measured)
+        limit = self._configuration.contradiction_limit
+        if sum(measured) > _UNKNOWNS and limit > 0.0:
+            scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
+            worst = int(np.argmax(scores))
+            if scores[worst] > limit:
+                others = tuple(use and i != worst for i, use in enumerate(measured))
+                if sum(others) > _UNKNOWNS and not self._solver.problem(others):
+                    return self._without(readings, worst, float(scores[worst]))
+                # Too few to tell which one is wrong: the variances grow until they explain it.
+                covariance = covariance * float(scores[worst]) ** 2
+        skid = ""
+        if self._axle is not None and not assumed:
+            skid = self._skid(self._axle, twist, covariance, float(variance[-1]))
+            if skid and sum(measured) == _UNKNOWNS:
+                skid += "; or one of the three sensors is wrong"
+        return TwistEstimate(self._stamp_ns, twist, covariance, True, readings, assumed, skid)
 
-    def _resolve(
-        self,
-        readings: dict[str, SensorReading],
-        worst: int,
-        score: float,
-        twist: FloatArray,
-        covariance: FloatArray,
+    def _without(
+        self, readings: dict[str, SensorReading], worst: int, score: float
     ) -> TwistEstimate:
-        """Leave out the sensor that contradicts the others most, where they can tell it.
-
-        Four sensors only see *that* one is wrong: then the variances grow until they explain it.
-        """
+        """Leave out the sensor that contradicts the others most."""
         name = list(readings)[worst]
-        others = tuple(r.measured and other != name for other, r in readings.items())
-        if sum(others) > _UNKNOWNS and not self._solver.problem(others):
-            left_out = SensorReading.unmeasured(
-                f"contradicts the other sensors by {score:.3g} standard deviations",
-                readings[name].correlation,
-                readings[name].inlier_share,
-            )
-            return self._estimate(readings | {name: left_out})
-        return TwistEstimate(self._stamp_ns, twist, covariance * score**2, True, readings)
+        left_out = SensorReading.unmeasured(
+            f"contradicts the other sensors by {score:.3g} standard deviations",
+            readings[name].correlation,
+            readings[name].inlier_share,
+        )
+        return self._estimate(readings | {name: left_out})
+
+    def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
+        """Say how far what the sensors see is from what the kinematics allow, if it is too far."""
+        row = np.array([0.0, 1.0, axle])
+        sideways = float(row @ twist)
+        score = abs(sideways) / math.sqrt(float(row @ covariance @ row) + variance)
+        limit = self._configuration.contradiction_limit
+        if limit == 0.0 or score <= limit:
+            return ""
+        return (
+            f"the platform skids: its axle at x = {axle:g} m moves sideways at {sideways:.3g} m/s, "
+            f"{score:.3g} standard deviations of one that grips"
+        )

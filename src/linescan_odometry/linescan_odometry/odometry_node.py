@@ -5,13 +5,15 @@ The contract (topics, types, QoS, parameters, timeouts) is in the README of this
 
 from __future__ import annotations
 
+import math
 import sys
+from collections.abc import Mapping
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, JointState
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.odometry import (
@@ -20,9 +22,12 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
+from linescan_odometry.sideslip import SideslipEstimate
+from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_ros.messages import (
     DIAGNOSTICS_PERIOD_NS,
     diagnostics,
+    joint_state,
     lines_of,
     planar_twist_with_covariance,
     to_nanoseconds,
@@ -33,6 +38,7 @@ from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
 
 _OK, _WARN = 0, 1
+_ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
 class OdometryNode(Node):
@@ -45,11 +51,17 @@ class OdometryNode(Node):
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        self._last_report: tuple[bool, ...] | None = None  # which cameras measured
+        # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
+        self._last_report: tuple[bool, ...] | None = None
         self._reported_ns = 0
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._sideslip = SideslipMonitor(configuration)
+        self._angles = None
+        if configuration.sideslip:
+            self._angles = self.create_publisher(JointState, "odometry/sideslip", RELIABLE)
         self.outputs = (self._twist,)
+        self.further_outputs = () if self._angles is None else (self._angles,)
         for sensor in configuration.sensors:
             self.create_subscription(
                 Image, f"line_scan/{sensor}/lines", partial(self._on_lines, sensor), RELIABLE
@@ -65,14 +77,24 @@ class OdometryNode(Node):
             self._publish(self._odometry.update(batches))
 
     def _publish(self, estimate: TwistEstimate) -> None:
+        sideslip = self._sideslip.measure(estimate)
+        if self._angles is not None:  # before the twist, which others may be waiting for
+            self._angles.publish(
+                joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
+            )
         self._twist.publish(
             planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
         )
-        self._report(estimate)
+        self._report(estimate, sideslip)
 
-    def _report(self, estimate: TwistEstimate) -> None:
+    def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Say how every camera fares, when one changes and every second."""
-        report = tuple(reading.measured for reading in estimate.readings.values())
+        report = (
+            *(reading.measured for reading in estimate.readings.values()),
+            estimate.assumed,
+            bool(estimate.skid),
+            *(wheel.measured for wheel in sideslip.values()),
+        )
         age_ns = estimate.stamp_ns - self._reported_ns
         if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
             return
@@ -82,13 +104,21 @@ class OdometryNode(Node):
             name: reading.reason or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
         }
+        values |= {
+            f"sideslip {name}": wheel.reason or f"{math.degrees(wheel.angle):.2f} deg"
+            for name, wheel in sideslip.items()
+        }
         blind = [name for name, reading in estimate.readings.items() if not reading.measured]
+        if estimate.assumed or estimate.skid:
+            values["kinematics"] = estimate.skid or _ASSUMED
         words = "measuring" if estimate.measured else "the twist cannot be measured"
+        if estimate.skid:
+            words += ", the platform skids"
         self._diagnostics.publish(
             diagnostics(
                 estimate.stamp_ns,
                 self.get_name(),
-                _WARN if blind else _OK,
+                _WARN if blind or estimate.skid else _OK,
                 words + (f", without {', '.join(blind)}" if blind else ""),
                 values,
             )
@@ -101,6 +131,13 @@ def main() -> None:
     def run(node: OdometryNode, spinner: Spinner) -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
+        )
+        # Of those, at least the recorder listens to the angles.
+        await_subscribers(
+            node.further_outputs,
+            min(node.startup.subscribers, 1),
+            spinner,
+            node.startup.match_timeout,
         )
         spin_until_stopped(node, spinner)
 

@@ -16,7 +16,10 @@ _DPI = 1200.0
 
 
 def add_texture_options(
-    parser: argparse.ArgumentParser, grounds: tuple[str, ...], runs: int
+    parser: argparse.ArgumentParser,
+    grounds: tuple[str, ...],
+    runs: int,
+    run: str = "of ten pairs of lines each",
 ) -> None:
     """Declare grounds, their resolution, random places and the seed.
 
@@ -24,6 +27,7 @@ def add_texture_options(
         parser: of the study.
         grounds: looked at by default.
         runs: default number of random places.
+        run: what is looked at from each of them.
     """
     parser.set_defaults(default_grounds=grounds)
     parser.add_argument(
@@ -44,7 +48,7 @@ def add_texture_options(
         type=int,
         default=runs,
         metavar="N",
-        help="random places of ten pairs of lines each (default: %(default)s)",
+        help=f"random places {run} (default: %(default)s)",
     )
     parser.add_argument(
         "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"

@@ -36,6 +36,8 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         GROUND_TRUTH: "nav_msgs/msg/Odometry",
         "/markers": "visualization_msgs/msg/MarkerArray",
     }
+    if configuration.odometry.sideslip:
+        topics["/odometry/sideslip"] = "sensor_msgs/msg/JointState"
     for sensor in configuration.sensors:
         topics[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
         topics[f"/line_scan/{sensor}/camera_info"] = "sensor_msgs/msg/CameraInfo"

@@ -11,6 +11,7 @@ import numpy as np
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.odometry import LineBatch, LineScanOdometry
+from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.bag_error import BagError
 from omni_analysis.bag_folder import Bag, bag_messages
 from omni_analysis.experiment import ExperimentConfiguration
@@ -106,6 +107,8 @@ class _Cores:
 class _Odometry:
     def __init__(self, configuration: ExperimentConfiguration) -> None:
         self._odometry = LineScanOdometry(configuration.odometry)
+        self._has_wheels = bool(configuration.odometry.sideslip)
+        self._sideslip = SideslipMonitor(configuration.odometry)
         self._collector = BatchCollector(
             configuration.odometry.sensors, configuration.odometry.maximum_skew
         )
@@ -118,6 +121,10 @@ class _Odometry:
         for batches in self._collector.add(sensor, batch):
             estimate = self._odometry.update(batches)
             stamp_ns = estimate.stamp_ns
+            if self._has_wheels:
+                sideslip = self._sideslip.measure(estimate)
+                state = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
+                yield "/odometry/sideslip", stamp_ns, _with_arrays(state)
             answer = planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
             yield "/odometry/twist", stamp_ns, answer
 

@@ -57,6 +57,8 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
         for sensor in configuration.odometry.sensors:
             inputs[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
         outputs["/odometry/twist"] = _TWIST
+        if configuration.odometry.sideslip:
+            outputs["/odometry/sideslip"] = _JOINTS
     if BRAKE_ASSIST in nodes:
         inputs |= {"/wheel_states": _JOINTS, feedback_topic(configuration): _TWIST}
         inputs["/brake/pedal"] = _JOINTS

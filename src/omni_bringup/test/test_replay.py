@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from omni_analysis.bag_comparison import compare_topics
 from omni_analysis.bag_folder import bag_messages, open_bag
 from omni_analysis.mcap_records import RecordedChannel, RecordedMessage
+from omni_analysis.message_decoder import MessageDecoder
 from omni_analysis.message_order import in_rounds, in_time_order
 from omni_bringup.cli import main
 from omni_bringup.message_definitions import find_message_definition
@@ -88,6 +90,30 @@ def test_another_parameter_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "not within the tolerance of 1e-06" in words
     assert command(SAMPLE, *changed, "--out", tmp_path / "b") == 0  # it was not asked to check
     assert command(SAMPLE, *changed, "--check", "--tolerance", 1, "--out", tmp_path / "c") == 0
+
+
+def test_sideslip_angles_come_with_the_twist(tmp_path: Path) -> None:
+    wheel = {"sensor": "front", "x": 0.6, "y": 0.0, "minimum_speed": 2.0}
+    sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
+    assert command(SAMPLE, "--offline", *sets, "--out", tmp_path / "out") == 0
+    decoder = MessageDecoder()
+    found: dict[str, dict[int, Any]] = {}
+    for message in bag_messages(open_bag(tmp_path / "out")):
+        found.setdefault(message.channel.topic, {})[message.log_ns] = decoder.decode(message)
+    angles = found["/odometry/sideslip"]
+    assert list(angles) == list(found[TWIST])
+    measured = 0
+    for stamp_ns, message in angles.items():
+        twist = found[TWIST][stamp_ns].twist.twist
+        (angle,) = message.position
+        assert list(message.name) == ["nose"]
+        assert math.isnan(angle) == (abs(twist.linear.x) < 2.0)
+        if math.isfinite(angle):
+            # Three cameras fit one twist exactly: the angle is that of the twist at this point.
+            sideways = twist.linear.y + 0.6 * twist.angular.z
+            assert angle == pytest.approx(-math.atan2(sideways, abs(twist.linear.x)), abs=1e-9)
+            measured += 1
+    assert 50 < measured < STEPS
 
 
 def test_topics_that_overtook_each_other_are_put_in_order(tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def _draw(cases: list[Case]) -> Figure:
     for axes, name in zip(panels, _CAMERAS, strict=True):
         axes.axhspan(_LOW, _HIGH, color=PALE, alpha=0.6, linewidth=0.0)
         axes.axhline(1.0, color=GREY, linewidth=1.0)
-        for i, (kind, colour) in enumerate(zip(_GROUNDS, _COLOURS, strict=True)):
+        for i, (kind, colour) in enumerate(zip(_GROUNDS, _COLOURS, strict=False)):
             own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
             mean = [case.mean for case in own]
             spread = [case.standard_error for case in own]

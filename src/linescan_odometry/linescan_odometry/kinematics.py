@@ -1,0 +1,67 @@
+"""What the kinematics of a vehicle say where its sensors do not (section 4.6, Figure 70).
+
+A wheel that is not steered rolls along the body's x and, as long as it grips, does not move
+sideways; nor does any other point of the line through its axle. For an axle at x = a this is
+``v_y + a Omega = 0``: one row beside those of the sensors, as if a line camera that looks to the
+left sat at (a, 0) and saw no motion. It holds for the driven axle of a differential drive and the
+rear axle of an Ackermann drive. It does not hold for omni-wheels.
+
+When the vehicle skids it is false, and two sensors cannot tell: they go on believing it, and the
+v_y that they give is wrong by the velocity of the skid. `deviation` is what the covariance makes of
+it, and no more than that. So the constraint stands in only while the sensors alone do not suffice;
+where they do, they are believed, and tell the skid from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from omni_platform.configuration import Configuration, parameter
+
+NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class KinematicsConfiguration(Configuration):
+    """A degree of freedom that the vehicle does not have while its wheels grip."""
+
+    constraint: str = parameter(
+        NONE,
+        description="What to believe where the sensors do not suffice: nothing, or that an axle "
+        "that is not steered does not slip sideways (differential and Ackermann drives)",
+        choices=(NONE, UNSTEERED_AXLE),
+    )
+    axle_x: float = parameter(
+        0.0,
+        description="That axle, forward of base_link",
+        unit="m",
+        minimum=-100.0,
+        maximum=100.0,
+    )
+    deviation: float = parameter(
+        0.02,
+        description="Standard deviation of the axle's sideways velocity while its wheels grip",
+        unit="m/s",
+        above=0.0,
+        maximum=100.0,
+    )
+    deviation_share: float = parameter(
+        0.005,
+        description="In addition to it, share of the largest velocity that a sensor measures",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+    @property
+    def axle(self) -> float | None:
+        """Place of the axle that does not slip sideways [m], None without a constraint."""
+        return self.axle_x if self.constraint == UNSTEERED_AXLE else None
+
+    def variance(self, speed: float) -> float:
+        """Return the variance of the axle's sideways velocity [m^2/s^2].
+
+        Args:
+            speed: largest velocity along the axis of a sensor [m/s].
+        """
+        return self.deviation**2 + math.pow(self.deviation_share * speed, 2)

@@ -1,0 +1,95 @@
+"""Sideslip angles of wheels, from a camera and the wheel's speed or the platform's twist."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.measurements import FloatArray, LineBatch, TwistEstimate
+from linescan_odometry.sensor import SensorOdometry
+from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
+from omni_platform.configuration import ConfigurationError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SideslipConfiguration(OdometryConfiguration):
+    """The odometry's parameters for cameras that give no twist, only sideslip: one is enough."""
+
+    def check_placement(self) -> None:
+        """Refuse a configuration without a wheel.
+
+        Raises:
+            ConfigurationError: there is none.
+        """
+        if not self.sideslip:
+            raise ConfigurationError("sideslip", "names no wheel to measure")
+
+
+class SideslipMeter:
+    """Measures the sideslip of one wheel by one camera and the wheel's forward velocity.
+
+    A camera on the carrier of a steered wheel turns with it: give the place of camera and wheel
+    for any one steering angle, and the rate of the carrier, yaw and steering together, as the
+    yaw rate.
+    """
+
+    def __init__(self, configuration: OdometryConfiguration, wheel: str) -> None:
+        """Prepare for one wheel of `configuration.sideslip`.
+
+        Raises:
+            ConfigurationError: the wheel is not one of them.
+        """
+        if wheel not in configuration.sideslip:
+            known = ", ".join(configuration.sideslip) or "none"
+            raise ConfigurationError("sideslip", f"{wheel!r} is not one of the wheels: {known}")
+        settings = configuration.sideslip[wheel]
+        sensor = configuration.sensors[settings.sensor]
+        self._camera = SensorOdometry(sensor, configuration)
+        self._geometry = WheelSideslip(settings, sensor)
+
+    def update(
+        self,
+        batch: LineBatch,
+        forward_velocity: float,
+        yaw_rate: float = 0.0,
+        *,
+        forward_deviation: float = 0.0,
+        yaw_rate_deviation: float = 0.0,
+    ) -> SideslipEstimate:
+        """Take the camera's lines since the last update and return the angle.
+
+        Args:
+            batch: the lines.
+            forward_velocity: of the wheel's centre along its rolling direction, mean over the
+                batch [m/s]: omega R where the wheel does not slip lengthwise.
+            yaw_rate: matters for a camera that is not at the wheel's centre [rad/s].
+            forward_deviation: standard deviation of the forward velocity [m/s].
+            yaw_rate_deviation: standard deviation of the yaw rate [rad/s].
+        """
+        reading = self._camera.update(batch)
+        covariance = np.diag((reading.variance, forward_deviation**2, yaw_rate_deviation**2))
+        return self._geometry.measure(reading, forward_velocity, yaw_rate, covariance)
+
+
+class SideslipMonitor:
+    """Sideslip of the configured wheels by the cameras and the twist of the odometry."""
+
+    def __init__(self, configuration: OdometryConfiguration) -> None:
+        """Place the wheels of `configuration.sideslip`."""
+        self._wheels = {
+            name: WheelSideslip(wheel, configuration.sensors[wheel.sensor])
+            for name, wheel in configuration.sideslip.items()
+        }
+
+    def measure(self, estimate: TwistEstimate) -> dict[str, SideslipEstimate]:
+        """Return the sideslip of every wheel, by name, from one estimate of the odometry."""
+        return {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
+
+
+def angles(wheels: Mapping[str, SideslipEstimate]) -> FloatArray:
+    """Return the angles of wheels in their order [rad], NaN where not measured, shape (N,)."""
+    return np.array([w.angle if w.measured else math.nan for w in wheels.values()], dtype=float)

@@ -1,0 +1,162 @@
+"""Displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
+
+The reference point R lies on the line between the sensors, sensor 1 at the distance d_1 to its
+left (+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors
+``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``: an angle from a difference of x means
+sensors along y, and in the order of (75) counter-clockwise is positive if sensor 1 is on the left.
+
+Both sensors' x give X and the angle, two values for two unknowns; their y measure Y twice. Only
+there is something to adjust: (74) weighs them as if Y varied along the line, weighted least
+squares by their variances, which is the better mean unless d_1 = d_2 (the same then). X and the
+angle are those of weighted least squares whatever the variances.
+
+**The straight line between two instants.** On an arc about which the platform turns by phi,
+
+- displacements along the axes of the first instant fulfil (73)-(75) *exactly*: the y differ by
+  ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) take just this out;
+- a line camera measures along its own axis, which turns. Its displacements are the path in turning
+  axes, and (73)-(75) are then off by the first order of the angle: the path is turned by phi / 2,
+  which moves its end sideways by ``|(X, Y)| phi / 2``, it is longer than its chord by phi^2 / 24 of
+  its length, and the arcsine adds phi^3 / 6 to the angle.
+
+The dissertation models this as noise. It is none: in a steady turn it has always the same sign.
+Between two lines at 2500 lines/s and 2 rad/s (phi = 0.8 mrad) it is 0.04 % of the path; over a
+batch of 10 ms, 1 %. `along_arc` takes it out by the closed form.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+
+class DisplacementError(ValueError):
+    """Displacements or distances that no rigid motion has; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorDisplacement:
+    """What a two-dimensional sensor saw between two instants.
+
+    Attributes:
+        x: forward [m].
+        y: to the left [m].
+    """
+
+    x: float
+    y: float
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanarDisplacement:
+    """Motion of a point of the platform between two instants.
+
+    Attributes:
+        x: forward, along the axes of the first instant [m].
+        y: to the left, along the axes of the first instant [m].
+        angle: turn of the platform, counter-clockwise [rad].
+    """
+
+    x: float
+    y: float
+    angle: float
+
+    def at(self, x: float, y: float) -> PlanarDisplacement:
+        """Return the displacement of another point, exact for a rigid platform.
+
+        Args:
+            x: of the point from this one, forward at the first instant [m].
+            y: of the point from this one, to the left [m].
+        """
+        sine, less = math.sin(self.angle), 1.0 - math.cos(self.angle)
+        return PlanarDisplacement(
+            self.x - sine * y - less * x, self.y + sine * x - less * y, self.angle
+        )
+
+    def along_arc(self) -> PlanarDisplacement:
+        """Return the same motion if its parts were measured along axes that turn with the sensors.
+
+        Undoes the arcsine of (75), whose argument is the angle then, and bends the path into an
+        arc: with constant velocity and yaw rate this is the motion, to any size.
+        """
+        angle = math.sin(self.angle)
+        along, across = _arc(angle)
+        return PlanarDisplacement(
+            along * self.x - across * self.y, across * self.x + along * self.y, angle
+        )
+
+
+def two_sensor_displacement(
+    first: SensorDisplacement, second: SensorDisplacement, d_1: float, d_2: float
+) -> PlanarDisplacement:
+    """Return the displacement of a point between two sensors, Eqs. (73)-(75).
+
+    Args:
+        first: of the sensor to the left of the point.
+        second: of the sensor to the right of it.
+        d_1: distance of the first sensor from the point [m], not negative.
+        d_2: distance of the second sensor from the point [m], not negative.
+
+    Raises:
+        DisplacementError: a value is not finite, a distance is negative, the sensors are at the
+            same place, or their displacements differ by more than their distance.
+    """
+    _check_finite(d_1=d_1, d_2=d_2, y_1=first.y, y_2=second.y)
+    if d_1 < 0.0 or d_2 < 0.0:
+        raise DisplacementError(f"distances from the point must not be negative: {d_1:g}, {d_2:g}")
+    distance = d_1 + d_2
+    angle = _angle(first.x, second.x, distance)
+    return PlanarDisplacement(
+        (d_1 * second.x + d_2 * first.x) / distance,  # Eq. (73)
+        (d_1 * second.y + d_2 * first.y) / distance,  # Eq. (74)
+        angle,
+    )
+
+
+def first_sensor_displacement(
+    first: SensorDisplacement, second_x: float, distance: float
+) -> PlanarDisplacement:
+    """Return the displacement of the first sensor, Eqs. (76)-(78): d_1 = 0.
+
+    The y of the second sensor is not needed: it may be a single line camera.
+
+    Args:
+        first: of the left sensor, which is the reference point.
+        second_x: displacement of the right sensor forward [m].
+        distance: between the sensors, d_2 [m], above 0.
+
+    Raises:
+        DisplacementError: as for `two_sensor_displacement`.
+    """
+    _check_finite(y_1=first.y)
+    angle = _angle(first.x, second_x, distance)
+    return PlanarDisplacement(first.x, first.y, angle)  # Eqs. (76), (77)
+
+
+def _angle(x_1: float, x_2: float, distance: float) -> float:
+    _check_finite(x_1=x_1, x_2=x_2, distance=distance)
+    if distance <= 0.0:
+        raise DisplacementError(
+            "the sensors are at the same place: their distance must be above 0 m to see a turn"
+        )
+    difference = x_2 - x_1
+    if abs(difference) > distance:
+        raise DisplacementError(
+            f"the sensors moved {difference:g} m apart along x but are {distance:g} m from each "
+            "other: no rigid motion does that, one of them is wrong"
+        )
+    return math.asin(difference / distance)  # Eqs. (75), (78)
+
+
+def _check_finite(**values: float) -> None:
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise DisplacementError(f"{name} is {value}, must be a finite number")
+
+
+def _arc(angle: float) -> tuple[float, float]:
+    """Return ``sin a / a`` and ``(1 - cos a) / a``, parts of an arc along and across its start."""
+    if abs(angle) < 1e-4:  # the next terms of the series are below the rounding of a double
+        return 1.0 - angle**2 / 6.0, 0.5 * angle
+    half = 0.5 * angle
+    return math.sin(angle) / angle, math.sin(half) ** 2 / half

@@ -1,0 +1,165 @@
+"""Trials of the sideslip meter: a wheel that rolls straight on at an angle over rendered ground."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import LineBatch
+from linescan_odometry.sideslip import SideslipWheel
+from linescan_odometry.sideslip_meter import SideslipConfiguration, SideslipMeter
+from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import GroundTexture
+from omni_sim.line_camera import CameraConfiguration, LineCameraArray
+
+FloatArray = NDArray[np.float64]
+
+_BATCH = 0.01  # [s]
+_WHEEL, _CAMERA = "wheel", "camera"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Angles:
+    """What a camera made of some angles at one speed.
+
+    Attributes:
+        speed: of the wheel over ground [m/s].
+        overlap: of consecutive lines across the camera's axis at angle 0, 0..1.
+        truth: sideslip angles [rad], shape (A,).
+        angle: that were measured, NaN where there is none [rad], shape (A, batches).
+        deviation: that the meter states, NaN where there is none [rad], shape (A, batches).
+        sideways: velocity that was measured, NaN where there is none [m/s], shape (A, batches).
+    """
+
+    speed: float
+    overlap: float
+    truth: FloatArray
+    angle: FloatArray
+    deviation: FloatArray
+    sideways: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured less true angle, NaN where not measured [rad], shape (A, batches)."""
+        return self.angle - self.truth[:, None]
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the batches that gave an angle, 0..1."""
+        return float(np.mean(np.isfinite(self.angle)))
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of the errors [rad], NaN if nothing was measured."""
+        return root_mean_square(self.error)
+
+    @property
+    def bias(self) -> float:
+        """RMS over the angles of what all batches at an angle have in common [rad].
+
+        The scatter within an angle, as far as it is in the mean, is taken off; NaN if there are
+        fewer than two batches anywhere.
+        """
+        count = np.count_nonzero(np.isfinite(self.error), axis=1)
+        error = self.error[count > 1]
+        if not len(error):
+            return math.nan
+        scatter = np.nanvar(error, axis=1, ddof=1) / count[count > 1]
+        return math.sqrt(max(0.0, float(np.mean(np.nanmean(error, axis=1) ** 2 - scatter))))
+
+    def rms_error_with(self, wheel_speed: float) -> float:
+        """Return the RMS error [rad] if the forward velocity is wrong.
+
+        Args:
+            wheel_speed: over the true forward velocity, such as 0.99 for a wheel that slips.
+        """
+        forward = wheel_speed * self.speed * np.cos(self.truth)
+        return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the RMS of the values that are finite, NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
+
+
+class RollingWheel:
+    """A wheel with a camera along its axis of rotation, over one ground."""
+
+    def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
+        """Place the camera.
+
+        Args:
+            sensor: what it sees; its place and heading are the wheel's.
+            texture: the ground.
+            noise: standard deviation [grey levels].
+            seed: of the noise.
+        """
+        self._sensor = dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)
+        self._size = texture.size
+        self._configuration = SideslipConfiguration(
+            sensors={_CAMERA: self._sensor},
+            sideslip={_WHEEL: SideslipWheel(sensor=_CAMERA, x=0.0, y=0.0)},
+        )
+        self._eyes = LineCameraArray(
+            {_CAMERA: self._sensor},
+            texture,
+            CameraConfiguration(noise=noise),
+            np.random.SeedSequence(seed),
+            threads=1,
+        )
+
+    def measure(
+        self,
+        speed: float,
+        angles: FloatArray,
+        places: int,
+        batches: int,
+        generator: np.random.Generator,
+    ) -> Angles:
+        """Roll at every angle from random places; the forward velocity is the true one.
+
+        Args:
+            speed: of the wheel over ground [m/s].
+            angles: of sideslip [rad], shape (A,).
+            places: random ones for each angle.
+            batches: of 10 ms from each.
+            generator: draws the places.
+        """
+        found = np.full((3, len(angles), places * batches), math.nan)
+        for i, angle in enumerate(angles):
+            forward = speed * math.cos(angle)
+            for place in range(places):
+                meter = SideslipMeter(self._configuration, _WHEEL)
+                lines = self._lines(speed, angle, batches, generator)
+                for batch, stamped in enumerate(lines):
+                    estimate = meter.update(stamped, forward)
+                    if estimate.measured:
+                        column = place * batches + batch
+                        found[:, i, column] = estimate.angle, estimate.deviation, estimate.sideways
+        overlap = max(0.0, 1.0 - speed / self._sensor.line_rate / self._sensor.width)
+        return Angles(speed, overlap, np.array(angles), found[0], found[1], found[2])
+
+    def _lines(
+        self, speed: float, angle: float, batches: int, generator: np.random.Generator
+    ) -> list[LineBatch]:
+        rate = self._sensor.line_rate
+        count = round(_BATCH * rate)
+        travelled = speed / rate * np.arange(count * batches)
+        start = generator.uniform(0.0, self._size, 2)
+        # A positive angle is a slide to the right, -y.
+        poses = np.column_stack(
+            (
+                start[0] + travelled * math.cos(angle),
+                start[1] - travelled * math.sin(angle),
+                np.zeros(len(travelled)),
+            )
+        )
+        lines = self._eyes.render({_CAMERA: poses})[_CAMERA]
+        return [
+            LineBatch(round((end - 1) * 1e9 / rate), lines[end - count : end])
+            for end in range(count, len(lines) + 1, count)
+        ]

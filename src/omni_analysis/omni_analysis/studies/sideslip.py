@@ -1,0 +1,188 @@
+"""Sideslip angle of a wheel from one line camera along its axis of rotation (section 4.6).
+
+A wheel rolls straight on at angles of sideslip from -15 to 15 deg and several speeds over two
+grounds. The camera measures the sideways velocity, the forward velocity is given: once the true
+one, and once that of a wheel whose omega R is 1 % too small, because it brakes a little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.figure_style import save_figure
+from omni_analysis.metrics import Metric
+from omni_analysis.sideslip_figures import draw_sideslip
+from omni_analysis.sideslip_trials import Angles, RollingWheel
+from omni_analysis.studies import StudyResult
+from omni_analysis.texture_options import add_texture_options, grounds_of
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+
+_SENSORS = ("generic", "s3901")
+_SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0)  # [m/s]
+_ANGLES = np.radians(np.arange(-15.0, 15.1, 2.5))
+_BATCHES = 4
+_SLIPPING = 0.99  # wheel speed over forward velocity
+_ENOUGH = 0.6  # overlap that the dissertation asks for
+_SHOWN = 10.0  # [m/s], the speed whose errors are drawn over the angle
+
+Case = tuple[str, str]  # ground, sensor
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare grounds, cameras, places and seed."""
+    add_texture_options(parser, ("cork", "asphalt"), runs=2, run="of 40 ms for every angle")
+    parser.add_argument(
+        "--sensors",
+        action="append",
+        metavar="NAME",
+        help="a file of config/sensors/ whose first camera is used; may be repeated (default: "
+        f"{', '.join(_SENSORS)})",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=1.0,
+        metavar="LEVELS",
+        help="standard deviation in grey levels (default: %(default)s)",
+    )
+
+
+def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+    """Roll at every angle and speed; write figure, data and metrics."""
+    if not 0.0 <= options.noise <= 100.0:
+        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 100")
+    grounds = grounds_of(options, library)
+    cameras = {name: _camera(library, name) for name in options.sensors or _SENSORS}
+    trials: dict[Case, list[Angles]] = {}
+    for ground, texture in grounds.items():
+        for name, camera in cameras.items():
+            wheel = RollingWheel(camera, texture, options.noise, options.seed)
+            generator = np.random.default_rng(options.seed)
+            trials[ground, name] = [
+                wheel.measure(speed, _ANGLES, options.runs, _BATCHES, generator)
+                for speed in _SPEEDS
+            ]
+    figure = draw_sideslip(
+        trials, {name: _fastest(camera) for name, camera in cameras.items()}, _SHOWN, _SLIPPING
+    )
+    files = (
+        save_figure(figure, folder / "sideslip.png"),
+        _write(trials, folder / "sideslip.csv"),
+    )
+    findings = [_finding(case, found) for case, found in trials.items()]
+    findings += [_limit(name, cameras[name], trials) for name in cameras]
+    return StudyResult(_metrics(trials), files, (*findings, _slip_finding(trials)))
+
+
+def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
+    # An axle that does not slip lets placements of two cameras through as well.
+    variant = library.variants("straight_line")[0]
+    overrides = [f"sensors={name}", "odometry.kinematics.constraint=unsteered_axle"]
+    return next(iter(library.load("straight_line", variant, overrides).sensors.values()))
+
+
+def _fastest(camera: LineSensor) -> float:
+    """Return the forward velocity at which 60 % of the lines overlap [m/s]."""
+    return (1.0 - _ENOUGH) * camera.width * camera.line_rate
+
+
+def _metrics(trials: Mapping[Case, Sequence[Angles]]) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for (ground, name), found in trials.items():
+        for angles in found:
+            case = f"{ground}_{name}_{angles.speed:g}"
+            note = "" if angles.measured_share else f"the overlap is {angles.overlap:.0%}"
+            metrics |= {
+                f"rms_error.{case}": Metric(math.degrees(angles.rms_error), "deg", note=note),
+                f"measured_share.{case}": Metric(angles.measured_share, "1"),
+            }
+    return metrics
+
+
+def _finding(case: Case, found: Sequence[Angles]) -> str:
+    ground, name = case
+    whole = [angles for angles in found if angles.measured_share == 1.0]
+    if not whole:
+        return f"{ground}, {name}: the angle is measured completely at none of the speeds."
+    by_speed = ", ".join(
+        f"{math.degrees(angles.rms_error):.2g} deg at {angles.speed:g} m/s" for angles in whole
+    )
+    return f"{ground}, {name}: from -15 to 15 deg the RMS error is {by_speed}."
+
+
+def _limit(name: str, camera: LineSensor, trials: Mapping[Case, Sequence[Angles]]) -> str:
+    """Say what limits the measurement at low and at high speed."""
+    found = [angles for (_, sensor), row in trials.items() if sensor == name for angles in row]
+    slowest = [a for a in found if a.speed == _SPEEDS[0] and math.isfinite(a.rms_error)]
+    words = f"{name}: what limits it is "
+    if slowest:
+        velocity = 1e3 * _SPEEDS[0] * max(a.rms_error for a in slowest)  # of small angles
+        words += (
+            f"at low speed the camera's error in velocity, {velocity:.2g} mm/s at "
+            f"{_SPEEDS[0]:g} m/s, a smaller angle the faster the wheel rolls"
+        )
+        biased = [a for a in found if math.isfinite(a.bias)]
+        pulled = max(biased, key=lambda a: a.bias, default=None)
+        if pulled is not None and pulled.bias > 0.5 * pulled.rms_error:
+            words += (
+                f" (noise and, up to {math.degrees(pulled.bias):.2g} deg at {pulled.speed:g} m/s, "
+                "the same at every place: the pull of coarse pixels)"
+            )
+        words += "; "
+    lost = [a.speed for a in found if a.measured_share < 1.0]
+    words += (
+        "at high speed that the wheel rolls across the camera's axis: 60 % overlap is "
+        f"{_fastest(camera):.3g} m/s"
+    )
+    return words + (f", and at {min(lost):g} m/s lines are too unlike." if lost else ".")
+
+
+def _slip_finding(trials: Mapping[Case, Sequence[Angles]]) -> str:
+    largest = math.degrees(math.atan(math.tan(_ANGLES[-1]) / _SLIPPING) - _ANGLES[-1])
+    worse = {
+        case: [a.speed for a in found if a.rms_error_with(_SLIPPING) > 1.5 * a.rms_error]
+        for case, found in trials.items()
+    }
+    from_on = ", ".join(
+        f"{ground} {name} {min(speeds):g} m/s" for (ground, name), speeds in worse.items() if speeds
+    )
+    words = (
+        f"A forward velocity from a wheel that slips by 1 % adds up to {largest:.2f} deg at 15 deg"
+    )
+    if from_on:
+        words += f", and more than the camera's own error from these speeds on: {from_on}"
+    return words + "; a braked wheel slips by several times that, so take the platform's twist."
+
+
+def _write(trials: Mapping[Case, Sequence[Angles]], path: Path) -> Path:
+    header = (
+        "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
+        "rms_error_deg", "stated_deviation_deg", "measured_share",
+    )  # fmt: skip
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for (ground, name), found in trials.items():
+            for angles in found:
+                for truth, error, deviation in zip(
+                    angles.truth, angles.error, angles.deviation, strict=True
+                ):
+                    seen = np.isfinite(error)
+                    numbers = [math.nan] * 3
+                    if seen.any():
+                        numbers = [
+                            math.degrees(float(np.mean(error[seen]))),
+                            math.degrees(math.sqrt(float(np.mean(error[seen] ** 2)))),
+                            math.degrees(math.sqrt(float(np.mean(deviation[seen] ** 2)))),
+                        ]
+                    row = (angles.speed, angles.overlap, math.degrees(truth), *numbers, seen.mean())
+                    writer.writerow((ground, name, *(f"{value:.6g}" for value in row)))
+    return path

@@ -1,0 +1,76 @@
+"""The sideslip study on little data: it measures what there is and says where it cannot."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.sideslip_trials import Angles
+from omni_analysis.studies import load_study
+from omni_platform.configuration import ConfigurationError
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+
+
+def options(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    load_study("sideslip").add_arguments(parser)
+    return parser.parse_args([*arguments, "--runs", "1", "--dpi", "200"])
+
+
+def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    chosen = options("--ground", "cork", "--sensors", "generic")
+    result = load_study("sideslip").run(chosen, ExperimentLibrary(CONFIG), tmp_path)
+    metrics = {key: metric.value for key, metric in result.metrics.items()}
+    for speed, limit in ((2, 0.2), (10, 0.1), (20, 0.1)):
+        assert metrics[f"measured_share.cork_generic_{speed}"] == 1.0
+        assert metrics[f"rms_error.cork_generic_{speed}"] < limit
+    assert metrics["measured_share.cork_generic_80"] == 0.0  # lines have nothing in common
+    assert math.isnan(metrics["rms_error.cork_generic_80"])
+    assert any("60 % overlap is 20 m/s" in finding for finding in result.findings)
+    with (tmp_path / "sideslip.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    truth = [float(row["true_angle_deg"]) for row in rows if row["speed_m_per_s"] == "10"]
+    assert truth == pytest.approx(np.arange(-15.0, 15.1, 2.5))
+    # Every angle by itself, so that signs cannot cancel.
+    errors = [float(row["rms_error_deg"]) for row in rows if row["speed_m_per_s"] == "10"]
+    assert max(errors) < 0.2
+
+
+def test_bias_is_what_the_batches_share_and_slip_scales_the_tangent() -> None:
+    truth = np.array([-0.2, 0.1])
+    generator = np.random.default_rng(3)
+    noise = 0.02 * generator.standard_normal((2, 4000))
+    for bias in (0.0, 0.01):
+        angle = truth[:, None] + bias + noise
+        sideways = -10.0 * np.cos(truth)[:, None] * np.tan(angle)
+        angles = Angles(10.0, 0.8, truth, angle, np.full_like(angle, 0.02), sideways)
+        assert angles.bias == pytest.approx(bias, abs=1e-3)
+        assert angles.rms_error == pytest.approx(math.hypot(bias, 0.02), rel=0.05)
+    exact = Angles(
+        10.0,
+        0.8,
+        truth,
+        truth[:, None],
+        np.zeros((2, 1)),
+        -10.0 * np.sin(truth)[:, None],
+    )
+    slipping = np.arctan(np.tan(truth) / 0.9) - truth
+    assert exact.rms_error_with(0.9) == pytest.approx(float(np.sqrt(np.mean(slipping**2))))
+
+
+def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+    study, library = load_study("sideslip"), ExperimentLibrary(CONFIG)
+    with pytest.raises(ConfigurationError, match="--noise"):
+        study.run(options("--noise", "nan"), library, tmp_path)
+    with pytest.raises(ConfigurationError, match="'generik' is not known"):
+        study.run(options("--sensors", "generik", "--ground", "cork"), library, tmp_path)
