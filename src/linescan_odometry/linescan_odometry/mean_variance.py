@@ -79,8 +79,7 @@ def _variance(
         number += leverage[b] * leverage[b]
     number = 1.0 / number
     window = max(1.0, number / _WINDOWS)
-    total = _smoothed_square(error, window)
-    total = max(total, _LEAST_SHARE * squares)
+    total: float = max(_smoothed_square(error, window), _LEAST_SHARE * squares)
     taken, weights = 0.0, 0.0
     for pair in range(len(weight)):
         if weight[pair] != 0.0:
