@@ -49,7 +49,7 @@ def test_weighting_zero_keeps_its_line_too(weighting_zero: FinishedRun) -> None:
 
 def test_sideslip_is_published_with_every_twist(weighting_zero: FinishedRun) -> None:
     with AnyReader([weighting_zero.folder / "assisted"]) as reader:
-        angles = {
+        angles: dict[int, Any] = {
             stamp: reader.deserialize(data, connection.msgtype)
             for connection, stamp, data in reader.messages()
             if connection.topic == "/odometry/sideslip"

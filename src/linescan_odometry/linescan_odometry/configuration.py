@@ -103,6 +103,11 @@ class OdometryConfiguration(Configuration):
         minimum=0.0,
         maximum=10.0,
     )
+    cover_detection: bool = parameter(
+        True,
+        description="Whether a view that stands still while the platform moves across it counts as "
+        "covered; off for grounds whose stripes run along the way",
+    )
     contradiction_limit: float = parameter(
         8.0,
         description="Standard deviations by which a sensor may contradict the others before it is "

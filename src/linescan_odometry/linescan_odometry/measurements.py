@@ -26,6 +26,7 @@ class LineBatch:
     Attributes:
         stamp_ns: exposure of the newest line [ns].
         lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
+        fault: why the lines cannot be used, such as a format that is none; empty if they can.
 
     Raises:
         LineBatchError: the lines have another type or shape.
@@ -33,6 +34,12 @@ class LineBatch:
 
     stamp_ns: int
     lines: Lines
+    fault: str = ""
+
+    @classmethod
+    def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
+        """Make a batch that says why there are no lines."""
+        return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
 
     def __post_init__(self) -> None:
         if self.lines.ndim != 2 or self.lines.dtype not in (np.uint8, np.uint16):
@@ -53,6 +60,7 @@ class SensorReading:
         inlier_share: share of the line pairs that entered, 0..1.
         measured: whether velocity and variance can be used.
         reason: why they cannot; empty if they can.
+        still_time: for how long the view has not changed at all [s]; 0 if it has.
     """
 
     velocity: float
@@ -61,6 +69,7 @@ class SensorReading:
     inlier_share: float
     measured: bool
     reason: str = ""
+    still_time: float = 0.0
 
     @classmethod
     def unmeasured(

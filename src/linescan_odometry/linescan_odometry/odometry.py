@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 _UNKNOWNS = 3  # components of the twist
+_STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
 
 
@@ -113,6 +114,10 @@ class LineScanOdometry:
             covariance = UNMEASURED_VARIANCE * np.eye(3)
             return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
         twist, covariance = self._solver.solve(velocity, variance, measured)
+        if self._configuration.cover_detection:
+            covered = self._covered(readings, twist)
+            if covered:
+                return self._estimate(readings | covered)
         limit = self._configuration.contradiction_limit
         if sum(measured) > _UNKNOWNS and limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
@@ -141,6 +146,32 @@ class LineScanOdometry:
             readings[name].inlier_share,
         )
         return self._estimate(readings | {name: left_out})
+
+    def _covered(
+        self, readings: dict[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the sensor whose view stands most clearly still while it moves, if there is one.
+
+        A cover, dirt or a dead optic stands still along the axis, which is nothing unusual: the
+        platform may move across. But then the view would change.
+        """
+        farthest, covered = _STILL_SHARE, {}
+        for name, sensor in self._configuration.sensors.items():
+            still = readings[name].still_time
+            if not readings[name].measured or still == 0.0:
+                continue
+            across = (twist[1] + twist[2] * sensor.x) * math.cos(sensor.heading) - (
+                twist[0] - twist[2] * sensor.y
+            ) * math.sin(sensor.heading)
+            share = abs(across) * still / sensor.width
+            if share > farthest:
+                farthest = share
+                reason = (
+                    f"covered: its view stands still, but the platform moves across it at "
+                    f"{abs(across):.3g} m/s"
+                )
+                covered = {name: SensorReading.unmeasured(reason, readings[name].correlation)}
+        return covered
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
         """Say how far what the sensors see is from what the kinematics allow, if it is too far."""

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, JointState
 
 from linescan_odometry.batching import BatchCollector
+from linescan_odometry.messages import line_batch_of
 from linescan_odometry.odometry import (
-    LineBatch,
     LineScanOdometry,
     OdometryConfiguration,
     TwistEstimate,
@@ -28,9 +28,7 @@ from omni_ros.messages import (
     DIAGNOSTICS_PERIOD_NS,
     diagnostics,
     joint_state,
-    lines_of,
     planar_twist_with_covariance,
-    to_nanoseconds,
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
@@ -68,12 +66,7 @@ class OdometryNode(Node):
             )
 
     def _on_lines(self, sensor: str, message: Image) -> None:
-        try:
-            batch = LineBatch(to_nanoseconds(message.header.stamp), lines_of(message))
-        except ValueError as error:
-            self.get_logger().error(f"line_scan/{sensor}/lines: {error}")
-            return
-        for batches in self._collector.add(sensor, batch):
+        for batches in self._collector.add(sensor, line_batch_of(message)):
             self._publish(self._odometry.update(batches))
 
     def _publish(self, estimate: TwistEstimate) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
+_STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
+_STILL_CORRELATION = 0.05  # by which they may be less alike than neighbouring lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,21 +72,20 @@ class SensorOdometry:
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
         count, pixels = batch.lines.shape
-        if count == 0:
-            return SensorReading.unmeasured("the batch holds no line")
-        if pixels != self._sensor.pixels:
+        fault = batch.fault
+        if count > 0 and pixels != self._sensor.pixels:
+            fault = f"lines of {pixels} px, the configuration says {self._sensor.pixels} px"
+        if fault:
             self._chain.reset()
             self._search.reset()
-            return SensorReading.unmeasured(
-                f"lines of {pixels} px, the configuration says {self._sensor.pixels} px"
-            )
+            return SensorReading.unmeasured(fault)
+        if count == 0:
+            return SensorReading.unmeasured("the batch holds no line")
         lines = self._chain.join(batch)
         if len(lines) == count:
             self._search.reset()
         if len(lines) < 2:
             return SensorReading.unmeasured("a single line with none before it to compare with")
-        if len(lines) > _FROZEN_PAIRS and np.array_equal(lines[1:], lines[:-1]):
-            return SensorReading.unmeasured(_describe_frozen(lines))
         if self._flat_field is None:
             return self._reading(batch.stamp_ns, lines)
         reading = self._reading(batch.stamp_ns, self._flat_field.correct(lines))
@@ -110,6 +112,10 @@ class SensorOdometry:
     def _reading(self, stamp_ns: int, lines: Lines) -> SensorReading:
         settings = self._configuration
         pairs = self.measure(lines)
+        same = np.all(lines[1:] == lines[:-1], axis=1)
+        frozen = int(np.count_nonzero(same))
+        if frozen >= _FROZEN_PAIRS:  # which the noise of a live camera rules out
+            pairs.usable[same] = False
         matched = int(np.count_nonzero(pairs.usable))
         if self._plausibility is not None:
             pairs.usable[:] &= self._plausibility.judge(stamp_ns, pairs.displacement)
@@ -124,7 +130,7 @@ class SensorOdometry:
         count = int(np.count_nonzero(inlier))
         share = count / len(inlier)
         if count == 0 or share < settings.minimum_inlier_share:
-            reason = self._describe(lines, pairs, matched)
+            reason = self._describe(lines, pairs, matched, frozen)
             return SensorReading.unmeasured(reason, inlier_share=share)
         weight = np.empty(len(inlier))
         displacement = average(pairs.displacement, inlier, weight)
@@ -141,7 +147,26 @@ class SensorOdometry:
             correlation=correlation,
             inlier_share=share,
             measured=True,
+            still_time=self._still_time(lines, displacement, correlation),
         )
+
+    def _still_time(self, lines: Lines, displacement: float, correlation: float) -> float:
+        """Return the duration of the batch if its ends show the same, pixel by pixel, else 0 [s].
+
+        Args:
+            lines: of the batch, shape (m + 1, pixels).
+            displacement: mean over the pairs [px].
+            correlation: mean over the pairs [1].
+        """
+        span = len(lines) - 1
+        if abs(displacement) * span > _STILL_DISPLACEMENT:
+            return 0.0
+        first, last = lines[0] - lines[0].mean(), lines[-1] - lines[-1].mean()
+        alike = float(first @ last)
+        needed = max(0.0, correlation - _STILL_CORRELATION) * math.sqrt(
+            float(first @ first) * float(last @ last)
+        )
+        return span / self._sensor.line_rate if alike > needed else 0.0
 
     def _span(self, lines: Lines, displacement: float, variance: float) -> tuple[float, float]:
         """Compare the newest line with the oldest, if that tells the mean displacement better.
@@ -162,11 +187,13 @@ class SensorOdometry:
             return displacement, variance
         return whole / span, whole_variance
 
-    def _describe(self, lines: Lines, pairs: PairDisplacements, matched: int) -> str:
+    def _describe(self, lines: Lines, pairs: PairDisplacements, matched: int, frozen: int) -> str:
         """Say why the pairs of a batch gave no velocity."""
         low, high = int(lines.min()), int(lines.max())
         if low == high:
             return f"no contrast: every pixel is at grey level {low}"
+        if 2 * frozen > len(pairs.usable):
+            return f"frozen: {frozen} of {len(pairs.usable)} line pairs are identical"
         usable = int(np.count_nonzero(pairs.usable))
         if 2 * usable < matched:
             return (
@@ -180,10 +207,3 @@ class SensorOdometry:
                 f"the median is {float(np.median(pairs.similarity)):.2f}"
             )
         return f"the displacements of {len(pairs.usable)} line pairs disagree with their median"
-
-
-def _describe_frozen(lines: Lines) -> str:
-    low, high = int(lines.min()), int(lines.max())
-    if low == high:
-        return f"no contrast: every pixel is at grey level {low}"
-    return "frozen: all lines are identical, which the noise of a live camera rules out"

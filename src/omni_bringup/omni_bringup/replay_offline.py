@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.odometry import LineBatch, LineScanOdometry
+from linescan_odometry.messages import line_batch_of
+from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.bag_error import BagError
 from omni_analysis.bag_folder import Bag, bag_messages
@@ -26,7 +27,6 @@ from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic
 from omni_bringup.rosbag2_writer import Rosbag2Writer
 from omni_ros.messages import (
     joint_state,
-    lines_of,
     planar_twist_of,
     planar_twist_with_covariance,
     to_nanoseconds,
@@ -95,7 +95,7 @@ class _Cores:
             results = list(self._takers[topic](decoder.decode(recorded)))
         except DecodeError as error:
             raise BagError(bag.path, f"{topic}: {error}") from None
-        except ValueError as error:  # lines that are none, as the node would log
+        except ValueError as error:
             raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
         # What one core answers another may be waiting for.
         for result in list(results):
@@ -117,8 +117,7 @@ class _Odometry:
         return lambda message: self._take(sensor, message)
 
     def _take(self, sensor: str, message: Any) -> Iterable[Result]:
-        batch = LineBatch(to_nanoseconds(message.header.stamp), lines_of(message))
-        for batches in self._collector.add(sensor, batch):
+        for batches in self._collector.add(sensor, line_batch_of(message)):
             estimate = self._odometry.update(batches)
             stamp_ns = estimate.stamp_ns
             if self._has_wheels:

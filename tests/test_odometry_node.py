@@ -1,0 +1,135 @@
+"""The odometry over topics: what is no image of lines is told with the twist that lacks it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from omni_process import WORKSPACE
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+from omni_analysis.experiment import ExperimentLibrary
+from omni_bringup import graph
+from omni_bringup.process_group import process_group
+from omni_bringup.ros_domain import reserved_domain
+from omni_ros.environment import node_environment
+from omni_ros.messages import header, to_nanoseconds
+from omni_ros.qos import RELIABLE
+
+PATIENCE = 30.0  # [s]
+LINES = 26
+RATE = 2500.0
+
+
+class Cameras:
+    """Three line cameras at rest over a ground of random texture."""
+
+    def __init__(self, context: Context, sensors: tuple[str, ...], pixels: int) -> None:
+        self.node = Node("cameras", context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.publishers = {
+            name: self.node.create_publisher(Image, f"line_scan/{name}/lines", RELIABLE)
+            for name in sensors
+        }
+        self.twists: list[TwistWithCovarianceStamped] = []
+        self.reasons: dict[str, str] = {}
+        self.node.create_subscription(
+            TwistWithCovarianceStamped, "odometry/twist", self.twists.append, RELIABLE
+        )
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, RELIABLE)
+        self._generator = np.random.default_rng(1)
+        self._ground = self._generator.integers(40, 200, pixels)
+        self._stamp_ns = 0
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        self.reasons |= {value.key: value.value for value in message.status[0].values}
+
+    def wait(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"timed out; reasons so far: {self.reasons}"
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def image(self) -> Image:
+        """Return lines with the noise of a camera."""
+        noise = self._generator.normal(0.0, 1.0, (LINES, len(self._ground)))
+        lines = np.rint(self._ground + noise).astype(np.uint8)
+        return Image(
+            header=header(self._stamp_ns),
+            height=LINES,
+            width=lines.shape[1],
+            encoding="mono8",
+            step=lines.shape[1],
+            data=lines.tobytes(),
+        )
+
+    def step(self, **spoilt: Callable[[Image], None]) -> TwistWithCovarianceStamped:
+        """Publish one batch of every camera and return the twist that answers it."""
+        self._stamp_ns += round(1e9 * LINES / RATE)
+        for name, publisher in self.publishers.items():
+            image = self.image()
+            spoilt.get(name, lambda _: None)(image)
+            publisher.publish(image)
+        self.wait(
+            lambda: self.twists and to_nanoseconds(self.twists[-1].header.stamp) == self._stamp_ns
+        )
+        return self.twists[-1]
+
+
+@pytest.fixture
+def cameras(tmp_path: Path) -> Iterator[Cameras]:
+    """Cameras before a real odometry process, in a ROS domain of its own."""
+    configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
+    process = graph.odometry(configuration, tmp_path, listeners=1)
+    sensors = configuration.odometry.sensors
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        group.start(process)
+        context = Context()
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        rclpy.init(context=context, domain_id=domain)
+        pixels = next(iter(sensors.values())).pixels
+        cameras = Cameras(context, tuple(sensors), pixels)
+        try:
+            publishers = cameras.publishers.values()
+            cameras.wait(lambda: all(p.get_subscription_count() == 1 for p in publishers))
+            cameras.wait(lambda: cameras.node.count_publishers("odometry/twist") == 1)
+            yield cameras
+        finally:
+            cameras.node.destroy_node()
+            context.try_shutdown()
+
+
+def measured(twist: TwistWithCovarianceStamped) -> bool:
+    return bool(twist.twist.covariance[0] < 1.0)
+
+
+def floats(image: Image) -> None:
+    """What a driver sends that takes its lines for floating-point numbers, here none at all."""
+    image.encoding, image.step = "32FC1", 4 * image.width
+    image.data = np.full((image.height, image.width), np.nan, np.float32).tobytes()
+
+
+def half(image: Image) -> None:
+    image.data = image.data[: len(image.data) // 2]
+
+
+def test_an_image_without_lines_is_told_in_the_same_step(cameras: Cameras) -> None:
+    cameras.step()
+    assert measured(cameras.step())
+    assert not measured(cameras.step(left=floats))
+    cameras.wait(lambda: "32FC1" in cameras.reasons["left"])
+    cameras.step()  # the chain of lines begins anew
+    assert measured(cameras.step())
+    assert not measured(cameras.step(left=half))
+    cameras.wait(lambda: "needs at least" in cameras.reasons["left"])
