@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.search import METRICS
 from linescan_odometry.subpixel import SubpixelRefiner
+from omni_analysis.displacement_errors import error_values
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture, TextureConfiguration
 from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
@@ -103,6 +104,15 @@ class Matches:
     def error(self) -> FloatArray:
         """Refined less true displacement, unrounded [px]."""
         return self.displacement - self.truth
+
+    def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
+        """Return the errors under `displacement_errors.ERROR_COLUMNS`.
+
+        Args:
+            view: what the camera saw.
+            speed: at which it moved [m/s].
+        """
+        return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
 
 
 @functools.lru_cache(maxsize=3)

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.texture_trials import LENGTHS, SHAPES, Shifts
+from omni_analysis.displacement_errors import ERROR_COLUMNS
+from omni_analysis.texture_trials import Shifts
+from omni_analysis.view_grid import LENGTHS, SHAPES
 
 
 def write_surfaces(
@@ -28,7 +30,7 @@ def write_surfaces(
     """
     header = (
         *names, "length_mm", "width_over_length", "overlap", "true_displacement_px",
-        "mean_error_px", "flagged_share", "wrong_share",
+        "flagged_share", "wrong_share", *ERROR_COLUMNS,
     )  # fmt: skip
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -37,8 +39,8 @@ def write_surfaces(
             shapes = [(shape, length) for shape in SHAPES for length in LENGTHS]
             for (shape, length), common, shifts in zip(shapes, overlap.flat, found, strict=True):
                 numbers = (
-                    1e3 * length, shape, common, shifts.truth, shifts.mean_error,
-                    shifts.flagged_share, shifts.wrong_share,
+                    1e3 * length, shape, common, shifts.truth, shifts.flagged_share,
+                    shifts.wrong_share, *shifts.errors,
                 )  # fmt: skip
                 writer.writerow((*case, *(f"{value:.6g}" for value in numbers)))
     return path

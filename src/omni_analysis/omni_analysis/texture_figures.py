@@ -21,7 +21,7 @@ from omni_analysis.figure_style import (
     style_axes,
     wheel_colour,
 )
-from omni_analysis.texture_trials import LENGTHS, SHAPES
+from omni_analysis.view_grid import LENGTHS, SHAPES
 from omni_sim.ground_texture import GroundTexture
 
 FloatArray = NDArray[np.float64]

@@ -17,17 +17,14 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, SensorReading
 from linescan_odometry.search import METRICS
 from linescan_odometry.sensor import SensorOdometry
+from linescan_odometry.subpixel import SubpixelRefiner
+from omni_analysis.displacement_errors import error_values
+from omni_analysis.view_grid import LENGTHS, SHAPES, as_map
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
 from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
 
 FloatArray = NDArray[np.float64]
-
-LENGTHS = tuple(0.01 * i for i in range(1, 8))
-"""Lengths of the field of view in Figures 63, 65 and 66 [m]."""
-
-SHAPES = tuple(0.1 * i for i in range(1, 11))
-"""Widths over lengths there [1]."""
 
 _LIMIT_DIVISOR = 2  # k of section 4.4
 _BATCH = 0.01  # [s]
@@ -64,21 +61,20 @@ class Shifts:
         truth: displacement along the axis between two lines [px].
         shift: of the best match of each pair, shape (runs, pairs) [px].
         similarity: Pearson's correlation there, shape (runs, pairs).
+        displacement: refined shift, shape (runs, pairs) [px].
+        errors: under `displacement_errors.ERROR_COLUMNS`.
     """
 
     truth: float
     shift: NDArray[np.int64]
     similarity: FloatArray
-
-    @property
-    def error(self) -> FloatArray:
-        """Error of each pair in whole pixels, Eq. (84), shape (runs, pairs)."""
-        return (self.shift - round(self.truth)).astype(np.float64)
+    displacement: FloatArray
+    errors: tuple[float, ...]
 
     @property
     def mean_error(self) -> float:
-        """Mean magnitude of the error over all pairs [px]."""
-        return float(np.mean(np.abs(self.error)))
+        """Mean magnitude of the error in whole pixels over all pairs, Eq. (84) [px]."""
+        return self.errors[0]
 
     @property
     def wrong_share(self) -> float:
@@ -121,11 +117,6 @@ def shape_grid(pixels: int = 1024, line_rate: float = 2500.0) -> dict[str, LineS
         for i, shape in enumerate(SHAPES)
         for j, length in enumerate(LENGTHS)
     }
-
-
-def as_map(values: list[float]) -> FloatArray:
-    """Arrange values of `shape_grid` as a map, shape (shapes, lengths)."""
-    return np.array(values).reshape(len(SHAPES), len(LENGTHS))
 
 
 class Eyes:
@@ -180,13 +171,19 @@ class Eyes:
         generator = np.random.default_rng((trial.seed, 1))
         starts = generator.uniform(0.0, self._size, (trial.runs, 2))
         shift = np.empty((trial.runs, trial.pairs), np.int64)
-        similarity = np.empty((trial.runs, trial.pairs))
+        similarity, displacement, variance = np.empty((3, trial.runs, trial.pairs))
         search = METRICS["pearson"](sensor.pixels, sensor.pixels // _LIMIT_DIVISOR)
+        refiner = SubpixelRefiner(sensor.pixels, OdometryConfiguration.peak_recovery)
         for run, start in enumerate(starts):
             lines = _lines(camera, trial, start, run * (trial.pairs + 1))
             search.match(lines, shift[run], similarity[run])
+            refiner.refine(lines, shift[run], displacement[run], variance[run])
         truth = trial.speed / sensor.line_rate * math.cos(trial.angle) / sensor.pixel_pitch
-        return Shifts(truth, shift, similarity)
+        whole = (shift - round(truth)).astype(np.float64)
+        errors = error_values(
+            whole, displacement - truth, sensor.pixel_pitch, sensor.line_rate, trial.speed
+        )
+        return Shifts(truth, shift, similarity, displacement, errors)
 
 
 def _lines(

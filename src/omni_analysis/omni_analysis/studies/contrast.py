@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLUE,
@@ -64,6 +65,7 @@ class Trial:
         correlation: at the true displacement, rounded, without noise.
         right_share: share of pairs that are right within a pixel.
         rmse: of refined displacements of these pairs [px].
+        errors: of all pairs, under `ERROR_COLUMNS`.
     """
 
     shape: float
@@ -72,6 +74,7 @@ class Trial:
     correlation: float
     right_share: float
     rmse: float
+    errors: tuple[float, ...]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -109,12 +112,12 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             folder / "contrast.csv",
             (
                 "ground", "width_mm", "width_over_length", "overlap", "contrast_grey_levels",
-                "correlation", "right_share", "rmse_px",
+                "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
             ),
             (
                 (
                     kind, 1e3 * t.shape * _LENGTH, t.shape, t.overlap, t.contrast, t.correlation,
-                    t.right_share, t.rmse,
+                    t.right_share, t.rmse, *t.errors,
                 )
                 for kind, trials in found.items()
                 for t in trials
@@ -150,6 +153,7 @@ def _trials(kind: str, options: argparse.Namespace) -> list[Trial]:
                 float(np.mean([_correlation(old, new, shift) for old, new in _pairs(greys)])),
                 float(right.mean()),
                 float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan,
+                matches.error_values(view, _SPEED),
             )
         )
     return trials

@@ -18,7 +18,8 @@ from omni_analysis.studies import StudyResult
 from omni_analysis.study_table import write_surfaces
 from omni_analysis.texture_figures import draw_error_surfaces
 from omni_analysis.texture_options import add_texture_options, grounds_of
-from omni_analysis.texture_trials import Shifts, Sideways, as_map, look_at_shapes
+from omni_analysis.texture_trials import Shifts, Sideways, look_at_shapes
+from omni_analysis.view_grid import as_map
 
 _SPEED = 12.0  # [m/s]
 _OVERLAP = 0.6

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
 from omni_analysis.line_study_options import add_line_options, grounds_of
@@ -77,8 +78,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         write_table(
             folder / "field_of_view.csv",
             (
-                "ground", "length_mm", "width_over_length", "overlap", "mean_error_px",
-                "right_share", "exact_share", "rmse_px", "rmse_mm", "rmse_percent_of_speed",
+                "ground", "length_mm", "width_over_length", "overlap", "right_share",
+                "exact_share", *ERROR_COLUMNS,
             ),
             (
                 _row(kind, motion, m)
@@ -91,13 +92,11 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
 
 
 def _row(kind: str, motion: Motion, matches: Matches) -> tuple[str | float, ...]:
-    rmse = float(np.sqrt(np.mean(matches.error**2)))
     view = motion.view
     return (
-        kind, 1e3 * view.length, view.width / view.length, motion.overlap, mean_error(matches),
+        kind, 1e3 * view.length, view.width / view.length, motion.overlap,
         float(np.mean(matches.right)), float(np.mean(matches.pixel_error == 0.0)),
-        rmse, 1e3 * rmse * view.pitch,
-        100.0 * rmse * view.pitch * view.line_rate / motion.speed,  # Eq. (85)
+        *matches.error_values(view, motion.speed),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
 from omni_analysis.line_study_options import add_line_options, grounds_of
@@ -85,13 +86,13 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             folder / "median.csv",
             (
                 "ground", "length_mm", "width_over_length", "overlap",
-                "raw_error_px", "median_error_px", "raw_right_share", "median_right_share",
+                "median_error_px", "right_share", "median_right_share", *ERROR_COLUMNS,
             ),
             (
                 (
                     kind, 1e3 * motion.view.length, motion.view.width / motion.view.length,
-                    motion.overlap, mean_error(m), _filtered_mean(m),
-                    float(np.mean(m.right)), filtered_right(m, _GROUP),
+                    motion.overlap, _filtered_mean(m), float(np.mean(m.right)),
+                    filtered_right(m, _GROUP), *m.error_values(motion.view, motion.speed),
                 )
                 for kind, matches in found.items()
                 for motion, m in zip(motions, matches, strict=True)

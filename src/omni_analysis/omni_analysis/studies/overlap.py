@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
 from omni_analysis.line_study_options import add_line_options, grounds_of
@@ -70,14 +71,12 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             folder / "overlap.csv",
             (
                 "ground", "speed_m_per_s", "length_mm", "overlap", "displacement_px",
-                "mean_error_px", "wrong_share", "rmse_px", "rmse_mm", "rmse_percent_of_speed",
+                "wrong_share", *ERROR_COLUMNS,
             ),
             (
                 (
                     kind, motion.speed, 1e3 * motion.view.length, motion.overlap,
-                    float(m.truth[0]), float(np.mean(np.abs(m.pixel_error))), _wrong([m]),
-                    _rmse([m]), 1e3 * _rmse([m]) * motion.view.pitch,
-                    100.0 * _rmse([m]) * motion.view.pitch * motion.view.line_rate / motion.speed,
+                    float(m.truth[0]), _wrong([m]), *m.error_values(motion.view, motion.speed),
                 )
                 for kind, matches in found.items()
                 for motion, m in zip(motions, matches, strict=True)

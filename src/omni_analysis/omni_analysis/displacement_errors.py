@@ -1,0 +1,34 @@
+"""Errors of displacements in every unit that they are asked for in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
+"""Header of what `error_values` returns."""
+
+
+def error_values(
+    pixel_error: FloatArray, error: FloatArray, pitch: float, line_rate: float, speed: float
+) -> tuple[float, float, float, float]:
+    """Return the mean error as the dissertation counts it, and the unrounded one in three units.
+
+    Args:
+        pixel_error: in whole pixels, Eq. (84).
+        error: of refined displacements, unrounded [px].
+        pitch: length of a pixel on the ground [m].
+        line_rate: [1/s].
+        speed: of the motion [m/s]; the error in velocity is a share of it, Eq. (85).
+
+    Returns:
+        Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, mm and per cent.
+    """
+    rmse = math.sqrt(float(np.mean(np.square(error))))
+    length = rmse * pitch
+    percent = 100.0 * length * line_rate / speed if speed > 0.0 else math.nan
+    return float(np.mean(np.abs(pixel_error))), rmse, 1e3 * length, percent
