@@ -10,19 +10,20 @@ at 60 % overlap as far as the simulation confirms it on every ground.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
 from omni_analysis.texture_figures import draw_speed_limits
 from omni_analysis.texture_options import add_texture_options, grounds_of
-from omni_analysis.texture_trials import Eyes, Sideways, overlap
+from omni_analysis.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_platform.sensors import LineSensor
 
 FloatArray = NDArray[np.float64]
@@ -49,18 +50,18 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     sensors = {name: _preset(library, preset) for name, preset in _PRESETS.items()}
     computed = {name: (1.0 - _OVERLAP) * s.width * s.line_rate for name, s in sensors.items()}
     speeds = {name: _SHARES * value for name, value in computed.items()}
-    right: dict[str, dict[str, FloatArray]] = {name: {} for name in sensors}
+    found: dict[str, dict[str, list[Shifts]]] = {name: {} for name in sensors}
     for ground, texture in grounds.items():
         eyes = Eyes(sensors, texture, _NOISE, options.seed)
         for name in sensors:
-            right[name][ground] = np.array(
-                [
-                    eyes.look(
-                        name, Sideways(float(v), runs=options.runs, seed=options.seed)
-                    ).median_right
-                    for v in speeds[name]
-                ]
-            )
+            found[name][ground] = [
+                eyes.look(name, Sideways(float(v), runs=options.runs, seed=options.seed))
+                for v in speeds[name]
+            ]
+    right = {
+        name: {ground: np.array([s.median_right for s in seen]) for ground, seen in own.items()}
+        for name, own in found.items()
+    }
     limits = {
         name: {ground: _highest(speeds[name], share) for ground, share in right[name].items()}
         for name in sensors
@@ -97,7 +98,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     )
     files = (
         save_figure(figure, folder / "sensor_presets.png"),
-        _write(sensors, speeds, right, folder / "sensor_presets.csv"),
+        _write(sensors, speeds, found, folder / "sensor_presets.csv"),
     )
     findings = tuple(_finding(name, computed[name], limits[name]) for name in sensors)
     return StudyResult(metrics, files, findings)
@@ -133,15 +134,17 @@ def _finding(name: str, computed: float, limits: dict[str, float]) -> str:
 def _write(
     sensors: dict[str, LineSensor],
     speeds: dict[str, FloatArray],
-    right: dict[str, dict[str, FloatArray]],
+    found: dict[str, dict[str, list[Shifts]]],
     path: Path,
 ) -> Path:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("sensor", "ground", "speed_m_s", "overlap", "right_median_share"))
-        for name, by_ground in right.items():
-            for ground, shares in by_ground.items():
-                for speed, share in zip(speeds[name], shares, strict=True):
-                    common = overlap(sensors[name], Sideways(float(speed)))
-                    writer.writerow((name, ground, f"{speed:.6g}", f"{common:.6g}", f"{share:.6g}"))
-    return path
+    rows = (
+        (
+            name, ground, speed, overlap(sensors[name], Sideways(float(speed))),
+            shifts.median_right, *shifts.errors,
+        )
+        for name, own in found.items()
+        for ground, seen in own.items()
+        for speed, shifts in zip(speeds[name], seen, strict=True)
+    )  # fmt: skip
+    header = ("sensor", "ground", "speed_m_s", "overlap", "right_median_share", *ERROR_COLUMNS)
+    return write_table(path, header, rows)
