@@ -115,8 +115,12 @@ class MeanError:
 
     def value(self, information: FloatArray) -> FloatArray:
         """Return E [m/s] of sums of `information`, shape (..., M, 6) to (...)."""
-        squared: FloatArray = np.sqrt(total_variance(information) @ self.mix.share)
-        return squared
+        error: FloatArray = np.sqrt(total_variance(information) @ self.mix.share)
+        return error
+
+    def mean_error(self, poses: FloatArray) -> float:
+        """Return E of cameras at `poses`, shape (N, 3) [m/s]."""
+        return float(self.value(self.information(poses).sum(axis=0)))
 
     def covariance(self, poses: FloatArray) -> FloatArray:
         """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite: singular.

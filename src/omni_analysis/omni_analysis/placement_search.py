@@ -86,7 +86,7 @@ def search(
     count: int,
     *,
     redundant: bool = False,
-    starts: int = 6,
+    starts: int = 12,
     seed: int = 1,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> FoundPlacement:
@@ -112,7 +112,8 @@ def search(
         report(index / len(layouts), f"{symmetry or 'free'} placements of {count} sensors")
         best = trial.exchange(units, generator, starts)
         if best is not None:
-            found.append((*_named(trial.refine(units, best), symmetry, units),))
+            refined, places = trial.refine(units, best)
+            found.append((refined, symmetry, units, places))
     if not found:
         raise NoRoomError(f"there is no room for {count} sensors that could measure the twist")
     value, symmetry, units, places = min(found, key=lambda entry: entry[0])
@@ -129,15 +130,9 @@ def search(
     rounded_value, rounded = trial.round(units, places)
     if not math.isfinite(rounded_value):
         raise NoRoomError(f"there is no room for {count} sensors on a grid of 1 mm and 1 deg")
-    poses = _all(units, rounded)
     report(1.0, "")
-    return FoundPlacement(poses, rounded_value, rounded_value / unrounded - 1.0, symmetry)
-
-
-def _named(
-    result: tuple[float, FloatArray], symmetry: str, units: tuple[_Unit, ...]
-) -> tuple[float, str, tuple[_Unit, ...], FloatArray]:
-    return result[0], symmetry, units, result[1]
+    loss = max(rounded_value / unrounded - 1.0, 0.0)
+    return FoundPlacement(_all(units, rounded) + 0.0, rounded_value, loss, symmetry)
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:

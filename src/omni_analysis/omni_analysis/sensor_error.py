@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sensor import SensorOdometry
-from omni_analysis.line_trials import View, camera, path
+from omni_analysis.line_trials import PERIOD, View, camera
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
@@ -37,6 +37,10 @@ MOST_CROSSED = 0.4
 
 BATCH_TIME = 0.01
 """Time of a batch of lines, one control period [s]."""
+
+ORIENTATIONS = 12
+"""Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
+error of their own that more trials do not average out."""
 
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # of the motion from the axis [deg]
 _SPREAD = 0.02  # of the speed, so that displacements take every fraction of a pixel
@@ -128,7 +132,7 @@ def measure_sensor_error(
         texture: the ground.
         noise: standard deviation [grey levels of 8 bit].
         speed: of the camera [m/s], at most `sideways_limit`.
-        batches: of lines, for each angle.
+        batches: of lines, for each angle in each of `ORIENTATIONS`.
         seed: of places, speeds and noise.
 
     Raises:
@@ -139,25 +143,28 @@ def measure_sensor_error(
     odometry = _odometry(view)
     pairs = batch_lines(view)
     duration_ns = round(1e9 * pairs / view.line_rate)
+    times = np.arange(pairs + 1) / view.line_rate
     rows = []
     count = 0
     for angle in np.radians(_ANGLES):
         errors = []
-        for _ in range(batches):
+        for yaw in np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches):
             v = speed * (1.0 + _SPREAD * generator.uniform(-1.0, 1.0))
-            turned = float(angle + _SPREAD * generator.uniform(-1.0, 1.0))
-            poses = path(view, v, turned, pairs + 1, generator)
-            lines = eye.lines(poses, count * (pairs + 1))
-            # A gap of a batch between batches, so that each is a measurement of its own.
-            reading = odometry.update(LineBatch(2 * count * duration_ns, lines))
+            turned = angle + _SPREAD * generator.uniform(-1.0, 1.0)
+            twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
+            start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
+            lines = eye.lines(moved(start, twist, times), count * (pairs + 1))
+            # Stamps far apart: no line of a batch is compared with one of another.
+            reading = odometry.update(LineBatch(4 * count * duration_ns, lines))
             count += 1
             if reading.measured:
-                errors.append(reading.velocity - v * math.cos(turned))
-        if len(errors) < _FEWEST_READINGS * batches:
+                errors.append(reading.velocity - twist[0])
+        trials = ORIENTATIONS * batches
+        if len(errors) < _FEWEST_READINGS * trials:
             raise ConfigurationError(
                 "--speed",
                 f"moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s the "
-                f"camera measures in only {len(errors)} of {batches} trials on this ground; "
+                f"camera measures in only {len(errors)} of {trials} trials on this ground; "
                 "lower the speed or choose another ground or type",
             )
         rows.append((speed * math.cos(angle), speed * math.sin(angle), _rms(np.array(errors))))
@@ -199,3 +206,24 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
     fit = least_squares(difference, np.log([straight, sideways]), loss="soft_l1")
     a, b = (float(value) for value in np.exp(fit.x))
     return SensorError(a, b)
+
+def moved(start: FloatArray, twist: FloatArray, time: FloatArray) -> FloatArray:
+    """Return the poses of base_link that moves at a constant body twist.
+
+    Args:
+        start: x, y, yaw [m, m, rad] at time 0.
+        twist: (v_x, v_y, yaw rate) in the body frame.
+        time: [s], shape (m,).
+
+    Returns:
+        Shape (m, 3).
+    """
+    turned = twist[2] * time
+    # The mean of the body's directions over the time, sinc and its partner, is exact for an arc.
+    along = time * np.sinc(turned / math.pi)
+    across = 0.5 * turned * time * np.sinc(0.5 * turned / math.pi) ** 2
+    x, y = along * twist[0] - across * twist[1], across * twist[0] + along * twist[1]
+    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    return np.column_stack(
+        (start[0] + cosine * x - sine * y, start[1] + sine * x + cosine * y, start[2] + turned)
+    )
