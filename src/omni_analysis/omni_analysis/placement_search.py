@@ -179,11 +179,11 @@ class _Search:
         for _ in range(starts):
             current = np.array([places[generator.integers(len(places))] for places, _ in sets])
             value = math.inf
-            for _ in range(_SWEEPS):
+            for sweep in range(_SWEEPS):
                 before = value
                 for i, (places, own) in enumerate(sets):
                     trial, chosen = self._best(units, current, i, places, own)
-                    if trial < value * (1.0 - _GAIN) or not math.isfinite(value):
+                    if trial < value * (1.0 - _GAIN) or sweep == 0:
                         value, current[i] = trial, chosen
                 if not value < before:
                     break
@@ -196,7 +196,7 @@ class _Search:
         current = places.copy()
         step = self._spacing
         turn = math.pi / self._headings / step  # the steps of heading shrink alike
-        value = math.inf
+        value = self._walk(units, current, math.inf, (0.0, 0.0), 0)
         while step > _FINEST:
             value = self._walk(units, current, value, (step, step * turn), 2)
             step *= 0.5
@@ -207,8 +207,7 @@ class _Search:
         lattice = np.array([LATTICE[0], LATTICE[0], LATTICE[1]])
         current = np.round(places / lattice) * lattice
         value = self._walk(units, current, math.inf, LATTICE, 3)
-        current = np.round(current / lattice) * lattice
-        return value, current
+        return value, np.round(current / lattice) * lattice
 
     def _walk(
         self,
@@ -218,20 +217,26 @@ class _Search:
         step: tuple[float, float],
         reach: int,
     ) -> float:
-        """Move one unit after the other by up to `reach` steps until none gets better."""
+        """Move one unit after the other by up to `reach` steps until none gets better.
+
+        From an infinite `value` on, every unit takes the best place around it once, since some
+        may stand where there is no room.
+        """
+        forced = not math.isfinite(value)
         for _ in range(_SWEEPS):
             before = value
             for i, unit in enumerate(units):
                 around = current[i] + _cloud(unit.free, reach) * (step[0], step[0], step[1])
                 around = around[self._fits(unit, around)]
                 if len(around) == 0:
-                    continue
+                    return math.inf
                 own = self._criterion.information(unit.poses(around))
                 trial, chosen = self._best(units, current, i, around, own)
-                if trial < value * (1.0 - _GAIN):
+                if trial < value * (1.0 - _GAIN) or forced:
                     value, current[i] = trial, chosen
             if not value < before:
                 break
+            forced = False
         return value
 
     def _best(

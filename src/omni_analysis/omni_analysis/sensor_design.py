@@ -1,181 +1,190 @@
-"""Placements of line cameras side by side: the best one, given ones and the classical ones."""
+"""Placements of line cameras under one vehicle side by side: best, given and classical ones."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
-from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.twist import check_placement
+from omni_analysis.classical_placements import classical
+from omni_analysis.judged_placement import JudgedPlacement, judge
 from omni_analysis.line_trials import View
 from omni_analysis.mounting_area import MountingArea
-from omni_analysis.placement_error import (
-    ConditionNumber,
-    MeanError,
-    after_failure,
-    closeness,
-    poses_of,
-)
-from omni_analysis.sensor_error import placed_sensor
+from omni_analysis.placed_sensors import named
+from omni_analysis.placement_error import ConditionNumber, MeanError, MotionMix, gyration
+from omni_analysis.placement_search import FoundPlacement, NoRoomError, search
+from omni_analysis.placement_trials import TwistTrial, drive
+from omni_analysis.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import GroundTexture
 
-FloatArray = NDArray[np.float64]
+FEWEST_SENSORS, MOST_SENSORS = 3, 8
 
-MINIMUM_LEVER = OdometryConfiguration.minimum_lever
-"""Effective lever below which the odometry refuses a placement by default [m]."""
+BEST, SMALLEST_CONDITION = "best", "smallest_condition"
 
-_RING_STEP = 0.005  # of the radius [m]
-_SECTORS = (
-    "front", "front_left", "left", "rear_left", "rear", "rear_right", "right", "front_right",
-)  # fmt: skip
+_USUAL_SPEED = 10.0  # [m/s]
+_BATCHES = 6  # in each orientation, of each angle or motion
+
+Report = Callable[[float, str], None]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class DesignTask:
+    """What is asked for.
+
+    Attributes:
+        area: the chassis and the cameras' rectangle.
+        texture: ground over which the cameras are tried.
+        noise: of the cameras, standard deviation [grey levels of 8 bit].
+        count: of cameras.
+        mix: of motions that placements are judged by.
+        speed: of base_link in all of them [m/s].
+        redundant: whether to judge without the camera whose failure is the worst.
+        given: placements to judge beside the best one, by name.
+        seed: of the search and the trials.
+    """
+
+    area: MountingArea
+    texture: GroundTexture
+    noise: float
+    count: int
+    mix: MotionMix
+    speed: float
+    redundant: bool
+    given: Mapping[str, Mapping[str, LineSensor]]
+    seed: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class JudgedPlacement:
-    """A placement and what it comes to.
+class Design:
+    """What was found.
 
     Attributes:
-        name: of the placement.
-        sensors: its cameras.
-        mean_error: E [m/s], infinite if it is singular.
-        deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
-            mix of motions, shape (3,).
-        by_motion: E in each motion alone [m/s].
-        without: E without each camera [m/s], shape (N,).
-        condition: condition number of the sensor matrix in SI units.
-        spread_deg: angle by which the axes spread, see `placement_error.closeness` [deg].
-        lever: effective lever for the yaw rate [m].
-        singular: why the odometry refuses it, empty if it does not.
-        mounting: why it cannot be mounted on the chassis, empty if it can.
+        trial: of one camera.
+        criterion: that placements were judged by.
+        found: the search's result.
+        placements: the best one, the given ones, the one with the smallest condition number and
+            the classical ones.
     """
 
-    name: str
-    sensors: Mapping[str, LineSensor]
-    mean_error: float
-    deviation: FloatArray
-    by_motion: Mapping[str, float]
-    without: FloatArray
-    condition: float
-    spread_deg: float
-    lever: float
-    singular: str
-    mounting: str
+    trial: SensorTrial
+    criterion: MeanError
+    found: FoundPlacement
+    placements: tuple[JudgedPlacement, ...]
 
     @property
-    def worst_without(self) -> float:
-        """E after the failure of the camera that is missed most [m/s]; infinite for three."""
-        return float(np.max(self.without))
+    def best(self) -> JudgedPlacement:
+        """The best placement."""
+        return self.placements[0]
+
+    def placement(self, name: str) -> JudgedPlacement:
+        """Return a placement by its name."""
+        return next(entry for entry in self.placements if entry.name == name)
 
 
-def judge(
-    name: str, sensors: Mapping[str, LineSensor], criterion: MeanError, area: MountingArea
-) -> JudgedPlacement:
-    """Say what a placement comes to on a chassis.
+def design(task: DesignTask, report: Report) -> Design:
+    """Measure a camera's error, search the best placement and judge others beside it.
 
     Args:
-        name: of the placement.
-        sensors: its cameras, of the criterion's type.
-        criterion: gives the error.
-        area: gives the places where cameras can be mounted.
+        task: what is asked for.
+        report: is told the share done and what of.
+
+    Raises:
+        ConfigurationError: the cameras do not fit or do not see the motion.
     """
-    poses = poses_of(sensors)
-    mix = criterion.mix
-    variance = np.einsum("mii->mi", criterion.covariance(poses))
-    squared = variance @ np.array([1.0, 1.0, criterion.gyration**2])
-    by_motion = {
-        motion: math.sqrt(float(np.average(squared[own], weights=mix.share[own])))
-        for motion in dict.fromkeys(mix.names)
-        for own in [np.array([other == motion for other in mix.names])]
-    }
-    condition = ConditionNumber()
-    spread, lever = closeness(sensors)
-    return JudgedPlacement(
-        name,
-        sensors,
-        criterion.mean_error(poses),
-        np.sqrt(mix.share @ variance),
-        by_motion,
-        after_failure(criterion, poses),
-        float(condition.value(condition.information(poses).sum(axis=0))),
-        spread,
-        lever,
-        singularity(sensors),
-        area.problem(tuple(sensors), poses),
-    )
+    area, view = task.area, task.area.view
+    report(0.0, "errors of one camera")
+    trial = measure_sensor_error(view, task.texture, task.noise, task.speed, _BATCHES, task.seed)
+    scene = area.scene
+    radius = gyration(scene.chassis_length, scene.chassis_width)
+    criterion = MeanError(view, trial.error, task.mix, radius)
 
+    def on_search(share: float, words: str) -> None:
+        report(0.3 + 0.4 * share, words)
 
-def singularity(sensors: Mapping[str, LineSensor]) -> str:
-    """Return why the odometry refuses a placement, empty if it does not."""
     try:
-        check_placement(sensors, MINIMUM_LEVER)
-    except ConfigurationError as error:
-        return error.problem
-    return ""
+        found = search(
+            criterion,
+            area,
+            task.count,
+            redundant=task.redundant,
+            seed=task.seed,
+            report=on_search,
+        )
+        report(0.7, "smallest condition number")
+        other = search(ConditionNumber(), area, task.count, seed=task.seed)
+    except NoRoomError as error:
+        raise ConfigurationError(
+            "--sensors",
+            f"{error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; each takes "
+            f"{2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
+            f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance",
+        ) from None
+    sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
+    sensors |= task.given
+    sensors[SMALLEST_CONDITION] = named(other.poses, view)
+    sensors |= {name: named(poses, view) for name, poses in classical(area, task.count).items()}
+    placements = tuple(judge(name, own, criterion, area) for name, own in sensors.items())
+    return Design(trial, criterion, found, placements)
 
 
-def named(poses: FloatArray, view: View) -> dict[str, LineSensor]:
-    """Return cameras on the lattice of 1 mm and 1 deg, named by where they sit.
+def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, TwistTrial]:
+    """Drive the regular placements over rendered lines; return what was measured by name."""
+    regular = [placement for placement in result.placements if not placement.singular]
+    trials = {}
+    for index, placement in enumerate(regular):
 
-    An axis has no sense of its own: headings are those within -90 and 90 deg, so that a camera
-    that looks forward measures forward motion as positive.
+        def on_drive(share: float, index: int = index, name: str = placement.name) -> None:
+            report((index + share) / len(regular), f"driving {name}")
 
-    Args:
-        poses: x, y [m] and heading [rad], shape (N, 3).
-        view: what each camera sees.
-    """
-    half = np.max(np.abs(poses[:, :2]), axis=0) + 1e-9
-    angle = np.arctan2(poses[:, 1] / half[1], poses[:, 0] / half[0])
-    sector = np.round(angle / (math.pi / 4.0)).astype(int) % len(_SECTORS)
-    sensors: dict[str, LineSensor] = {}
-    for index in np.lexsort((angle, sector)):
-        name = _SECTORS[sector[index]]
-        number = 2
-        while name in sensors:
-            name = f"{_SECTORS[sector[index]]}_{number}"
-            number += 1
-        x, y = (round(float(value), 3) + 0.0 for value in poses[index, :2])
-        heading = 90.0 - (90.0 - round(math.degrees(poses[index, 2]))) % 180.0
-        sensors[name] = placed_sensor(view, x, y, heading)
-    return sensors
+        trials[placement.name] = drive(
+            placement.sensors, task.mix, task.texture, task.noise, _BATCHES, task.seed, on_drive
+        )
+    return trials
 
 
-def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArray:
-    """Return cameras at equal angles on a circle about base_link, shape (count, 3).
-
-    Args:
-        count: of cameras.
-        radius: of the circle [m].
-        turn: of the axes from radial [rad]; a right angle is tangential.
-        start: direction of the first camera [rad].
-    """
-    angle = start + math.tau * np.arange(count) / count
-    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), angle + turn))
-
-
-def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
-    """Return poses at equal angles on the largest circle that has room for tangential cameras.
+def design_speed(speed: float | None, yaw_rate: float, area: MountingArea) -> float:
+    """Return the speed to design for: as asked, or 10 m/s where the cameras can follow it.
 
     Args:
-        area: the chassis.
-        count: of cameras.
+        speed: as asked [m/s], None for the usual one.
+        yaw_rate: of the turning motion [rad/s].
+        area: tells the cameras' type and how far out they may sit.
 
-    Returns:
-        ``tangential``, and at the same places the singular ``radial`` and ``parallel``.
+    Raises:
+        ConfigurationError: sideways less than 60 % overlap are left.
     """
-    largest = max(area.reach)
-    radius, start = min(area.reach), 0.0
-    for step in range(int(largest / _RING_STEP)):
-        tried = [(largest - step * _RING_STEP, s) for s in (0.0, 0.5 * math.pi, math.pi)]
-        fitting = [r for r in tried if np.all(area.fits(ring(count, r[0], 0.5 * math.pi, r[1])))]
-        if fitting:
-            radius, start = fitting[0]
-            break
-    tangential, radial = ring(count, radius, 0.5 * math.pi, start), ring(count, radius, 0.0, start)
-    parallel = radial.copy()
-    parallel[:, 2] = 0.0
-    return {"tangential": tangential, "radial": radial, "parallel": parallel}
+    limit = sideways_limit(area.view) - yaw_rate * math.hypot(*area.reach)
+    if limit <= 0.0:
+        raise ConfigurationError(
+            "--yaw-rate",
+            f"{yaw_rate:g} rad/s alone leave less than 60 % overlap at the corners of the chassis",
+        )
+    if speed is None:
+        return min(_USUAL_SPEED, limit)
+    if not 0.0 < speed <= limit:
+        raise ConfigurationError(
+            "--speed",
+            f"{speed:g} m/s must be above 0 and at most {limit:.3g} m/s, where this type of camera "
+            "still has 60 % overlap sideways",
+        )
+    return speed
+
+
+def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
+    """Return what all cameras of a file see.
+
+    Args:
+        name: of the file.
+        sensors: its cameras.
+
+    Raises:
+        ConfigurationError: there is none, or they are not all of one type.
+    """
+    views = {View(s.pixels, s.length, s.width, s.line_rate) for s in sensors.values()}
+    if len(views) != 1:
+        raise ConfigurationError(
+            "sensors", f"{name} must have cameras of one type, it has {len(views)} types"
+        )
+    return views.pop()

@@ -26,8 +26,8 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sensor import SensorOdometry
 from omni_analysis.line_trials import PERIOD, View, camera
+from omni_analysis.placed_sensors import placed_sensor
 from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
 
 FloatArray = NDArray[np.float64]
@@ -102,19 +102,6 @@ class SensorTrial:
 def sideways_limit(view: View) -> float:
     """Return the speed across the axis at which 60 % overlap are left [m/s]."""
     return MOST_CROSSED * view.line_rate * view.width
-
-
-def placed_sensor(view: View, x: float, y: float, heading_deg: float) -> LineSensor:
-    """Return a camera of a type at a place of the platform [m, m, deg]."""
-    return LineSensor(
-        x=x,
-        y=y,
-        heading_deg=heading_deg,
-        pixels=view.pixels,
-        length=view.length,
-        width=view.width,
-        line_rate=view.line_rate,
-    )
 
 
 def batch_lines(view: View) -> int:
