@@ -39,7 +39,7 @@ class JudgedPlacement:
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
             mix of motions, shape (3,).
         by_motion: E in each motion alone [m/s].
-        without: E without each camera [m/s], shape (N,).
+        without: E without each camera [m/s], infinite where the others are singular, shape (N,).
         condition: condition number of the sensor matrix in SI units.
         spread_deg: angle by which the axes spread, see `placement_error.closeness` [deg].
         lever: effective lever for the yaw rate [m].
@@ -64,6 +64,11 @@ class JudgedPlacement:
         """E after the failure of the camera that is missed most [m/s]; infinite for three."""
         return float(np.max(self.without))
 
+    @property
+    def missed_most(self) -> str:
+        """The camera whose failure is the worst."""
+        return tuple(self.sensors)[int(np.argmax(self.without))]
+
 
 def judge(
     name: str, sensors: Mapping[str, LineSensor], criterion: MeanError, area: MountingArea
@@ -87,13 +92,17 @@ def judge(
     }
     condition = ConditionNumber()
     spread, lever = closeness(sensors)
+    without = after_failure(criterion, poses)
+    for index, missing in enumerate(sensors):
+        if singularity({name: own for name, own in sensors.items() if name != missing}):
+            without[index] = math.inf
     return JudgedPlacement(
         name,
         sensors,
         criterion.mean_error(poses),
         np.sqrt(mix.share @ variance),
         by_motion,
-        after_failure(criterion, poses),
+        without,
         float(condition.value(condition.information(poses).sum(axis=0))),
         spread,
         lever,

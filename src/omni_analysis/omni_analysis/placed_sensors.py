@@ -30,8 +30,8 @@ def placed_sensor(view: View, x: float, y: float, heading_deg: float) -> LineSen
     )
 
 
-def named(poses: FloatArray, view: View) -> dict[str, LineSensor]:
-    """Return cameras on the lattice of 1 mm and 1 deg, named by where they sit.
+def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
+    """Return cameras named by where they sit.
 
     An axis has no sense of its own: headings are those within -90 and 90 deg, so that a camera
     that looks forward measures forward motion as positive.
@@ -39,6 +39,7 @@ def named(poses: FloatArray, view: View) -> dict[str, LineSensor]:
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).
         view: what each camera sees.
+        rounded: to 1 mm and 1 deg.
     """
     half = np.max(np.abs(poses[:, :2]), axis=0) + 1e-9
     angle = np.arctan2(poses[:, 1] / half[1], poses[:, 0] / half[0])
@@ -50,7 +51,9 @@ def named(poses: FloatArray, view: View) -> dict[str, LineSensor]:
         while name in sensors:
             name = f"{_SECTORS[sector[index]]}_{number}"
             number += 1
-        x, y = (round(float(value), 3) + 0.0 for value in poses[index, :2])
-        heading = 90.0 - (90.0 - round(math.degrees(poses[index, 2]))) % 180.0
-        sensors[name] = placed_sensor(view, x, y, heading)
+        x, y, heading = (float(value) for value in poses[index])
+        heading = 90.0 - (90.0 - math.degrees(heading)) % 180.0
+        if rounded:
+            x, y, heading = round(x, 3), round(y, 3), float(round(heading))
+        sensors[name] = placed_sensor(view, x + 0.0, y + 0.0, heading + 0.0)
     return sensors

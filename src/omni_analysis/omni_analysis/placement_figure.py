@@ -16,9 +16,9 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from numpy.typing import NDArray
 
 from omni_analysis import figure_style as style
+from omni_analysis.judged_placement import JudgedPlacement
 from omni_analysis.mounting_area import MountingArea
 from omni_analysis.placement_error import MeanError, poses_of
-from omni_analysis.judged_placement import JudgedPlacement
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _ARROW = 0.13  # of the chassis
 _COLUMNS = 2
 _WIDTH = 5.2  # of a panel [inch]
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
-_WRAP = 58  # characters of a line of text in a panel
+_WRAP = 87  # characters of a line of text in a panel
 
 
 def placement_figure(
@@ -46,8 +46,10 @@ def placement_figure(
     columns = min(_COLUMNS, len(placements))
     rows = math.ceil(len(placements) / columns)
     shape = area.scene.chassis_width / area.scene.chassis_length
-    height = min(max(_WIDTH * shape, 2.0), 8.0) + 1.0
-    figure = Figure(figsize=(columns * (_WIDTH + 0.7) + 1.2, rows * height + 1.2), layout="constrained")
+    height = min(max(_WIDTH * shape, 2.0), 8.0) + 0.75
+    figure = Figure(
+        figsize=(columns * (_WIDTH + 0.7) + 1.2, rows * height + 1.2), layout="constrained"
+    )
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.suptitle(title, fontsize=style.TITLE_SIZE, x=0.01, ha="left")
     norm = _norm(placements, criterion, area)
@@ -112,10 +114,8 @@ def _draw(
     if math.isfinite(placement.mean_error) and not placement.singular:
         x, y, error = _map(placement, criterion, area)
         axes.contourf(x, y, error, levels=norm.boundaries, cmap=_SHADES, norm=norm, extend="max")
-        lines = axes.contour(
-            x, y, error, levels=norm.boundaries, colors=style.GREY, linewidths=0.6
-        )
-        axes.clabel(lines, fmt="%g", fontsize=8)
+        lines = axes.contour(x, y, error, levels=norm.boundaries, colors=style.GREY, linewidths=0.6)
+        axes.clabel(lines, fmt="%g", fontsize=8, zorder=2)
         headline = f"{placement.name}: {1e3 * placement.mean_error:.2f} mm/s"
         deviation = placement.deviation * (1e3, 1e3, 1e3)
         words = (
@@ -135,11 +135,11 @@ def _draw(
     for outline in scene.wheel_outlines:
         axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GREY, zorder=3))
     _draw_sensors(axes, placement, area)
-    axes.set_title(headline, fontsize=style.LABEL_SIZE, loc="left", pad=24)
+    axes.set_title(headline, fontsize=style.LABEL_SIZE, loc="left", pad=27)
     axes.text(
         0.0,
         1.01,
-        "\n".join(textwrap.wrap(words, 1.5 * _WRAP)[:2]),
+        "\n".join(textwrap.wrap(words, _WRAP)[:2]),
         transform=axes.transAxes,
         fontsize=8.0,
         va="bottom",

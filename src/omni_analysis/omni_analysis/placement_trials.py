@@ -1,4 +1,4 @@
-"""Placements of line cameras tried on rendered lines: their twist errors against what was expected."""
+"""Placements of line cameras tried on rendered lines: the errors of their twist."""
 
 from __future__ import annotations
 
@@ -108,4 +108,3 @@ def drive(
     report(1.0)
     measured = sum(len(error) for error in errors)
     return TwistTrial(tuple(errors), mix.share, 1.0 - measured / total)
-

@@ -21,7 +21,7 @@ from omni_sim.ground_texture import GroundTexture
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 8
 
-BEST, SMALLEST_CONDITION = "best", "smallest_condition"
+BEST, CONDITION = "best", "condition"
 
 _USUAL_SPEED = 10.0  # [m/s]
 _BATCHES = 6  # in each orientation, of each angle or motion
@@ -123,8 +123,9 @@ def design(task: DesignTask, report: Report) -> Design:
         ) from None
     sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
     sensors |= task.given
-    sensors[SMALLEST_CONDITION] = named(other.poses, view)
-    sensors |= {name: named(poses, view) for name, poses in classical(area, task.count).items()}
+    sensors[CONDITION] = named(other.poses, view)
+    for name, poses in classical(area, task.count).items():
+        sensors[name] = named(poses, view, rounded=False)
     placements = tuple(judge(name, own, criterion, area) for name, own in sensors.items())
     return Design(trial, criterion, found, placements)
 

@@ -194,6 +194,7 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
     a, b = (float(value) for value in np.exp(fit.x))
     return SensorError(a, b)
 
+
 def moved(start: FloatArray, twist: FloatArray, time: FloatArray) -> FloatArray:
     """Return the poses of base_link that moves at a constant body twist.
 
