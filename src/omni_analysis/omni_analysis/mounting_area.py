@@ -79,7 +79,12 @@ class MountingArea:
         return fit
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
-        """Return whether cameras at `poses`, shape (..., 3), leave room for one at `other`."""
+        """Return whether cameras at `poses`, shape (..., 3), leave room for one at `other`.
+
+        Args:
+            poses: of the cameras.
+            other: of one camera, shape (3,), or of one for each of `poses`.
+        """
         free: BoolArray = ~_overlap(poses, self._grown(), other, self.half)
         return free
 
@@ -124,15 +129,15 @@ class MountingArea:
 def _overlap(
     a: FloatArray, half_a: tuple[float, float], b: FloatArray, half_b: tuple[float, float]
 ) -> BoolArray:
-    """Return whether rectangles at `a`, shape (..., 3), overlap with the one at `b`, shape (3,).
+    """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`, (3,) or alike.
 
     Rectangles are apart if their shadows on one of the four directions of their sides are.
     """
-    apart_x, apart_y = b[0] - a[..., 0], b[1] - a[..., 1]
-    turned = b[2] - a[..., 2]
+    apart_x, apart_y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
+    turned = b[..., 2] - a[..., 2]
     cosine, sine = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     apart = np.zeros(a.shape[:-1], np.bool_)
-    for heading, own, others in ((a[..., 2], half_a, half_b), (b[2], half_b, half_a)):
+    for heading, own, others in ((a[..., 2], half_a, half_b), (b[..., 2], half_b, half_a)):
         along = np.abs(np.cos(heading) * apart_x + np.sin(heading) * apart_y)
         across = np.abs(np.cos(heading) * apart_y - np.sin(heading) * apart_x)
         apart |= along >= own[0] + others[0] * cosine + others[1] * sine

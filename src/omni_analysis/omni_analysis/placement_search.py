@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -36,6 +37,7 @@ _FEWER = 0.6  # of either where the failure of every camera is tried
 _FINEST = 5e-5  # last step [m]
 _GAIN = 1e-7  # of the criterion, to be better
 _SWEEPS = 40
+_ENDS = 2  # of the random starts that are refined
 
 _LEFT_RIGHT, _FRONT_BACK, _TURNED = (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)
 _ITSELF = (1.0, 1.0, 1.0)
@@ -47,11 +49,13 @@ class _Unit:
 
     Attributes:
         images: factors of x, y and heading for each camera of the unit.
-        free: which of the three may be chosen; the others are 0 but for the heading.
+        free: which of x, y and heading may be chosen; the others are fixed, to 0 for places.
+        heading: that may not be chosen [rad].
     """
 
     images: tuple[tuple[float, float, float], ...] = (_ITSELF,)
     free: tuple[bool, bool, bool] = (True, True, True)
+    heading: float = 0.0
 
     def poses(self, first: FloatArray) -> FloatArray:
         """Return the poses of all cameras of the unit, shape (..., 3) to (..., g, 3)."""
@@ -86,7 +90,7 @@ def search(
     count: int,
     *,
     redundant: bool = False,
-    starts: int = 12,
+    starts: int = 6,
     seed: int = 1,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> FoundPlacement:
@@ -110,10 +114,10 @@ def search(
     found: list[tuple[float, str, tuple[_Unit, ...], FloatArray]] = []
     for index, (symmetry, units) in enumerate(layouts):
         report(index / len(layouts), f"{symmetry or 'free'} placements of {count} sensors")
-        best = trial.exchange(units, generator, starts)
-        if best is not None:
-            refined, places = trial.refine(units, best)
-            found.append((refined, symmetry, units, places))
+        refined = [trial.refine(units, best) for best in trial.exchange(units, generator, starts)]
+        if refined:
+            value, places = min(refined, key=lambda entry: entry[0])
+            found.append((value, symmetry, units, places))
     if not found:
         raise NoRoomError(f"there is no room for {count} sensors that could measure the twist")
     value, symmetry, units, places = min(found, key=lambda entry: entry[0])
@@ -142,9 +146,12 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
         ("left and right alike", _LEFT_RIGHT, (True, False, False)),
         ("front and rear alike", _FRONT_BACK, (False, True, False)),
     ):
-        for single in range(count % 2, min(count, 3) + 1, 2):
-            pairs = (_Unit((_ITSELF, image)),) * ((count - single) // 2)
-            layouts.append((words, (*pairs, *(_Unit(free=free),) * single)))
+        # Those that are their own image lie on the axis of symmetry, along it or across.
+        for single in range(count % 2, 3, 2):
+            for headings in itertools.combinations_with_replacement((0.0, 0.5 * math.pi), single):
+                own = tuple(_Unit(free=free, heading=heading) for heading in headings)
+                pairs = (_Unit((_ITSELF, image)),) * ((count - single) // 2)
+                layouts.append((words, (*pairs, *own)))
     if count % 2 == 0:
         layouts.append(("alike after half a turn", (_Unit((_ITSELF, _TURNED)),) * (count // 2)))
     return layouts
@@ -170,12 +177,12 @@ class _Search:
 
     def exchange(
         self, units: tuple[_Unit, ...], generator: np.random.Generator, starts: int
-    ) -> FloatArray | None:
-        """Return the best places on the coarse grid, shape (units, 3), or None."""
+    ) -> list[FloatArray]:
+        """Return the best few ends on the coarse grid, each of shape (units, 3)."""
         sets = [self._candidates(unit) for unit in units]
         if not all(len(places) for places, _ in sets):
-            return None
-        best_value, best = math.inf, None
+            return []
+        ends: dict[float, FloatArray] = {}
         for _ in range(starts):
             current = np.array([places[generator.integers(len(places))] for places, _ in sets])
             value = math.inf
@@ -185,11 +192,11 @@ class _Search:
                     trial, chosen = self._best(units, current, i, places, own)
                     if trial < value * (1.0 - _GAIN) or sweep == 0:
                         value, current[i] = trial, chosen
-                if not value < before:
+                if not value < before and sweep > 0:
                     break
-            if value < best_value and self._possible(units, current):
-                best_value, best = value, current
-        return best
+            if math.isfinite(value) and self._possible(units, current):
+                ends[round(value, 9)] = current
+        return [ends[value] for value in sorted(ends)[:_ENDS]]
 
     def refine(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
         """Move in ever smaller steps; return the criterion and the places."""
@@ -269,13 +276,11 @@ class _Search:
         places, own = places[free], own[free]
         told = self._criterion.information(others)
         total = own.sum(axis=1) + told.sum(axis=0)
+        judged = [total]
         if self._redundant:
-            without = [total - one for one in told] + [
-                total - own[:, g] for g in range(own.shape[1])
-            ]
-            values = np.max([self._criterion.value(each) for each in without], axis=0)
-        else:
-            values = self._criterion.value(total)
+            judged = [total - one for one in told]
+            judged += [total - own[:, g] for g in range(own.shape[1])]
+        values = np.max([self._criterion.value(each) for each in judged], axis=0)
         best = int(np.argmin(values))
         return float(values[best]), places[best]
 
@@ -286,7 +291,7 @@ class _Search:
         axes = [_grid(limit, self._spacing) for limit in reach] + [turns]
         for axis, may in enumerate(unit.free):
             if not may:
-                axes[axis] = np.array([0.0, 0.5 * math.pi]) if axis == 2 else np.zeros(1)
+                axes[axis] = np.array([unit.heading if axis == 2 else 0.0])
         mesh = np.meshgrid(*axes, indexing="ij")
         places = np.stack(mesh, axis=-1).reshape(-1, 3)
         places = places[self._fits(unit, places)]
@@ -296,9 +301,7 @@ class _Search:
         poses = unit.poses(places)
         fit: NDArray[np.bool_] = np.all(self._area.fits(poses), axis=-1)
         if len(unit.images) > 1:
-            fit[fit] &= [
-                bool(self._area.apart(poses[i, 0], poses[i, 1])) for i in np.flatnonzero(fit)
-            ]
+            fit &= self._area.apart(poses[..., 0, :], poses[..., 1, :])
         return fit
 
     def _possible(self, units: tuple[_Unit, ...], places: FloatArray) -> bool:

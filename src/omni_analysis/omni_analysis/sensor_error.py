@@ -38,7 +38,7 @@ MOST_CROSSED = 0.4
 BATCH_TIME = 0.01
 """Time of a batch of lines, one control period [s]."""
 
-ORIENTATIONS = 12
+ORIENTATIONS = 24
 """Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
 error of their own that more trials do not average out."""
 
@@ -149,10 +149,10 @@ def measure_sensor_error(
         trials = ORIENTATIONS * batches
         if len(errors) < _FEWEST_READINGS * trials:
             raise ConfigurationError(
-                "--speed",
+                "--ground",
                 f"moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s the "
                 f"camera measures in only {len(errors)} of {trials} trials on this ground; "
-                "lower the speed or choose another ground or type",
+                "choose another ground or type, or a lower speed",
             )
         rows.append((speed * math.cos(angle), speed * math.sin(angle), _rms(np.array(errors))))
     along, across, rms = np.array(rows).T
