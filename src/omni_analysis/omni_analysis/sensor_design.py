@@ -24,7 +24,7 @@ FEWEST_SENSORS, MOST_SENSORS = 3, 8
 BEST, CONDITION = "best", "condition"
 
 _USUAL_SPEED = 10.0  # [m/s]
-_BATCHES = 3  # in each orientation, of each angle or motion
+_BATCHES = 4  # in each orientation, of each angle or motion
 
 Report = Callable[[float, str], None]
 

@@ -6,9 +6,12 @@ the next, and what comes and goes is noise with the contrast of the texture. Bot
 difference of two lines, which Gauss-Newton divides by the gradient energy of what the lines
 have in common, ``(1 - q) (1 - p)`` of it with ``p = |v_along| / (line rate * length)``:
 
-    s^2 = (a + b q) / ((1 - q)^2 (1 - p)),
+    s^2 = (a + b q f) / ((1 - q)^2 (1 - p)),
 
 where the sum over the line makes ``1 - p`` enter once and the mean over the width ``1 - q`` twice.
+Every strip of ground does harm twice and in the same sense: when it enters the view and when it
+leaves it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and the same
+ones but for the first and last beyond, so that ``f = max(1, 2 - 1 / (m q))``.
 How much of a and b is left in the mean over a batch depends on ground, noise, optics and filters.
 Hence both are measured: a camera of the type is moved over a ground at several angles, its rendered
 lines go through the odometry's own `SensorOdometry`, and the law is fitted to the errors.
@@ -53,7 +56,8 @@ class SensorError:
 
     Attributes:
         straight: a, when it moves along its axis [m^2/s^2].
-        sideways: b, increase per share of the width that is crossed between lines [m^2/s^2].
+        sideways: b, increase per share of the width that is crossed between lines [m^2/s^2], while
+            a batch does not cross all of it.
     """
 
     straight: float
@@ -70,8 +74,10 @@ class SensorError:
         q = np.abs(across) / (view.line_rate * view.width)
         p = np.abs(along) / (view.line_rate * view.length)
         common = np.maximum(1.0 - q, 0.0) ** 2 * np.maximum(1.0 - p, 0.0)
+        # q f, which is q while m q < 1
+        crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view))
         with np.errstate(divide="ignore"):
-            variance: FloatArray = (self.straight + self.sideways * q) / common
+            variance: FloatArray = (self.straight + self.sideways * crossed) / common
         return variance
 
 
@@ -190,7 +196,7 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
         misfit: FloatArray = np.log(error.variance(view, along, across)) - 2.0 * np.log(rms)
         return misfit
 
-    fit = least_squares(difference, np.log([straight, sideways]), loss="soft_l1")
+    fit = least_squares(difference, np.log([straight, sideways]))
     a, b = (float(value) for value in np.exp(fit.x))
     return SensorError(a, b)
 
