@@ -26,8 +26,10 @@ _POINTS = 81  # of the map across the chassis
 _LEVELS = 10
 _WORST = 2.5  # times the error of the best placement: the end of the colour scale
 _ARROW = 0.13  # of the chassis
+_LEAST = 1.5  # times the smallest error: small differences shall look small
 _COLUMNS = 2
-_WIDTH = 5.2  # of a panel [inch]
+_WIDTH, _TEXT = 5.3, 1.0  # of a panel, and above it [inch]
+_MARGIN = 0.03  # around the chassis, in its lengths
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
 _WRAP = 87  # characters of a line of text in a panel
 
@@ -45,10 +47,10 @@ def placement_figure(
     """
     columns = min(_COLUMNS, len(placements))
     rows = math.ceil(len(placements) / columns)
-    shape = area.scene.chassis_width / area.scene.chassis_length
-    height = min(max(_WIDTH * shape, 2.0), 8.0) + 0.75
+    low, high = _limits(placements, area)
+    height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + _TEXT
     figure = Figure(
-        figsize=(columns * (_WIDTH + 0.7) + 1.2, rows * height + 1.2), layout="constrained"
+        figsize=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4), layout="constrained"
     )
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.suptitle(title, fontsize=style.TITLE_SIZE, x=0.01, ha="left")
@@ -58,6 +60,8 @@ def placement_figure(
             axes.set_visible(False)
             continue
         _draw(axes, placements[index], criterion, area, norm)
+    panels[0, 0].set_xlim(low[0], high[0])
+    panels[0, 0].set_ylim(low[1], high[1])
     for axes in panels[:, 0]:
         axes.set_ylabel("left [m]", fontsize=style.LABEL_SIZE)
     for axes in panels[-1]:
@@ -74,6 +78,22 @@ def placement_figure(
     return figure
 
 
+def _limits(
+    placements: Sequence[JudgedPlacement], area: MountingArea
+) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of what every panel shows [m]."""
+    housings = [
+        area.outline(pose, housing=True)
+        for placement in placements
+        for pose in poses_of(placement.sensors)
+    ]
+    points = np.concatenate([area.scene.drawn_points, *housings])
+    margin = _MARGIN * area.scene.chassis_length
+    low: FloatArray = points.min(axis=0) - margin
+    high: FloatArray = points.max(axis=0) + margin
+    return low, high
+
+
 def _norm(
     placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea
 ) -> BoundaryNorm:
@@ -84,6 +104,7 @@ def _norm(
     maps = np.array([_map(placement, criterion, area)[2] for placement in regular])
     lowest = float(np.min(maps))
     top = min(float(np.max(maps)), _WORST * 1e3 * regular[0].mean_error)
+    top = max(top, _LEAST * lowest)
     step = _round_step((top - lowest) / _LEVELS)
     first, last = math.floor(lowest / step), math.ceil(top / step)
     return BoundaryNorm(step * np.arange(first, last + 1), _SHADES.N, extend="max")
@@ -147,16 +168,6 @@ def _draw(
     style.style_axes(axes)
     axes.grid(False)
     axes.set_aspect("equal")
-    margin = 0.03 * scene.chassis_length
-    points = np.concatenate(
-        [
-            scene.drawn_points,
-            *(area.outline(pose, housing=True) for pose in poses_of(placement.sensors)),
-        ]
-    )
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    axes.set_xlim(min(low[0], axes.get_xlim()[0]), max(high[0], axes.get_xlim()[1]))
-    axes.set_ylim(min(low[1], axes.get_ylim()[0]), max(high[1], axes.get_ylim()[1]))
 
 
 def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:

@@ -10,8 +10,9 @@ have in common, ``(1 - q) (1 - p)`` of it with ``p = |v_along| / (line rate * le
 
 where the sum over the line makes ``1 - p`` enter once and the mean over the width ``1 - q`` twice.
 Every strip of ground does harm twice and in the same sense: when it enters the view and when it
-leaves it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and the same
-ones but for the first and last beyond, so that ``f = max(1, 2 - 1 / (m q))``.
+leaves it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and beyond
+that mostly the same ones, so that ``f = max(1, 2 - 1 / (m q))``.
+
 How much of a and b is left in the mean over a batch depends on ground, noise, optics and filters.
 Hence both are measured: a camera of the type is moved over a ground at several angles, its rendered
 lines go through the odometry's own `SensorOdometry`, and the law is fitted to the errors.
