@@ -95,7 +95,9 @@ def findings(task: DesignTask, result: Design, conditions: str) -> list[str]:
             else f"Without {best.missed_most} it is singular; --redundant avoids that."
         )
     for placement in result.placements[1:]:
-        if placement.name in task.given and not placement.singular:
+        if placement.singular and placement.name not in task.given:
+            sentences.append(f"{placement.name} is singular: {placement.singular}.")
+        elif placement.name in task.given and not placement.singular:
             sentences.append(
                 f"{placement.name} is not singular: its axes spread by {placement.spread_deg:.0f} "
                 f"deg (5 deg are taken for parallel, 45 deg are best), its effective lever is "

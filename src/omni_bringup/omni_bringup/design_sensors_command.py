@@ -286,6 +286,7 @@ def _print(
             {
                 placement.name: column(placement, driven.get(placement.name), radius)
                 for placement in result.placements
+                if placement.name in task.given or not placement.singular
             },
             title="standard deviations of the twist, and its mean error over the platform",
         )
