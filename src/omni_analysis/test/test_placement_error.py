@@ -126,12 +126,18 @@ def test_the_condition_number_is_that_of_the_sensor_matrix() -> None:
 
 
 def test_error_grows_with_the_lost_overlap() -> None:
-    along, across = np.zeros(4), VIEW.line_rate * VIEW.width * np.array([0.0, 0.1, 0.5, 1.0])
-    variance = TEXTURE.variance(VIEW, along, across)
-    assert variance[:3] == pytest.approx(
-        [2.5e-7, (2.5e-7 + 2.6e-5) / 0.81, (2.5e-7 + 1.3e-4) / 0.25]
-    )
-    assert variance[3] == math.inf
+    """A strip counts once for entering the view in a batch, and once for leaving it."""
+    pairs = 25  # of a batch of 10 ms
+    for lines in (2, 10, 25, 100):  # until the camera has crossed its own width
+        enters = np.arange(-lines, pairs)
+        harm = (enters >= 0).astype(int) + (enters + lines < pairs)
+        crossed = float(np.sum(harm**2)) / (2 * pairs) / lines
+        across = np.array([VIEW.line_rate * VIEW.width / lines])
+        variance = float(TEXTURE.variance(VIEW, np.zeros(1), across)[0])
+        common = (1.0 - 1.0 / lines) ** 2
+        assert variance == pytest.approx((2.5e-7 + 2.6e-4 * crossed) / common)
+    whole = np.array([VIEW.line_rate * VIEW.width])
+    assert TEXTURE.variance(VIEW, np.zeros(1), whole)[0] == math.inf
 
 
 def test_names_say_where_sensors_sit_and_axes_look_forward() -> None:

@@ -24,7 +24,7 @@ from omni_analysis.placement_error import (
     gyration,
     poses_of,
 )
-from omni_analysis.placement_search import search
+from omni_analysis.placement_search import NoRoomError, search
 from omni_analysis.scene import Scene, overlap
 from omni_analysis.sensor_error import SensorError
 
@@ -133,6 +133,12 @@ def test_the_same_seed_gives_the_same_placement() -> None:
     area, criterion = chassis("mecanum_forklift")
     first, second = (search(criterion, area, 3, starts=1, seed=9).poses for _ in range(2))
     assert np.array_equal(first, second)
+
+
+def test_no_room_is_said() -> None:
+    area, criterion = chassis("mecanum_forklift")
+    with pytest.raises(NoRoomError, match="no room for 3 sensors"):
+        search(criterion, dataclasses.replace(area, clearance=0.5), 3, starts=1)
 
 
 def test_rectangles_overlap_as_their_outlines_do() -> None:

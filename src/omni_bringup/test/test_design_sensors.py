@@ -89,7 +89,6 @@ def test_a_singular_placement_is_named_and_fails_the_check(
         (("--mix", "0:0:0:0"), "--mix: '0:0:0:0' must be four shares"),
         (("--redundant",), "--redundant: takes four sensors or more"),
         (("--ground", "ice"), "--ground: 'ice' is not one of"),
-        ((*COARSE, "--clearance", "0.5"), "--sensors: there is no room for 3 sensors"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(
