@@ -31,9 +31,9 @@ def test_predicted_errors_hold_and_the_best_placement_beats_the_default() -> Non
     vehicle = LIBRARY.vehicle("mecanum_forklift")
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     radius = gyration(vehicle.chassis_length, vehicle.chassis_width)
-    mix = MotionMix.of(SPEED, 1.0, (1, 1, 1, 0))
+    mix = MotionMix.of(SPEED, 1.0, (1, 1, 0, 0))
     criterion = MeanError(VIEW, trial.error, mix, radius)
-    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, starts=4)
+    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, starts=2)
     places = LIBRARY.sensors("three_generic")
     default = {n: placed_sensor(VIEW, s.x, s.y, s.heading_deg) for n, s in places.items()}
     measured = []
@@ -42,7 +42,7 @@ def test_predicted_errors_hold_and_the_best_placement_beats_the_default() -> Non
         assert driven.unmeasured == 0.0
         measured.append(driven.mean_error(radius))
         predicted = criterion.mean_error(poses_of(sensors))
-        # 6 batches in 24 orientations of 4 motions: some 5 % of scatter of their own.
+        # 6 batches in 24 orientations of 2 motions: some 5 % of scatter of their own.
         assert measured[-1] == pytest.approx(predicted, rel=0.25)
     assert measured[0] < 0.92 * measured[1]
 

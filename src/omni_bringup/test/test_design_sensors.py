@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from omni_analysis import placement_figure, sensor_design
 from omni_analysis.closed_loop import run_closed_loop
 from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.sensor_error import SensorError, SensorTrial
 from omni_bringup.cli import main
 
 CONFIG = Path(__file__).parents[3] / "config"
@@ -61,8 +65,13 @@ def test_designed_sensors_measure_in_an_experiment(
 
 
 def test_a_singular_placement_is_named_and_fails_the_check(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    speed = np.array([3.0, 0.0])
+    rms = np.array([0.002, 0.01])
+    given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)  # to be quick
+    monkeypatch.setattr(sensor_design, "measure_sensor_error", lambda *_: given)
+    monkeypatch.setattr(placement_figure, "placement_figure", lambda *_: Figure())
     camera = "pixels: 256, length: 0.05, width: 0.02, line_rate: 1000.0"
     radial = tmp_path / "star.yaml"
     radial.write_text(
