@@ -23,7 +23,7 @@ from omni_analysis.placement_error import MeanError, poses_of
 FloatArray = NDArray[np.float64]
 
 _POINTS = 81  # of the map across the chassis
-_LEVELS = 10
+_LEVELS = 14
 _WORST = 2.5  # times the error of the best placement: the end of the colour scale
 _ARROW = 0.13  # of the chassis
 _LEAST = 1.5  # times the smallest error: small differences shall look small

@@ -244,7 +244,7 @@ class _Search:
             if not value < before:
                 break
             forced = False
-        return value
+        return value if self._possible(units, current) else math.inf
 
     def _best(
         self,
