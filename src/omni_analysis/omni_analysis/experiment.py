@@ -105,6 +105,16 @@ class ExperimentConfiguration(Configuration):
         )
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _VehicleAlone(Configuration):
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _SensorsAlone(Configuration):
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+
+
 class ExperimentLibrary:
     """Reads experiments and their parts from a configuration folder."""
 
@@ -154,6 +164,28 @@ class ExperimentLibrary:
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
         _tell(tree, "brake_assist", "wheels", wheels)
         return from_mapping(ExperimentConfiguration, tree)
+
+    def vehicle(self, name: str) -> VehicleConfiguration:
+        """Read a vehicle alone.
+
+        Args:
+            name: of a file in ``vehicles/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_VehicleAlone, self._resolve({"vehicle": name})).vehicle
+
+    def sensors(self, name: str) -> Mapping[str, LineSensor]:
+        """Read line cameras alone; whether their placement is singular is not asked.
+
+        Args:
+            name: of a file in ``sensors/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
 
     def _resolve(self, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         """Replace the names of parts by the parts."""

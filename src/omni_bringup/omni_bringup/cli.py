@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
+from omni_bringup.design_sensors_command import add_arguments as add_design_arguments
 from omni_bringup.drive_command import add_arguments as add_drive_arguments
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
 from omni_bringup.report_command import add_arguments as add_report_arguments
@@ -58,6 +59,10 @@ def _run(options: argparse.Namespace) -> int:  # noqa: PLR0911
         from omni_bringup.fit_tire_command import fit_tire_command
 
         return fit_tire_command(options, workspace())
+    if options.command == "design-sensors":
+        from omni_bringup.design_sensors_command import design_sensors
+
+        return design_sensors(options, workspace())
     if options.command == "bag":
         from omni_bringup.bag_command import bag
 
@@ -182,6 +187,14 @@ def _parser() -> argparse.ArgumentParser:
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
     _add_fit_tire(commands.add_parser("fit-tire", help="fit a tyre model to measured forces"))
+    add_design_arguments(
+        commands.add_parser(
+            "design-sensors",
+            help="place line cameras under a chassis so that the twist errs least",
+            description="Search the places of line cameras with the smallest mean twist error, "
+            "draw them, and judge given and classical placements beside them.",
+        )
+    )
     add_bag_arguments(commands.add_parser("bag", help="show, check, export or recover a recording"))
     add_replay_arguments(
         commands.add_parser(

@@ -6,14 +6,14 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.metrics import Metric
-from omni_analysis.studies import Report, StudyResult, load_study
+from omni_analysis.studies import StudyResult, load_study
+from omni_bringup.progress_bar import progress_bar
 from omni_platform.configuration import ConfigurationError
 
 EXIT_OK = 0
@@ -26,7 +26,7 @@ def study(options: argparse.Namespace, workspace: Path) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         module = load_study(options.study)
-        with _progress(options.study) as options.report:
+        with progress_bar(options.study) as options.report:
             result = module.run(options, ExperimentLibrary(workspace / "config"), folder.resolve())
     except ConfigurationError as error:
         print(f"omni study {options.study}: {error}", file=sys.stderr)
@@ -41,24 +41,6 @@ def study(options: argparse.Namespace, workspace: Path) -> int:
     else:
         _print(result)
     return EXIT_OK
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Report]:
-    """Show a bar on standard error, where that is a terminal, once a study reports."""
-    if not sys.stderr.isatty():
-        yield lambda _share, _words: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=1.0, visible=False)
-
-        def report(share: float, words: str) -> None:
-            bar.update(task, completed=share, description=words, visible=True)
-
-        yield report
 
 
 def _entries(metrics: Mapping[str, Metric]) -> dict[str, Any]:

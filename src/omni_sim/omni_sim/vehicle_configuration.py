@@ -84,10 +84,16 @@ class VehicleConfiguration(Configuration):
         description="Wheels by name; their order is the order of all wheel arrays"
     )
     chassis_length: float = parameter(
-        1.6, description="Length of the chassis; only pictures depend on it", unit="m", above=0.0
+        1.6,
+        description="Length of the chassis; only pictures and places for sensors depend on it",
+        unit="m",
+        above=0.0,
     )
     chassis_width: float = parameter(
-        1.2, description="Width of the chassis; only pictures depend on it", unit="m", above=0.0
+        1.2,
+        description="Width of the chassis; only pictures and places for sensors depend on it",
+        unit="m",
+        above=0.0,
     )
     body: MassConfiguration = parameter(description="Chassis with its wheels and drives")
     load: MassConfiguration = parameter(
