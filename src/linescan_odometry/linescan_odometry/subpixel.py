@@ -15,7 +15,7 @@ Were e white noise, it would be the Cramer-Rao bound times the loss by smoothing
 correlated along the line, by the filter and, moving sideways, by texture that enters and leaves.
 Hence e g is summed over blocks longer than that, ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
 
-The width of the Gaussian is a compromise. A wide one wastes what fine texture says; sampled at
+The width of the Gaussian is a compromise. A wide one wastes what fine texture says, and sampled at
 whole pixels a narrow one is no longer the derivative of itself, which pulls displacements towards
 whole pixels: by 6 thousandths of a pixel at a sigma of 0.7 px, by less than 1 at 0.8 px.
 """
@@ -35,7 +35,7 @@ from linescan_odometry.smoothed_peak import smoothed_peak
 FEWEST_PIXELS = 32
 """Smallest overlap of two lines that can be refined [px]."""
 
-_RADIUS = 4  # [px] of the FIR filter: 3.7 sigma at the largest shift
+_RADIUS = 4  # [px] of the FIR filter: 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
 _STEPS = 2
 _FEWEST_TERMS = 16  # of an overlap [px]
@@ -51,7 +51,7 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 def kernel_sigma(pixels: int) -> float:
     """Return the standard deviation of the smoothing kernel [px] for lines of n pixels."""
-    return 0.95 if pixels > 335 else 0.8
+    return 0.85 if pixels > 335 else 0.8
 
 
 def _block_length(length: NDArray[np.int64]) -> NDArray[np.int64]:

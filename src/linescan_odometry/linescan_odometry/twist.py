@@ -189,9 +189,10 @@ def _problem(
     spread = float(np.sqrt(np.mean(np.sum((position - position.mean(axis=0)) ** 2, axis=1))))
     if lever < max(minimum_lever, _WEAKEST_LEVER * spread):
         # Axis i passes the point c at the distance cross(r_i, a_i) - cross(c, a_i).
-        centre_x, centre_y = velocity[1], -velocity[0]
+        centre_x, centre_y = (round(float(c), 2) + 0.0 for c in (velocity[1], -velocity[0]))
         return (
             f"the axes of {names} pass through one point, ({centre_x:.2f}, {centre_y:.2f}) m, "
-            f"within {lever:.2g} m: turning about it cannot be measured; set them tangentially"
+            f"within {1e3 * lever:.0f} mm: turning about it cannot be measured; set them "
+            "tangentially"
         )
     return ""
