@@ -29,6 +29,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omni_sim.padded_texture import LEAST_WIDTH, PaddedTexture
+from omni_sim.texel_blocks import (
+    BLOCK,
+    add_four,
+    add_four_between,
+    add_four_from,
+    add_four_until,
+    prefetch,
+)
 
 Int8s = NDArray[np.int8]
 Int16s = NDArray[np.int16]
@@ -42,6 +50,10 @@ _ONE = 1 << _POINT
 _WEIGHT_BITS = 8  # binary places of the weights of partly covered rows
 _SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 255
 _MARGIN = 8  # columns and rows beyond the footprint
+_BLOCKS = ~(BLOCK - 1)
+_LEVEL = 20
+_CACHE_LINE = 64  # bytes
+_PREFETCHED = 4
 
 
 def integrate_lines(
@@ -102,15 +114,16 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
 ) -> None:
     """Integrate lines whose centres and half sizes are in texels, into `lines`."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
-    sums = np.empty((_CLASSES, room), np.int16)
+    room = -(-room // BLOCK) * BLOCK
+    sums = np.empty(room, np.int16)
     totals = np.empty((_CLASSES, room), np.int32)
     cells = np.empty((_CLASSES, room), np.int32)
     inner = np.empty((_CLASSES, room), np.int32)
     prefix = np.empty(room, np.int64)
-    first_row = np.empty(room, np.int64)
-    end_row = np.empty(room, np.int64)
-    offsets = np.empty(int(2.0 * (half_length + half_width)) + 2 * _MARGIN, np.int64)
-    pending = np.empty((_CLASSES, 16), np.int64)
+    most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
+    offsets = np.empty(most_rows, np.int64)
+    listed = np.empty((_CLASSES, 3 * (most_rows + 3)), np.int64)
+    used = np.empty(_CLASSES, np.int64)
     for line in range(len(centres)):
         x = centres[line, 0] % texels
         y = centres[line, 1] % texels
@@ -145,23 +158,17 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * _ONE + 0.5)
         climb = math.floor(slope * _ONE + 0.5)
         height = math.floor(2.0 * reach * _ONE + 0.5)
-        _cover(low, climb, height, first_row[:count], end_row[:count])
 
         # Quarter texels by which the texels of row_0 lie ahead of those of the middle row.
         ahead = (row_0 - middle) * tangent * _CLASSES + _HALF
-        sums[:, :count] = 0
-        totals[:, :count] = 0
-        _add_rows(
+        _list_rows(
             texture, texels, stride, int(row_0), downwards, int(origin + whole),
             math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
-            first_row[:count], end_row[:count], sums, totals, offsets[:row_count], pending,
+            low, climb, height, count, offsets[:row_count], listed, used,
         )  # fmt: skip
         for cls in range(_CLASSES):
-            _close(sums[cls, :count], totals[cls, :count])
-        _add_edges(
-            texture, low, climb, height, first_row[:count], end_row[:count], offsets,
-            totals[_HALF, :count],
-        )  # fmt: skip
+            _add_rows(texture, listed[cls], used[cls], sums, totals[cls, :count])
+        _add_edges(texture, low, climb, height, offsets, totals[_HALF, :count])
         _merge(totals, cells, inner, prefix, count)
 
         step = 2.0 * half / lines.shape[1]
@@ -174,41 +181,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
 
 
 @njit(cache=True, nogil=True)
-def _cover(low: int, climb: int, height: int, first_row: Int64s, end_row: Int64s) -> None:
-    """Set the rows ``first_row <= j < end_row`` that each column covers in full."""
-    for c in range(len(first_row)):
-        y = low + climb * c
-        first_row[c] = -((-y) >> _POINT)  # rounded up
-        end_row[c] = (y + height) >> _POINT
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _add(target: Int16s, texture: Int8s, offset: int, start: int, end: int) -> None:
-    """Add the texels of columns start .. end - 1; slices spare the loop its wrap-around checks."""
-    into = target[start:end]
-    run = texture[offset + start : offset + end]
-    for i in range(len(into)):
-        into[i] += np.int16(run[i])
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _add_four(into: Int16s, run_0: Int8s, run_1: Int8s, run_2: Int8s, run_3: Int8s) -> None:
-    # The casts keep the sums 16 bits wide; numba would promote them to 64.
-    for i in range(len(into)):
-        into[i] += np.int16(np.int16(run_0[i]) + np.int16(run_1[i])) + np.int16(
-            np.int16(run_2[i]) + np.int16(run_3[i])
-        )
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _spill(sums: Int16s, totals: Int32s) -> None:
-    for c in range(len(sums)):
-        totals[c] += np.int32(sums[c])
-        sums[c] = 0
-
-
-@njit(cache=True, nogil=True)
-def _add_rows(  # noqa: PLR0912, the hot loop stays in one piece
+def _list_rows(
     texture: Int8s,
     texels: int,
     stride: int,
@@ -217,29 +190,42 @@ def _add_rows(  # noqa: PLR0912, the hot loop stays in one piece
     origin: int,
     ahead: int,
     ahead_per_row: int,
-    first_row: Int64s,
-    end_row: Int64s,
-    sums: Int16s,
-    totals: Int32s,
+    low: int,
+    climb: int,
+    height: int,
+    count: int,
     offsets: Int64s,
-    pending: Int64s,
+    listed: Int64s,
+    used: Int64s,
 ) -> None:
-    """Add every row's fully covered run to the accumulator of its fractional shift.
+    """List by the class of their fractional shift the rows that cover columns in full.
 
-    Rows wait in `pending` until four of a class can be added in one pass: [0] rows since the
-    last spill, [3] rows waiting, and from [4], [8], [12] their offsets, starts and ends.
-    `offsets` receives for each row where in `texture` column 0 lies.
+    `offsets` receives for each row where in `texture` column 0 lies; `listed` for each class the
+    offset, first and end column of its rows, and `used` how many numbers that are.
     """
-    count = len(first_row)
-    pending[:, 0] = 0
-    pending[:, 3] = 0
+    used[:] = 0
     row = row_0 % texels
     if downwards:
         row = texels - 1 - row
-    start = 0
-    end = 0
     last = ahead >> (_POINT + 2)  # whole texels
     column = (origin - last) % texels
+    # Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
+    # The quotients that solve this grow from row to row by whole numbers and a carry.
+    above = -low
+    below = (1 << _POINT) - low - height - 1
+    divisor = climb
+    per_row = 1 << _POINT
+    if climb == 0:  # all columns or none
+        divisor = 1
+        per_row <<= _LEVEL
+        above = (above << _LEVEL) + (1 << (_LEVEL - 1))
+        below = (below << _LEVEL) + (1 << (_LEVEL - 1))
+    end = above // divisor + 1
+    end_rest = above % divisor
+    start = below // divisor + 1
+    start_rest = below % divisor
+    whole = per_row // divisor
+    part = per_row % divisor
     for j in range(len(offsets)):
         # Half a texel too many, so that classes lie around zero. Rounding every row to the nearest
         # would shift many neighbours alike at small slopes; four rows rounded differently even out.
@@ -258,26 +244,24 @@ def _add_rows(  # noqa: PLR0912, the hot loop stays in one piece
             row = row - 1 if row > 0 else texels - 1
         else:
             row = row + 1 if row < texels - 1 else 0
-        # Both bounds move to the right from row to row.
-        while end < count and first_row[end] <= j:
-            end += 1
-        while start < count and end_row[start] <= j:
-            start += 1
-        if end <= start:
-            continue
-        wait = pending[cls, 3]
-        pending[cls, 4 + wait] = offset
-        pending[cls, 8 + wait] = start
-        pending[cls, 12 + wait] = end
-        pending[cls, 3] = wait + 1
-        if wait == 3:
-            _add_pending(texture, sums[cls], pending[cls])
-            if pending[cls, 0] >= _SPILL:
-                pending[cls, 0] = 0
-                _spill(sums[cls, :count], totals[cls, :count])
-    for cls in range(_CLASSES):
-        for i in range(pending[cls, 3]):
-            _add(sums[cls], texture, pending[cls, 4 + i], pending[cls, 8 + i], pending[cls, 12 + i])
+        first = max(start, 0)
+        behind = min(end, count)
+        if first < behind:
+            for line in range(_PREFETCHED):
+                prefetch(texture, offset + first + line * _CACHE_LINE)
+            place = used[cls]
+            listed[cls, place] = offset
+            listed[cls, place + 1] = first
+            listed[cls, place + 2] = behind
+            used[cls] = place + 3
+        end_rest += part
+        carry = 1 if end_rest >= divisor else 0
+        end_rest -= carry * divisor
+        end += whole + carry
+        start_rest += part
+        carry = 1 if start_rest >= divisor else 0
+        start_rest -= carry * divisor
+        start += whole + carry
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -287,29 +271,60 @@ def _rounding(row: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _add_pending(texture: Int8s, sums: Int16s, rows: Int64s) -> None:
-    """Add four waiting rows: what they share in one pass, their ragged ends one by one."""
-    start = rows[11]  # of the last row: the farthest right
-    end = max(start, rows[12])  # of the first row: the farthest left
-    _add_four(
-        sums[start:end],
-        texture[rows[4] + start : rows[4] + end],
-        texture[rows[5] + start : rows[5] + end],
-        texture[rows[6] + start : rows[6] + end],
-        texture[rows[7] + start : rows[7] + end],
-    )
-    for i in range(4):
-        _add(sums, texture, rows[4 + i], rows[8 + i], min(start, rows[12 + i]))
-        _add(sums, texture, rows[4 + i], max(end, rows[8 + i]), rows[12 + i])
-    rows[3] = 0
-    rows[0] += 4
+def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int32s) -> None:
+    """Set `totals` to the sums of the listed rows, on the scale texels x 2^_WEIGHT_BITS."""
+    behind = rows[used - 1] if used > 0 else 0
+    for place in range(used, -(-used // 12) * 12, 3):  # fill up with rows of no columns
+        rows[place] = 0
+        rows[place + 1] = rows[place + 2] = behind
+    sums[:] = 0
+    totals[:] = 0
+    waiting = 0
+    for place in range(0, used, 12):
+        _add_four_rows(texture, rows[place : place + 12], sums)
+        waiting += 4
+        if waiting >= _SPILL:
+            waiting = 0
+            _spill(sums, totals)
+    _spill(sums, totals)
+    for c in range(len(totals)):
+        totals[c] <<= _WEIGHT_BITS
 
 
 @njit(cache=True, nogil=True)
-def _close(sums: Int16s, totals: Int32s) -> None:
-    """Bring a class to its final scale, texels x 2^_WEIGHT_BITS."""
-    for c in range(len(sums)):
-        totals[c] = (totals[c] + np.int32(sums[c])) << _WEIGHT_BITS
+def _add_four_rows(texture: Int8s, rows: Int64s, sums: Int16s) -> None:
+    """Add four rows: whole blocks of what they share, their ragged ends masked."""
+    offset_0, offset_1, offset_2, offset_3 = rows[0], rows[3], rows[6], rows[9]
+    start_0, start_1, start_2, start_3 = rows[1], rows[4], rows[7], rows[10]
+    end_0, end_1, end_2, end_3 = rows[2], rows[5], rows[8], rows[11]
+    first = start_0 & _BLOCKS
+    inner = (start_3 + BLOCK - 1) & _BLOCKS  # the last row lies the farthest right
+    outer = end_0 & _BLOCKS  # and the first row the farthest left
+    if outer < inner:
+        for c in range(first, end_3, BLOCK):
+            add_four_between(
+                sums, c, texture, offset_0, offset_1, offset_2, offset_3,
+                start_0, start_1, start_2, start_3, end_0, end_1, end_2, end_3,
+            )  # fmt: skip
+        return
+    for c in range(first, inner, BLOCK):
+        add_four_from(
+            sums, c, texture, offset_0, offset_1, offset_2, offset_3,
+            start_0, start_1, start_2, start_3,
+        )  # fmt: skip
+    for c in range(inner, outer, BLOCK):
+        add_four(sums, c, texture, offset_0, offset_1, offset_2, offset_3)
+    for c in range(outer, end_3, BLOCK):
+        add_four_until(
+            sums, c, texture, offset_0, offset_1, offset_2, offset_3, end_0, end_1, end_2, end_3
+        )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _spill(sums: Int16s, totals: Int32s) -> None:
+    for c in range(len(totals)):
+        totals[c] += np.int32(sums[c])
+        sums[c] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -318,8 +333,6 @@ def _add_edges(
     low: int,
     climb: int,
     height: int,
-    first_row: Int64s,
-    end_row: Int64s,
     offsets: Int64s,
     totals: Int32s,
 ) -> None:
@@ -329,15 +342,16 @@ def _add_edges(
     show where rows begin and end.
     """
     height_weight = height >> (_POINT - _WEIGHT_BITS)
-    for c in range(len(first_row)):
+    for c in range(len(totals)):
         y = low + climb * c
-        first = first_row[c]
-        end = end_row[c]
+        first = -((-y) >> _POINT)  # rounded up
+        end = (y + height) >> _POINT
         below = ((first << _POINT) - y) >> (_POINT - _WEIGHT_BITS)
         above = height_weight - ((end - first) << _WEIGHT_BITS) - below
-        totals[c] += np.int32(
-            below * texture[offsets[first - 1] + c] + above * texture[offsets[end] + c]
-        )
+        # Unsigned indices spare the checks for negative ones.
+        under = texture[np.uint64(offsets[np.uint64(first - 1)] + c)]
+        over = texture[np.uint64(offsets[np.uint64(end)] + c)]
+        totals[c] += np.int32(below * under + above * over)
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ LEAST_WIDTH = 10.0
 """Narrowest footprint that is integrated well [texels]."""
 
 _CACHE_LINE = 64  # bytes
-_MARGIN = 16  # texels that a run may be longer than the footprint's length times sqrt(2)
+_MARGIN = 48  # texels that a run may be longer than the footprint's length times sqrt(2)
 _TEXELS_PER_PIXEL = 4  # a coarser level of the texture must still have that many
 _TEXELS_ACROSS = 128  # and that many across the footprint
 # Across a wide footprint so many texels are averaged that one for each pixel is enough.
