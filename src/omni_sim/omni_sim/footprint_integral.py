@@ -52,6 +52,7 @@ _SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 2
 _MARGIN = 8  # columns and rows beyond the footprint
 _BLOCKS = ~(BLOCK - 1)
 _LEVEL = 20
+_1, _2, _3, _4, _5, _6, _7, _8, _9, _10, _11 = (np.uint64(i) for i in range(1, 12))
 _CACHE_LINE = 64  # bytes
 _PREFETCHED = 4
 
@@ -114,7 +115,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
 ) -> None:
     """Integrate lines whose centres and half sizes are in texels, into `lines`."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
-    room = -(-room // BLOCK) * BLOCK
+    room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room, np.int16)
     totals = np.empty((_CLASSES, room), np.int32)
     cells = np.empty((_CLASSES, room), np.int32)
@@ -249,11 +250,12 @@ def _list_rows(
         if first < behind:
             for line in range(_PREFETCHED):
                 prefetch(texture, offset + first + line * _CACHE_LINE)
-            place = used[cls]
-            listed[cls, place] = offset
-            listed[cls, place + 1] = first
-            listed[cls, place + 2] = behind
-            used[cls] = place + 3
+            number = np.uint64(cls)
+            place = np.uint64(used[number])
+            listed[number, place] = offset
+            listed[number, place + _1] = first
+            listed[number, place + _2] = behind
+            used[number] += 3
         end_rest += part
         carry = 1 if end_rest >= divisor else 0
         end_rest -= carry * divisor
@@ -281,7 +283,7 @@ def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int
     totals[:] = 0
     waiting = 0
     for place in range(0, used, 12):
-        _add_four_rows(texture, rows[place : place + 12], sums)
+        _add_four_rows(texture, rows, np.uint64(place), sums)
         waiting += 4
         if waiting >= _SPILL:
             waiting = 0
@@ -291,33 +293,42 @@ def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int
         totals[c] <<= _WEIGHT_BITS
 
 
-@njit(cache=True, nogil=True)
-def _add_four_rows(texture: Int8s, rows: Int64s, sums: Int16s) -> None:
+@njit(cache=True, nogil=True, inline="always")
+def _add_four_rows(texture: Int8s, rows: Int64s, at: int, sums: Int16s) -> None:
     """Add four rows: whole blocks of what they share, their ragged ends masked."""
-    offset_0, offset_1, offset_2, offset_3 = rows[0], rows[3], rows[6], rows[9]
-    start_0, start_1, start_2, start_3 = rows[1], rows[4], rows[7], rows[10]
-    end_0, end_1, end_2, end_3 = rows[2], rows[5], rows[8], rows[11]
+    offset_0, start_0, end_0 = rows[at], rows[at + _1], rows[at + _2]
+    offset_1, start_1, end_1 = rows[at + _3], rows[at + _4], rows[at + _5]
+    offset_2, start_2, end_2 = rows[at + _6], rows[at + _7], rows[at + _8]
+    offset_3, start_3, end_3 = rows[at + _9], rows[at + _10], rows[at + _11]
+    # The first row lies the farthest left, the last one the farthest right.
     first = start_0 & _BLOCKS
-    inner = (start_3 + BLOCK - 1) & _BLOCKS  # the last row lies the farthest right
-    outer = end_0 & _BLOCKS  # and the first row the farthest left
-    if outer < inner:
+    inner = first + 2 * BLOCK
+    outer = end_0 & _BLOCKS
+    if outer < inner or start_3 > inner or end_3 > outer + 2 * BLOCK:
         for c in range(first, end_3, BLOCK):
             add_four_between(
                 sums, c, texture, offset_0, offset_1, offset_2, offset_3,
                 start_0, start_1, start_2, start_3, end_0, end_1, end_2, end_3,
             )  # fmt: skip
-        return
-    for c in range(first, inner, BLOCK):
+    else:
         add_four_from(
-            sums, c, texture, offset_0, offset_1, offset_2, offset_3,
+            sums, first, texture, offset_0, offset_1, offset_2, offset_3,
             start_0, start_1, start_2, start_3,
         )  # fmt: skip
-    for c in range(inner, outer, BLOCK):
-        add_four(sums, c, texture, offset_0, offset_1, offset_2, offset_3)
-    for c in range(outer, end_3, BLOCK):
+        add_four_from(
+            sums, first + BLOCK, texture, offset_0, offset_1, offset_2, offset_3,
+            start_0, start_1, start_2, start_3,
+        )  # fmt: skip
+        for c in range(inner, outer, BLOCK):
+            add_four(sums, c, texture, offset_0, offset_1, offset_2, offset_3)
         add_four_until(
-            sums, c, texture, offset_0, offset_1, offset_2, offset_3, end_0, end_1, end_2, end_3
-        )
+            sums, outer, texture, offset_0, offset_1, offset_2, offset_3,
+            end_0, end_1, end_2, end_3,
+        )  # fmt: skip
+        add_four_until(
+            sums, outer + BLOCK, texture, offset_0, offset_1, offset_2, offset_3,
+            end_0, end_1, end_2, end_3,
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, inline="always")
