@@ -182,7 +182,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
 
 
 @njit(cache=True, nogil=True)
-def _list_rows(
+def _list_rows(  # noqa: PLR0915, the loop stays in one piece
     texture: Int8s,
     texels: int,
     stride: int,
@@ -296,39 +296,25 @@ def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int
 @njit(cache=True, nogil=True, inline="always")
 def _add_four_rows(texture: Int8s, rows: Int64s, at: int, sums: Int16s) -> None:
     """Add four rows: whole blocks of what they share, their ragged ends masked."""
-    offset_0, start_0, end_0 = rows[at], rows[at + _1], rows[at + _2]
-    offset_1, start_1, end_1 = rows[at + _3], rows[at + _4], rows[at + _5]
-    offset_2, start_2, end_2 = rows[at + _6], rows[at + _7], rows[at + _8]
-    offset_3, start_3, end_3 = rows[at + _9], rows[at + _10], rows[at + _11]
+    offsets = (rows[at], rows[at + _3], rows[at + _6], rows[at + _9])
+    starts = (rows[at + _1], rows[at + _4], rows[at + _7], rows[at + _10])
+    ends = (rows[at + _2], rows[at + _5], rows[at + _8], rows[at + _11])
     # The first row lies the farthest left, the last one the farthest right.
-    first = start_0 & _BLOCKS
+    first = starts[0] & _BLOCKS
     inner = first + 2 * BLOCK
-    outer = end_0 & _BLOCKS
-    if outer < inner or start_3 > inner or end_3 > outer + 2 * BLOCK:
-        for c in range(first, end_3, BLOCK):
-            add_four_between(
-                sums, c, texture, offset_0, offset_1, offset_2, offset_3,
-                start_0, start_1, start_2, start_3, end_0, end_1, end_2, end_3,
-            )  # fmt: skip
-    else:
-        add_four_from(
-            sums, first, texture, offset_0, offset_1, offset_2, offset_3,
-            start_0, start_1, start_2, start_3,
-        )  # fmt: skip
-        add_four_from(
-            sums, first + BLOCK, texture, offset_0, offset_1, offset_2, offset_3,
-            start_0, start_1, start_2, start_3,
-        )  # fmt: skip
-        for c in range(inner, outer, BLOCK):
-            add_four(sums, c, texture, offset_0, offset_1, offset_2, offset_3)
-        add_four_until(
-            sums, outer, texture, offset_0, offset_1, offset_2, offset_3,
-            end_0, end_1, end_2, end_3,
-        )  # fmt: skip
-        add_four_until(
-            sums, outer + BLOCK, texture, offset_0, offset_1, offset_2, offset_3,
-            end_0, end_1, end_2, end_3,
-        )  # fmt: skip
+    outer = ends[0] & _BLOCKS
+    if outer < inner or starts[3] > inner or ends[3] > outer + 2 * BLOCK:
+        for c in range(first, ends[3], BLOCK):
+            add_four_between(sums, c, texture, offsets, starts, ends)
+        return
+    # Always two blocks at an end, though one may be enough: a loop whose length changes from row
+    # to row costs more than a block.
+    add_four_from(sums, first, texture, offsets, starts)
+    add_four_from(sums, first + BLOCK, texture, offsets, starts)
+    for c in range(inner, outer, BLOCK):
+        add_four(sums, c, texture, offsets)
+    add_four_until(sums, outer, texture, offsets, ends)
+    add_four_until(sums, outer + BLOCK, texture, offsets, ends)
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -5,9 +5,13 @@ scalar loop, and these cost more than the middle. So blocks of columns are writt
 vectors of LLVM, which become whatever instructions the processor has. Whole numbers have the same
 sums on all of them.
 
-Each function adds four rows, ``sums[column + i] += sum over r of texture[offset_r + column + i]``
-for 0 <= i < 32. The texture must be readable up to the end of a block.
+Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
+for 0 <= i < 32. The texture must be readable up to the end of a block. Offsets and bounds of the
+rows are tuples of four whole numbers.
 """
+
+# numba finds an intrinsic's arguments by their names and writes the instructions from their types.
+# ruff: noqa: ARG001
 
 from __future__ import annotations
 
@@ -35,47 +39,37 @@ _Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 _Mask = Callable[[Any, Any, list[Any]], Any]
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def add_four(
-    _context: Any, sums: Any, column: Any, texture: Any,
-    offset_0: Any, offset_1: Any, offset_2: Any, offset_3: Any,
-) -> _Intrinsic:  # fmt: skip
+@intrinsic
+def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> _Intrinsic:
     """Add whole blocks of four rows."""
-    return _adding(sums, texture, 1, None)
+    return _adding(sums, texture, [offsets], None)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def add_four_from(
-    _context: Any, sums: Any, column: Any, texture: Any,
-    offset_0: Any, offset_1: Any, offset_2: Any, offset_3: Any,
-    start_0: Any, start_1: Any, start_2: Any, start_3: Any,
-) -> _Intrinsic:  # fmt: skip
-    """Add of each row what lies in columns ``start_r`` and beyond."""
-    return _adding(sums, texture, 2, _from)
+    _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, starts: Any
+) -> _Intrinsic:
+    """Add of each row what lies in columns ``starts[r]`` and beyond."""
+    return _adding(sums, texture, [offsets, starts], _from)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def add_four_until(
-    _context: Any, sums: Any, column: Any, texture: Any,
-    offset_0: Any, offset_1: Any, offset_2: Any, offset_3: Any,
-    end_0: Any, end_1: Any, end_2: Any, end_3: Any,
-) -> _Intrinsic:  # fmt: skip
-    """Add of each row what lies before column ``end_r``."""
-    return _adding(sums, texture, 2, _until)
+    _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, ends: Any
+) -> _Intrinsic:
+    """Add of each row what lies before column ``ends[r]``."""
+    return _adding(sums, texture, [offsets, ends], _until)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def add_four_between(
-    _context: Any, sums: Any, column: Any, texture: Any,
-    offset_0: Any, offset_1: Any, offset_2: Any, offset_3: Any,
-    start_0: Any, start_1: Any, start_2: Any, start_3: Any,
-    end_0: Any, end_1: Any, end_2: Any, end_3: Any,
-) -> _Intrinsic:  # fmt: skip
-    """Add of each row what lies in columns ``start_r`` to ``end_r - 1``."""
-    return _adding(sums, texture, 3, _between)
+    _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, starts: Any, ends: Any
+) -> _Intrinsic:
+    """Add of each row what lies in columns ``starts[r]`` to ``ends[r] - 1``."""
+    return _adding(sums, texture, [offsets, starts, ends], _between)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def prefetch(_context: Any, texture: Any, at: Any) -> _Intrinsic:
     """Ask for a texel's cache line; it need not exist."""
     signature = types.void(texture, types.intp)
@@ -90,15 +84,15 @@ def prefetch(_context: Any, texture: Any, at: Any) -> _Intrinsic:
     return signature, generate
 
 
-def _adding(sums: Any, texture: Any, numbers: int, mask: _Mask | None) -> _Intrinsic:
-    """Return signature and instructions for that many numbers per row, the first its offset."""
-    signature = types.void(sums, types.intp, texture, *[types.intp] * (numbers * _ROWS))
+def _adding(sums: Any, texture: Any, tuples: list[Any], mask: _Mask | None) -> _Intrinsic:
+    """Return signature and instructions, the first of the tuples being the offsets."""
+    signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        into, column, source, *rows = arguments
+        into, column, source, *numbers = arguments
         total = None
         for row in range(_ROWS):
-            offset, *bounds = rows[row::_ROWS]
+            offset, *bounds = (builder.extract_value(each, row) for each in numbers)
             at = builder.add(offset, column)
             pointer = _address(
                 context, builder, signature.args[2], source, at, ir.VectorType(_INT8, BLOCK)
