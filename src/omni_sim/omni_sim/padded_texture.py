@@ -45,6 +45,7 @@ class PaddedTexture:
         stride: length of a padded row [texels].
         texel: edge of a texel [m].
         reach: longest footprint that may be integrated [m].
+        averaged: whether the texels are means of finer ones.
     """
 
     rows: NDArray[np.int8]
@@ -54,6 +55,7 @@ class PaddedTexture:
     stride: int
     texel: float
     reach: float
+    averaged: bool
 
     @classmethod
     def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
@@ -95,6 +97,7 @@ class PaddedTexture:
             stride=stride,
             texel=texel,
             reach=reach,
+            averaged=texels < len(grey),
         )
 
     @property
