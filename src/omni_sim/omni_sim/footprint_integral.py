@@ -412,7 +412,7 @@ def _refine(cells: Int32s, refined: Int32s, spare: int, n: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _sum_cells(cells: Int32s, inner: Int32s, prefix: Int64s, n: int) -> None:
-    """Sum the cells of each column, to the end of cell q in `inner`; `prefix` has those before it."""
+    """Sum the cells of each column to the end of each in `inner`, all before it in `prefix`."""
     cell_0, cell_1, cell_2, cell_3 = cells[0, :n], cells[1, :n], cells[2, :n], cells[3, :n]
     sum_0, sum_1, sum_2, sum_3 = inner[0, :n], inner[1, :n], inner[2, :n], inner[3, :n]
     for c in range(n):
