@@ -225,18 +225,18 @@ def _list_rows(  # noqa: PLR0915, the loop stays in one piece
     # Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
     # The quotients that solve this grow from row to row by whole numbers and a carry.
     above = -low
-    below = (1 << _POINT) - low - height - 1
+    shorter = (1 << _POINT) - height - 1
     divisor = climb
     per_row = 1 << _POINT
     if climb == 0:  # all columns or none
         divisor = 1
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
-        below = (below << _LEVEL) + (1 << (_LEVEL - 1))
+        shorter <<= _LEVEL
     end = above // divisor + 1
     end_rest = above % divisor
-    start = below // divisor + 1
-    start_rest = below % divisor
+    lead = shorter // divisor  # of the start before the end, and one more with a carry
+    lead_rest = divisor - shorter % divisor
     whole = per_row // divisor
     part = per_row % divisor
     for j in range(len(offsets)):
@@ -257,7 +257,7 @@ def _list_rows(  # noqa: PLR0915, the loop stays in one piece
             row = row - 1 if row > 0 else texels - 1
         else:
             row = row + 1 if row < texels - 1 else 0
-        first = max(start, 0)
+        first = max(end + lead + (1 if end_rest >= lead_rest else 0), 0)
         behind = min(end, count)
         if first < behind:
             for line in range(_PREFETCHED):
@@ -272,10 +272,6 @@ def _list_rows(  # noqa: PLR0915, the loop stays in one piece
         carry = 1 if end_rest >= divisor else 0
         end_rest -= carry * divisor
         end += whole + carry
-        start_rest += part
-        carry = 1 if start_rest >= divisor else 0
-        start_rest -= carry * divisor
-        start += whole + carry
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -292,17 +288,16 @@ def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int
         rows[place] = 0
         rows[place + 1] = rows[place + 2] = behind
     sums[:] = 0
-    totals[:] = 0
-    waiting = 0
-    for place in range(0, used, 12):
+    for place in range(0, min(used, 3 * _SPILL), 12):
         _add_four_rows(texture, rows, np.uint64(place), sums)
-        waiting += 4
-        if waiting >= _SPILL:
-            waiting = 0
-            _spill(sums, totals)
-    _spill(sums, totals)
     for c in range(len(totals)):
-        totals[c] <<= _WEIGHT_BITS
+        totals[c] = np.int32(sums[c]) << _WEIGHT_BITS
+    for begin in range(3 * _SPILL, used, 3 * _SPILL):
+        sums[:] = 0
+        for place in range(begin, min(used, begin + 3 * _SPILL), 12):
+            _add_four_rows(texture, rows, np.uint64(place), sums)
+        for c in range(len(totals)):
+            totals[c] += np.int32(sums[c]) << _WEIGHT_BITS
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -329,13 +324,6 @@ def _add_four_rows(texture: Int8s, rows: Int64s, at: int, sums: Int16s) -> None:
     add_four_until(sums, outer + BLOCK, texture, offsets, ends)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _spill(sums: Int16s, totals: Int32s) -> None:
-    for c in range(len(totals)):
-        totals[c] += np.int32(sums[c])
-        sums[c] = 0
-
-
 @njit(cache=True, nogil=True)
 def _add_edges(
     texture: Int8s,
@@ -351,16 +339,17 @@ def _add_edges(
     show where rows begin and end.
     """
     height_weight = height >> (_POINT - _WEIGHT_BITS)
+    y = low - 1
     for c in range(len(totals)):
-        y = low + climb * c
-        first = -((-y) >> _POINT)  # rounded up
-        end = (y + height) >> _POINT
-        below = ((first << _POINT) - y) >> (_POINT - _WEIGHT_BITS)
-        above = height_weight - ((end - first) << _WEIGHT_BITS) - below
+        under = y >> _POINT  # the row before the first that is covered in full
+        over = (y + height + 1) >> _POINT
+        below = ((_ONE - 1) - (y & (_ONE - 1))) >> (_POINT - _WEIGHT_BITS)
+        above = height_weight - ((over - under - 1) << _WEIGHT_BITS) - below
         # Unsigned indices spare the checks for negative ones.
-        under = texture[np.uint64(offsets[np.uint64(first - 1)] + c)]
-        over = texture[np.uint64(offsets[np.uint64(end)] + c)]
-        totals[c] += np.int32(below * under + above * over)
+        grey_below = texture[np.uint64(offsets[np.uint64(under)] + c)]
+        grey_above = texture[np.uint64(offsets[np.uint64(over)] + c)]
+        totals[c] += np.int32(below * grey_below + above * grey_above)
+        y += climb
 
 
 @njit(cache=True, nogil=True)
