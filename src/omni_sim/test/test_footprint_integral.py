@@ -200,6 +200,31 @@ def test_coarse_texels_are_the_means_of_their_areas(texels: int) -> None:
     assert coarse.mean() == pytest.approx(CORK.grey.mean(), abs=0.01)
 
 
+@pytest.mark.parametrize("kind", ["asphalt", "wood"])
+def test_coarse_texels_show_the_ground_as_it_is_in_full(kind: str) -> None:
+    # Across the grain of wood, at 90 deg, a line is a bar code: nothing is averaged.
+    ground = generate_texture(TextureConfiguration(kind=kind, size=SIZE, texels=TEXELS))
+    coarse = PaddedTexture.build(ground, 0.05, TEXELS // 2)
+    for heading_deg in (0.0, 20.0, 90.0, 133.0):
+        centres = np.array([(x, 0.3 * x, math.radians(heading_deg)) for x in (0.011, 0.024, 0.03)])
+        exact = [
+            integrate_exactly(ground.grey, SIZE, tuple(centre), 0.04, 0.0195, 102)
+            for centre in centres
+        ]
+        got = integrate_lines(coarse, centres, 0.04, 0.0195, 102)
+        assert rms(np.asarray(got - exact, dtype=np.float64)) < 0.15
+
+
+def test_wide_footprints_of_coarse_texels_do_not_overflow() -> None:
+    half = np.zeros((2048, 2048), np.uint8)
+    half[:, 1024:] = 255
+    coarse = PaddedTexture.build(GroundTexture(half, SIZE), SIZE, 1500)
+    centres = np.array([(0.25 * SIZE, 0.0, 0.0), (0.75 * SIZE, 0.01, 0.0)])
+    black, white = integrate_lines(coarse, centres, 0.4 * SIZE, SIZE, 16)
+    np.testing.assert_allclose(black, 0.0, atol=1e-3)
+    np.testing.assert_allclose(white, 255.0, atol=1e-3)
+
+
 def test_the_turned_texture_is_the_transposed_one_and_both_go_on_periodically() -> None:
     for texels in (TEXELS, 300):
         texture = PaddedTexture.build(CORK, 0.05, texels)
