@@ -53,7 +53,7 @@ _SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 2
 _MARGIN = 8  # columns and rows beyond the footprint
 _CACHE_LINE = 64  # bytes
 _BLOCKS = ~(BLOCK - 1)  # of a column: the first one of its block
-_PREFETCHED = 4  # cache lines of a row asked for ahead of its use
+_PREFETCHED = 2  # cache lines of a row asked for ahead of its use
 _LEVEL = 20  # binary places that stand for infinity where rows and columns run alike
 _NARROW_ROWS = 640  # whose sums, times the weights of `_refine`, fit 32 bits
 # Places in a list as unsigned numbers, which spare the checks for negative ones.
@@ -129,6 +129,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     prefix = np.empty(room, np.int64)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     offsets = np.empty(most_rows, np.int64)
+    classes = np.empty(most_rows, np.int64)
     listed = np.empty(_CLASSES * 3 * (most_rows + 3), np.int64)
     listed_end = np.empty(_CLASSES, np.int64)
     for line in range(len(centres)):
@@ -171,7 +172,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         _list_rows(
             texture, texels, stride, int(row_0), downwards, int(origin + whole),
             math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
-            low, climb, height, count, offsets[:row_count], listed, listed_end,
+            low, climb, height, count, offsets[:row_count], classes, listed, listed_end,
         )  # fmt: skip
         for cls in range(_CLASSES):
             begin = cls * len(listed) // _CLASSES
@@ -184,7 +185,11 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
             spare = 0
             while height >> (_POINT + spare) > _NARROW_ROWS:
                 spare += 1
-            _refine(cells, refined, spare, count - 1)
+            if spare > 0:
+                cells >>= spare
+            _refine(cells, refined, count - 1)
+            if spare > 0:
+                refined <<= spare
             seen = refined
         _sum_cells(seen, inner, prefix, count - 1)
 
@@ -212,6 +217,7 @@ def _list_rows(
     height: int,
     count: int,
     offsets: Int64s,
+    classes: Int64s,
     listed: Int64s,
     listed_end: Int64s,
 ) -> None:
@@ -222,11 +228,7 @@ def _list_rows(
     """
     for cls in range(_CLASSES):
         listed_end[cls] = cls * len(listed) // _CLASSES
-    row = row_0 % texels
-    if downwards:
-        row = texels - 1 - row
-    last = ahead >> (_POINT + 2)  # whole texels
-    column = (origin - last) % texels
+    _place_rows(texels, stride, row_0, downwards, origin, ahead, ahead_per_row, offsets, classes)
     # Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
     # The quotients that solve this grow from row to row by whole numbers and a carry.
     above = -low
@@ -245,37 +247,62 @@ def _list_rows(
     whole = per_row // divisor
     part = per_row % divisor
     for j in range(len(offsets)):
-        # Half a texel too many, so that classes lie around zero. Rounding every row to the nearest
-        # would shift many neighbours alike at small slopes; four rows rounded differently even out.
-        quarters = (ahead + _rounding(row)) >> _POINT
-        ahead += ahead_per_row
-        cls = quarters & (_CLASSES - 1)
-        column -= (quarters >> 2) - last
-        last = quarters >> 2
-        if column < 0:
-            column += texels
-        elif column >= texels:
-            column -= texels
-        offset = row * stride + column
-        offsets[j] = offset
-        if downwards:
-            row = row - 1 if row > 0 else texels - 1
-        else:
-            row = row + 1 if row < texels - 1 else 0
         first = max(end + lead + (1 if end_rest >= lead_rest else 0), 0)
         behind = min(end, count)
         if first < behind:
+            offset = offsets[j]
+            number = np.uint64(classes[j])
             for line in range(_PREFETCHED):
                 prefetch(texture, offset + first + line * _CACHE_LINE)
-            place = np.uint64(listed_end[np.uint64(cls)])
+            place = np.uint64(listed_end[number])
             listed[place] = offset
             listed[place + _1] = first
             listed[place + _2] = behind
-            listed_end[np.uint64(cls)] += 3
+            listed_end[number] += 3
         end_rest += part
         carry = 1 if end_rest >= divisor else 0
         end_rest -= carry * divisor
         end += whole + carry
+
+
+@njit(cache=True, nogil=True)
+def _place_rows(
+    texels: int,
+    stride: int,
+    row_0: int,
+    downwards: bool,
+    origin: int,
+    ahead: int,
+    ahead_per_row: int,
+    offsets: Int64s,
+    classes: Int64s,
+) -> None:
+    """Set where in the texture column 0 of each row lies, and the class of its fractional shift."""
+    row = row_0 % texels
+    if downwards:
+        row = texels - 1 - row
+    step = -1 if downwards else 1
+    origin %= texels
+    begin = 0
+    while begin < len(offsets):  # up to where the texture begins anew
+        stop = min(len(offsets), begin + (row + 1 if downwards else texels - row))
+        here, kinds = offsets[begin:stop], classes[begin:stop]
+        for j in range(len(here)):
+            at = row + step * j
+            # Half a texel too many, so that classes lie around zero. Rounding every row to the
+            # nearest would shift many neighbours alike at small slopes; four rows rounded
+            # differently even out.
+            quarters = (ahead + ahead_per_row * j + _rounding(at)) >> _POINT
+            kinds[j] = quarters & (_CLASSES - 1)
+            column = origin - (quarters >> 2)
+            column += texels if column < 0 else 0
+            column += texels if column < 0 else 0
+            column -= texels if column >= texels else 0
+            column -= texels if column >= texels else 0
+            here[j] = at * stride + column
+        ahead += ahead_per_row * (stop - begin)
+        begin = stop
+        row = texels - 1 if downwards else 0
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -377,14 +404,14 @@ def _merge(totals: Int32s, cells: Int32s, count: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _refine(cells: Int32s, refined: Int32s, spare: int, n: int) -> None:
+def _refine(cells: Int32s, refined: Int32s, n: int) -> None:
     """Restore what is lost within texels that are means of finer ones.
 
     The integral along the line, interpolated straight between the edges of texels, lags behind
     wherever grey changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells that lie -4, -2, 0, 2, 4
     quarters away take out the steps of a texel's width (their gain is 0 there) and give back what
     both averaging and steps take from a curved profile (their second moment is that of two boxes,
-    negated). Sums over 655 rows times all weights fit 32 bits; `spare` bits are left out of more.
+    negated). Sums over 655 rows times all weights fit 32 bits.
     """
     for q in range(_CLASSES):
         other = cells[(q + _HALF) % _CLASSES]
@@ -395,12 +422,12 @@ def _refine(cells: Int32s, refined: Int32s, spare: int, n: int) -> None:
         middle, last, following = here[1 : n - 1], here[: n - 2], here[2:n]
         before, behind = other[ahead : n - 2 + ahead], other[1 + ahead : n - 1 + ahead]
         for c in range(len(into)):
-            near = np.int32(np.int32(before[c] >> spare) + np.int32(behind[c] >> spare))
-            far = np.int32(np.int32(last[c] >> spare) + np.int32(following[c] >> spare))
-            total = np.int32(np.int32(50) * np.int32(middle[c] >> spare))
+            near = np.int32(before[c] + behind[c])
+            far = np.int32(last[c] + following[c])
+            total = np.int32(np.int32(50) * middle[c])
             total = np.int32(total + np.int32(np.int32(16) * near))
             total = np.int32(total - np.int32(np.int32(9) * far))
-            into[c] = np.int32(np.int32(total >> 6) << spare)
+            into[c] = np.int32(total >> 6)
 
 
 @njit(cache=True, nogil=True)

@@ -24,12 +24,15 @@ _CACHE_LINE = 64  # bytes
 _MARGIN = 2 * 8 + 3 * BLOCK
 _TEXELS_PER_PIXEL = 4  # coarser texels must still be that many
 _TEXELS_ACROSS = 128  # and that many across the footprint
-# Across a wide footprint so many texels are averaged that one for each pixel is enough.
-_ENOUGH_ACROSS = 400
+# Across a wide footprint so many texels are averaged that little more than one for each pixel is
+# enough.
+_LEAST_PER_PIXEL = 1.15
+_ENOUGH_ACROSS = 450
 _MOST_TEXELS = 9472  # per period, which take a quarter of a gigabyte: 20 cm at 1200 dpi
 _LEAST_RATIO = (
     1.25  # of coarser texels to those of the ground, for which they are worth their error
 )
+_MORE_WHOLE = 1.1
 _BAND = 64  # rows transposed at a time
 
 
@@ -159,9 +162,13 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """
     coarsest = max(
         min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
-        min(sensor.pixel_pitch, sensor.width / _ENOUGH_ACROSS),
+        min(sensor.pixel_pitch / _LEAST_PER_PIXEL, sensor.width / _ENOUGH_ACROSS),
     )
     texels = len(texture.grey)
     if coarsest >= _LEAST_RATIO * texture.texel:
-        texels = math.ceil(texture.size / coarsest - 1e-6)
+        needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
+        # Texels that consist of whole ones, where about as many do, show more of a fine edge.
+        whole = texels // needed
+        texels = texels // whole if texels % whole == 0 else needed
+        texels = texels if texels <= _MORE_WHOLE * needed else needed
     return min(texels, _MOST_TEXELS)
