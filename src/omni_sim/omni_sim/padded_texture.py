@@ -32,7 +32,7 @@ _MOST_TEXELS = 9472  # per period, which take a quarter of a gigabyte: 20 cm at 
 _LEAST_RATIO = (
     1.25  # of coarser texels to those of the ground, for which they are worth their error
 )
-_MORE_WHOLE = 1.1
+_MORE_WHOLE = 1.1  # times as many texels, if they consist of whole ones
 _BAND = 64  # rows transposed at a time
 
 
@@ -155,10 +155,11 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return how many texels per period a sensor needs.
 
-    What a coarse texel loses is how grey is distributed within it. That matters only where an
-    edge of a pixel cuts it: of the texels along the two long edges, each errs by a share of the
-    contrast within, independently of the others. The error goes by the texel's edge as long as
-    it is below the detail of the ground, and by the inverse square root of the texels across.
+    What a coarse texel loses is how grey is distributed within it. That matters only where the
+    edge of a pixel cuts it: each of the texels along an edge errs by a share of the contrast
+    within, on most grounds independently of the others. So the error of a pixel goes by the
+    texel's size over the pixel's pitch and by the inverse square root of the texels across. Lines
+    across the grain of wood have the error of a single texel; these set the least per pixel.
     """
     coarsest = max(
         min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
