@@ -163,6 +163,13 @@ def test_coarse_pixels_use_a_coarser_level_and_look_the_same() -> None:
         assert np.sqrt(np.mean((greys - exact) ** 2)) < 0.15
 
 
+def test_a_camera_takes_as_many_texels_on_a_ground_of_any_resolution() -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, length=0.05, width=0.0195)
+    for texels, expected in ((1024, 1024), (4096, 2048), (5000, 2048), (6144, 2048)):
+        ground = GroundTexture(np.zeros((texels, texels), np.uint8), 0.2)
+        assert array(ground, {"one": sensor}).cameras["one"].texels == expected
+
+
 _TURN_AROUND = """
 import math
 import sys
