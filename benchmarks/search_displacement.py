@@ -5,19 +5,29 @@
 Prints medians over repeated batches of 25 lines, on one core. The first row of each size is the
 full search over +/- n/2 by Pearson's correlation, the second the search with sub-pixel refinement.
 Then follow the other metrics, the search in a window of +/- 32 px that follows the motion, and how
-many times faster the full search is than `scipy.spatial.distance.pdist` at every shift.
+many times faster the full search is than `scipy.spatial.distance.pdist` at every shift and than
+OpenCV's `matchTemplate` over the same shifts with the same normalisation, on one thread. These two
+take turns with the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985
+(LIS-770i) and 128 px at 15600 (S3901). OpenCV is needed for nothing else; without it that
+comparison is left out:
+
+    ./omni exec python -m pip install --no-deps --require-hashes -r requirements/benchmarks.lock
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import math
 import statistics
+import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
@@ -25,6 +35,12 @@ from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConf
 from linescan_odometry.search import METRICS, make_search
 from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
+
+cv2: Any
+try:
+    cv2 = importlib.import_module("cv2")
+except ImportError:
+    cv2 = None
 
 LINES = 25
 SPEED = 10.0  # m/s
@@ -57,6 +73,21 @@ def median_time(action: Callable[[], object], repetitions: int) -> float:
     return statistics.median(durations)
 
 
+def median_times_in_turn(
+    first: Callable[[], object], second: Callable[[], object], repetitions: int
+) -> tuple[float, float]:
+    """Return the median durations of two actions that take turns [s]."""
+    durations: tuple[list[float], list[float]] = ([], [])
+    for action in (first, second):
+        action()
+    for _ in range(repetitions):
+        for action, taken in zip((first, second), durations, strict=True):
+            start = time.perf_counter()
+            action()
+            taken.append(time.perf_counter() - start)
+    return statistics.median(durations[0]), statistics.median(durations[1])
+
+
 def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
     """Return the metrics by name."""
     metrics: dict[str, dict[str, float | str]] = {}
@@ -82,6 +113,7 @@ def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
                 "unit": "1/s",
             }
     metrics |= other_searches(repetitions)
+    metrics |= compared_with_opencv(repetitions)
     metrics["update_time.3x25x1024px"] = {
         "value": 1e3 * update_time(repetitions),
         "unit": "ms",
@@ -111,7 +143,122 @@ def other_searches(repetitions: int) -> dict[str, dict[str, float | str]]:
         full = METRICS["pearson"](pixels, pixels // 2)
         direct = median_time(lambda: pdist_search(lines[0], lines[1]), 3)  # noqa: B023
         fast = median_time(lambda: full.match(lines, shift, similarity), repetitions) / LINES  # noqa: B023
-        metrics[f"ratio_to_pdist.{pixels}px"] = {"value": direct / fast, "unit": "1"}
+        metrics[f"ratio_to_pdist.{pixels}px"] = {
+            "value": direct / fast,
+            "unit": "1",
+            "limit": 1000.0,
+        }
+    return metrics
+
+
+class MatchTemplateSearch:
+    """The full search by Pearson's correlation with OpenCV, over shifts within +/- n/2.
+
+    The older line lies between n/2 black pixels on either side, so that all shifts are covered;
+    `matchTemplate` gives the sum of products at each, and sums over the true overlaps normalise it.
+    """
+
+    def __init__(self, pixels: int, lines: int) -> None:
+        self._half = pixels // 2
+        self._pixels = pixels
+        # Whole numbers as floating-point ones, which OpenCV is faster with.
+        self._padded = np.zeros((lines, pixels + 2 * self._half), np.float32)
+        self._products = np.empty((lines - 1, 2 * self._half + 1), np.float32)
+
+    def match(
+        self, lines: NDArray[np.uint8] | NDArray[np.uint16], shift: NDArray[np.int64]
+    ) -> None:
+        """Set the best shift of each line against the one before it."""
+        inner = self._padded[:, self._half : self._half + self._pixels]
+        inner[:] = lines
+        for i in range(len(shift)):
+            older, newer = self._padded[i : i + 1], inner[i + 1 : i + 2]
+            cv2.matchTemplate(older, newer, cv2.TM_CCORR, self._products[i : i + 1])
+        best_correlation(lines, self._products, shift)
+
+
+@njit(cache=True, fastmath=True)
+def best_correlation(
+    lines: NDArray[np.uint8] | NDArray[np.uint16],
+    products: NDArray[np.float32],
+    shift: NDArray[np.int64],
+) -> None:
+    """Set the shifts of the largest correlation (81) over the true overlaps."""
+    rows, pixels = lines.shape
+    half = products.shape[1] // 2
+    sums = np.empty((rows, 2, half + 1), np.float32)  # of the first and of the last n - s pixels
+    scales = np.empty((rows, 2, half + 1), np.float32)
+    for row in range(rows):
+        line = lines[row]
+        total, squares = np.int32(0), np.int32(0)
+        for i in range(pixels):
+            value = np.int32(line[i])
+            total += value
+            squares += value * value
+        for side in range(2):
+            s_x, s_xx = total, squares
+            for s in range(half + 1):
+                sums[row, side, s] = s_x
+                scales[row, side, s] = np.int64(pixels - s) * s_xx - np.int64(s_x) * s_x
+                value = np.int32(line[pixels - 1 - s] if side == 0 else line[s])
+                s_x -= value
+                s_xx -= value * value
+            scale = scales[row, side]
+            for s in range(half + 1):
+                scale[s] = np.float32(1.0) / np.sqrt(max(scale[s], np.float32(1.0)))
+    score = np.empty(half + 1, np.float32)
+    for row in range(rows - 1):
+        product = products[row]
+        best, best_shift = np.float32(-2.0), 0
+        for side in range(2):
+            ahead = product[half:] if side == 0 else product[half::-1]
+            new_sum, old_sum = sums[row + 1, side], sums[row, 1 - side]
+            new_scale, old_scale = scales[row + 1, side], scales[row, 1 - side]
+            top = np.float32(-2.0)
+            for s in range(half + 1):
+                count = np.float32(pixels - s)
+                r = (count * ahead[s] - new_sum[s] * old_sum[s]) * new_scale[s] * old_scale[s]
+                score[s] = r
+                top = max(top, r)
+            if top > best:
+                best = top
+                for s in range(half + 1):
+                    if score[s] == top:
+                        best_shift = s if side == 0 else -s
+                        break
+        shift[row] = best_shift
+
+
+def compared_with_opencv(repetitions: int) -> dict[str, dict[str, float | str]]:
+    """Return how many times faster the full search is than with OpenCV.
+
+    Raises:
+        RuntimeError: they find different shifts.
+    """
+    if cv2 is None:
+        print("no OpenCV: ratio_to_match_template is left out", file=sys.stderr)
+        return {}
+    cv2.setNumThreads(1)
+    metrics: dict[str, dict[str, float | str]] = {}
+    for pixels, count, limit in ((1024, 25, 2.5), (335, 30, 5.0), (128, 156, 5.0)):
+        lines = record(pixels, count + 1, np.uint8)
+        own, theirs = (
+            METRICS["pearson"](pixels, pixels // 2),
+            MatchTemplateSearch(pixels, len(lines)),
+        )
+        shift, other, similarity = np.empty(count, int), np.empty(count, int), np.empty(count)
+        fast, slow = median_times_in_turn(
+            lambda: own.match(lines, shift, similarity),  # noqa: B023
+            lambda: theirs.match(lines, other),  # noqa: B023
+            repetitions,
+        )
+        if not np.array_equal(shift, other):
+            raise RuntimeError(f"OpenCV finds {other}, the search {shift}")
+        metrics[f"ratio_to_match_template.{pixels}px"] = {
+            "value": slow / fast,
+            "unit": "1",
+            "limit": limit,
+        }
     return metrics
 
 

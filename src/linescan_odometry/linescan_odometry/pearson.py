@@ -22,7 +22,13 @@ from linescan_odometry.measurements import Lines
 # Bound of the error of a single-precision FFT correlation, relative to |x| |y|. Measured errors
 # stay below 4e-7 up to 16384 px; what matters is only that the bound is never exceeded.
 _ROUNDING = 4e-6
-_CHUNK = 32  # pairs per FFT batch: the working set stays in the second-level cache
+# Pixels and pairs per FFT batch: a call costs as much as some short lines, while the working set
+# shall stay in the second-level cache.
+_CHUNK_PIXELS = 1 << 16
+_CHUNK = 256
+_MAGNITUDE = np.int32(0x7FFFFFFF)
+_BLOCK = 64  # shifts looked through at once for one in reach
+_NARROW = 1 << 15  # pixels of 8 bits whose sums of squares fit 32 bits
 
 _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 
@@ -32,11 +38,12 @@ class PearsonSearch:
 
     def __init__(self, pixels: int, limit: int) -> None:
         """Prepare for lines of `pixels` and shifts within +/- `limit` [px]."""
-        rows = _CHUNK + 1
+        self._chunk = min(_CHUNK, max(1, _CHUNK_PIXELS // pixels))
+        rows = self._chunk + 1
         self._pixels = pixels
         self._length = int(scipy.fft.next_fast_len(pixels + limit, real=True))
         self._padded = np.zeros((rows, self._length), np.float32)
-        self._product = np.empty((_CHUNK, self._length // 2 + 1), np.complex64)
+        self._product = np.empty((self._chunk, self._length // 2 + 1), np.complex64)
         self._sums = np.empty((rows, 2, limit + 1), np.float32)
         self._scales = np.empty((rows, 2, limit + 1), np.float32)
         self._norm = np.empty(rows, np.float32)
@@ -52,8 +59,8 @@ class PearsonSearch:
         similarity: NDArray[np.float64],
     ) -> None:
         """Compare every line with the one before it; see `search.ShiftSearch`."""
-        for first in range(0, len(lines) - 1, _CHUNK):
-            last = min(first + _CHUNK, len(lines) - 1)
+        for first in range(0, len(lines) - 1, self._chunk):
+            last = min(first + self._chunk, len(lines) - 1)
             self._match_chunk(lines[first : last + 1], shift[first:last], similarity[first:last])
 
     def _match_chunk(
@@ -87,6 +94,7 @@ def _prepare(
     """
     rows, pixels = lines.shape
     shifts = sums.shape[2]
+    running = np.empty((2, shifts), np.int64)
     for row in range(rows):
         line = lines[row]
         total = np.int64(0)
@@ -100,24 +108,21 @@ def _prepare(
             padded[row, i] = np.float32(value)
         total -= mean * pixels
         norm[row] = math.sqrt(squares)
-        head, head_squares, tail, tail_squares = total, squares, total, squares
-        for s in range(shifts):
-            count = np.int64(pixels - s)
-            sums[row, 0, s] = np.float32(head)
-            sums[row, 1, s] = np.float32(tail)
-            # Whole numbers, at most 2^60 for 16384 px of 16 bit: zero is exactly zero.
-            scales[row, 0, s] = np.float32(count * head_squares - head * head)
-            scales[row, 1, s] = np.float32(count * tail_squares - tail * tail)
-            value = np.int64(line[pixels - 1 - s]) - mean
-            head -= value
-            head_squares -= value * value
-            value = np.int64(line[s]) - mean
-            tail -= value
-            tail_squares -= value * value
         for side in range(2):
-            scale = scales[row, side]
+            part, part_squares = total, squares
+            parts, parts_squares = running[0], running[1]
             for s in range(shifts):
-                variance = scale[s]
+                parts[s] = part
+                parts_squares[s] = part_squares
+                # Unsigned indices spare the checks for negative ones.
+                value = np.int64(line[np.uint64(pixels - 1 - s if side == 0 else s)]) - mean
+                part -= value
+                part_squares -= value * value
+            into, scale = sums[row, side], scales[row, side]
+            for s in range(shifts):
+                into[s] = np.float32(parts[s])
+                # Whole numbers, at most 2^60 for 16384 px of 16 bit: zero is exactly zero.
+                variance = np.float32((pixels - s) * parts_squares[s] - parts[s] * parts[s])
                 root = np.float32(1.0) / np.sqrt(max(variance, np.float32(1.0)))
                 scale[s] = root if variance > np.float32(0.0) else np.float32(0.0)
 
@@ -145,9 +150,9 @@ def _bound(
     pixels: int,
     slack: np.float32,
     upper: NDArray[np.float32],
-) -> np.float32:
-    """Write upper bounds of the correlation by |shift|; return the largest lower bound."""
-    best = np.float32(-4.0)
+    lower: NDArray[np.float32],
+) -> float:
+    """Write upper and lower bounds of the correlation by |shift|; return the largest lower one."""
     for s in range(upper.shape[0]):
         count = np.float32(pixels - s)
         scale = new_scale[s] * old_scale[s]
@@ -155,8 +160,36 @@ def _bound(
         doubt = slack * count * scale
         penalty = np.float32(0.0) if scale > np.float32(0.0) else np.float32(8.0)
         upper[s] = r + doubt - penalty
-        best = max(best, r - doubt - penalty)
-    return best
+        lower[s] = r - doubt - penalty
+    # Compilers take the largest of whole numbers in vectors, but not that of floating-point ones.
+    # The bits of these have their order, except that negative ones run the other way.
+    bits = lower.view(np.int32)
+    best = np.int32(-0x7FFFFFFF)
+    for s in range(bits.shape[0]):
+        ordered = np.int32(bits[s] ^ (np.int32(bits[s] >> 31) & _MAGNITUDE))
+        best = ordered if ordered > best else best
+    bits[0] = np.int32(best ^ (np.int32(best >> 31) & _MAGNITUDE))
+    largest: float = lower[0]
+    return largest
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _narrow_sums(x: Lines, y: Lines) -> tuple[np.int64, np.int64, np.int64, np.int64, np.int64]:
+    """Return sum x, sum y, sum x^2, sum y^2 and sum x y, in half as wide numbers."""
+    s_x = np.int32(0)
+    s_y = np.int32(0)
+    s_xx = np.int32(0)
+    s_yy = np.int32(0)
+    s_xy = np.int32(0)
+    for i in range(x.shape[0]):
+        a = np.int32(x[i])
+        b = np.int32(y[i])
+        s_x = np.int32(s_x + a)
+        s_y = np.int32(s_y + b)
+        s_xx = np.int32(s_xx + np.int32(a * a))
+        s_yy = np.int32(s_yy + np.int32(b * b))
+        s_xy = np.int32(s_xy + np.int32(a * b))
+    return np.int64(s_x), np.int64(s_y), np.int64(s_xx), np.int64(s_yy), np.int64(s_xy)
 
 
 @njit(cache=True, nogil=True)
@@ -168,20 +201,33 @@ def _exact(x: Lines, y: Lines) -> float:
     s_xx = np.int64(0)
     s_yy = np.int64(0)
     s_xy = np.int64(0)
-    for i in range(count):
-        a = np.int64(x[i])
-        b = np.int64(y[i])
-        s_x += a
-        s_y += b
-        s_xx += a * a
-        s_yy += b * b
-        s_xy += a * b
+    if x.itemsize == 1 and count <= _NARROW:
+        s_x, s_y, s_xx, s_yy, s_xy = _narrow_sums(x, y)
+    else:
+        for i in range(count):
+            a = np.int64(x[i])
+            b = np.int64(y[i])
+            s_x += a
+            s_y += b
+            s_xx += a * a
+            s_yy += b * b
+            s_xy += a * b
     v_x = count * s_xx - s_x * s_x
     v_y = count * s_yy - s_y * s_y
     if v_x <= 0 or v_y <= 0:
         return -2.0
     r: float = (count * s_xy - s_x * s_y) / math.sqrt(np.float64(v_x) * np.float64(v_y))
     return r
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _any_within(upper: NDArray[np.float32], reach: np.float32) -> bool:
+    """Tell whether any of two rows of bounds is large enough; counting goes in vectors."""
+    count = np.int32(0)
+    ahead, behind = upper[0], upper[1]
+    for s in range(len(ahead)):
+        count = np.int32(count + np.int32(ahead[s] >= reach) + np.int32(behind[s] >= reach))
+    return bool(count > 0)
 
 
 @njit(cache=True, nogil=True)
@@ -200,32 +246,37 @@ def _decide(
     length = product.shape[1]
     shifts = upper.shape[1]
     reverse = np.empty(shifts, np.float32)
+    lower = np.empty(shifts, np.float32)
     for pair in range(shift.shape[0]):
         old, new = pair, pair + 1
         slack = np.float32(_ROUNDING) * norm[old] * norm[new]
         correlation = product[pair]
         reverse[0] = correlation[0]
         for s in range(1, shifts):
-            reverse[s] = correlation[length - s]
+            reverse[s] = correlation[np.uint64(length - s)]
         ahead = _bound(
             correlation[:shifts], sums[new, 0], sums[old, 1], scales[new, 0], scales[old, 1],
-            pixels, slack, upper[0],
+            pixels, slack, upper[0], lower,
         )  # fmt: skip
         behind = _bound(
             reverse, sums[new, 1], sums[old, 0], scales[new, 1], scales[old, 0],
-            pixels, slack, upper[1],
+            pixels, slack, upper[1], lower,
         )  # fmt: skip
         reach = max(ahead, behind)
         best, best_shift = -2.0, 0
         if reach > np.float32(-4.0):
-            for s in range(shifts):  # by size, so that the smaller motion wins a tie
-                if upper[0, s] >= reach:
-                    r = _exact(lines[new, : pixels - s], lines[old, s:])
-                    if r > best:
-                        best, best_shift = r, s
-                if s > 0 and upper[1, s] >= reach:
-                    r = _exact(lines[new, s:], lines[old, : pixels - s])
-                    if r > best:
-                        best, best_shift = r, -s
+            for first in range(0, shifts, _BLOCK):
+                behind_block = min(first + _BLOCK, shifts)
+                if not _any_within(upper[:, first:behind_block], reach):
+                    continue
+                for s in range(first, behind_block):  # by size: the smaller motion wins a tie
+                    if upper[0, s] >= reach:
+                        r = _exact(lines[new, : pixels - s], lines[old, s:])
+                        if r > best:
+                            best, best_shift = r, s
+                    if s > 0 and upper[1, s] >= reach:
+                        r = _exact(lines[new, s:], lines[old, : pixels - s])
+                        if r > best:
+                            best, best_shift = r, -s
         shift[pair] = best_shift
         similarity[pair] = max(best, -1.0)

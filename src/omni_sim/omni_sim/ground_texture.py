@@ -26,7 +26,7 @@ INCH = 0.0254
 """An inch [m]."""
 
 BLOCK = 32
-"""Texels that a period is a multiple of where it is not given, so that it can be halved."""
+"""Texels that a period is a multiple of where it is not given: whole ones can be averaged."""
 
 MOST_TEXELS = 20480
 """Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""

@@ -12,18 +12,28 @@ from numpy.typing import NDArray
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
+from omni_sim.texel_average import average_texels
+from omni_sim.texel_blocks import BLOCK
 
 LEAST_WIDTH = 10.0
 """Narrowest footprint that is integrated well [texels]."""
 
 _CACHE_LINE = 64  # bytes
-_MARGIN = 16  # texels that a run may be longer than the footprint's length times sqrt(2)
-_TEXELS_PER_PIXEL = 4  # a coarser level of the texture must still have that many
+# Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
+# for the two blocks of columns in which the integral's runs end.
+_MARGIN = 2 * 8 + 3 * BLOCK
+_TEXELS_PER_PIXEL = 4  # coarser texels must still be that many
 _TEXELS_ACROSS = 128  # and that many across the footprint
-# Across a wide footprint so many texels are averaged that one for each pixel is enough.
-_ENOUGH_ACROSS = 400
-_MOST_TEXELS = 12288  # per period of a level, which takes up to 0.5 GB
-_BAND = 512  # rows halved at a time
+# Across a wide footprint so many texels are averaged that little more than one for each pixel is
+# enough.
+_LEAST_PER_PIXEL = 1.15
+_ENOUGH_ACROSS = 450
+_MOST_TEXELS = 9472  # per period, which take a quarter of a gigabyte: 20 cm at 1200 dpi
+_LEAST_RATIO = (
+    1.25  # of coarser texels to those of the ground, for which they are worth their error
+)
+_MORE_WHOLE = 1.1  # times as many texels, if they consist of whole ones
+_BAND = 64  # rows transposed at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +48,7 @@ class PaddedTexture:
         stride: length of a padded row [texels].
         texel: edge of a texel [m].
         reach: longest footprint that may be integrated [m].
+        averaged: whether the texels are means of finer ones.
     """
 
     rows: NDArray[np.int8]
@@ -47,30 +58,49 @@ class PaddedTexture:
     stride: int
     texel: float
     reach: float
+    averaged: bool
 
     @classmethod
-    def build(cls, texture: GroundTexture, reach: float) -> PaddedTexture:
+    def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
         """Prepare a texture.
+
+        Nothing is held twice meanwhile: a ground may have a third of a gigabyte.
 
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
+            texels: per period, at most those of the ground; 0 for just these.
         """
-        texels = len(texture.grey)
-        columns = math.ceil(math.sqrt(2.0) * reach / texture.texel) + _MARGIN
+        texels = texels or len(texture.grey)
+        texel = texture.size / texels
+        columns = math.ceil(math.sqrt(2.0) * reach / texel) + _MARGIN
         # An odd number of cache lines per row: a power of two would map all rows on a few sets.
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
         grey = texture.grey
         middle = min(max(round(float(grey.mean())), int(grey.max()) - 127), int(grey.min()) + 128)
-        centred = (grey - np.uint8(middle)).view(np.int8)  # modulo 256, as two's complement
+        rows = np.empty((texels, stride), np.int8)
+        if texels == len(grey):
+            # Modulo 256, as two's complement.
+            np.subtract(grey, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
+        else:
+            average_texels(grey, middle, rows)
+        turned = np.empty((texels, stride), np.int8)
+        for first in range(0, texels, _BAND):
+            band = rows[:, first : min(first + _BAND, texels)]
+            turned[first : first + _BAND, :texels] = band.T
+        for padded in (rows, turned):
+            for start in range(texels, stride, texels):
+                end = min(start + texels, stride)
+                padded[:, start:end] = padded[:, : end - start]
         return cls(
-            rows=_continued(centred, stride),
-            columns=_continued(np.ascontiguousarray(centred.T), stride),
+            rows=rows.reshape(-1),
+            columns=turned.reshape(-1),
             middle=middle,
             texels=texels,
             stride=stride,
-            texel=texture.texel,
+            texel=texel,
             reach=reach,
+            averaged=texels < len(grey),
         )
 
     @property
@@ -79,46 +109,24 @@ class PaddedTexture:
         return self.rows.nbytes + self.columns.nbytes
 
 
-def halved(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a texture of half as many texels per period, each the rounded mean of 2 x 2.
-
-    Halves are rounded up and down in the pattern of a chess-board: always up would brighten the
-    texture by an eighth of a grey level.
-    """
-    result = np.empty((len(texture) // 2, texture.shape[1] // 2), np.uint8)
-    for first in range(0, len(result), _BAND):
-        rows = texture[2 * first : 2 * (first + _BAND)]
-        total = rows[0::2, 0::2].astype(np.uint16)
-        total += rows[1::2, 0::2]
-        total += rows[0::2, 1::2]
-        total += rows[1::2, 1::2]
-        total[0::2, 0::2] += 2
-        total[1::2, 1::2] += 2
-        total[0::2, 1::2] += 1
-        total[1::2, 0::2] += 1
-        result[first : first + _BAND] = total >> 2
-    return result
-
-
 def padded_levels(
     sensors: Mapping[str, LineSensor], texture: GroundTexture
 ) -> dict[str, PaddedTexture]:
-    """Return the ground for each sensor, the coarsest level that shows it the same lines.
+    """Return the ground for each sensor, with the coarsest texels that show it the same lines.
 
     Raises:
         ConfigurationError: a footprint is longer or wider than the period of the ground, or
             narrower than 10 texels.
     """
     check_footprints(sensors, texture)
-    levels = {name: _level(sensor, texture) for name, sensor in sensors.items()}
-    padded: dict[int, PaddedTexture] = {}
-    grey = texture.grey
-    for level in range(max(levels.values(), default=-1) + 1):
-        grey = halved(grey) if level > 0 else grey
-        lengths = [sensors[name].length for name in sensors if levels[name] == level]
-        if lengths:
-            padded[level] = PaddedTexture.build(GroundTexture(grey, texture.size), max(lengths))
-    return {name: padded[level] for name, level in levels.items()}
+    texels = {name: _texels(sensor, texture) for name, sensor in sensors.items()}
+    padded = {
+        count: PaddedTexture.build(
+            texture, max(sensors[name].length for name in sensors if texels[name] == count), count
+        )
+        for count in sorted(set(texels.values()))
+    }
+    return {name: padded[count] for name, count in texels.items()}
 
 
 def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) -> None:
@@ -144,25 +152,24 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
             )
 
 
-def _level(sensor: LineSensor, texture: GroundTexture) -> int:
-    """Return how often a texture may be halved for a sensor."""
-    texels = len(texture.grey)
+def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
+    """Return how many texels per period a sensor needs.
+
+    What a coarse texel loses is how grey is distributed within it. That matters only where the
+    edge of a pixel cuts it: each of the texels along an edge errs by a share of the contrast
+    within, on most grounds independently of the others. So the error of a pixel goes by the
+    texel's size over the pixel's pitch and by the inverse square root of the texels across. Lines
+    across the grain of wood have the error of a single texel; these set the least per pixel.
+    """
     coarsest = max(
         min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
-        min(sensor.pixel_pitch, sensor.width / _ENOUGH_ACROSS),
+        min(sensor.pixel_pitch / _LEAST_PER_PIXEL, sensor.width / _ENOUGH_ACROSS),
     )
-    level = max(0, math.floor(math.log2(coarsest / texture.texel) + 1e-9))
-    while texels >> level > _MOST_TEXELS:
-        level += 1
-    while texels % 2**level:
-        level -= 1
-    return level
-
-
-def _continued(texture: NDArray[np.int8], stride: int) -> NDArray[np.int8]:
-    texels = len(texture)
-    padded = np.empty((texels, stride), dtype=np.int8)
-    for start in range(0, stride, texels):
-        end = min(start + texels, stride)
-        padded[:, start:end] = texture[:, : end - start]
-    return padded.reshape(-1)
+    texels = len(texture.grey)
+    if coarsest >= _LEAST_RATIO * texture.texel:
+        needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
+        # Texels that consist of whole ones, where about as many do, show more of a fine edge.
+        whole = texels // needed
+        texels = texels // whole if texels % whole == 0 else needed
+        texels = texels if texels <= _MORE_WHOLE * needed else needed
+    return min(texels, _MOST_TEXELS)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omni_sim.footprint_integral import integrate_lines
 from omni_sim.footprint_reference import integrate_exactly
 from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
-from omni_sim.padded_texture import PaddedTexture, halved
+from omni_sim.padded_texture import PaddedTexture
 
 SIZE = 0.05
 TEXELS = 1024
@@ -178,12 +178,61 @@ def test_random_footprints_stay_inside_the_texture() -> None:
         assert small.grey.min() - 1.0 <= got.min() <= got.max() <= small.grey.max() + 1.0
 
 
-def test_halving_keeps_the_mean() -> None:
-    half = halved(CORK.grey)
-    assert half.shape == (TEXELS // 2, TEXELS // 2)
-    exact = CORK.grey.reshape(TEXELS // 2, 2, TEXELS // 2, 2).mean(axis=(1, 3))
-    assert np.abs(half - exact).max() <= 0.5
-    assert half.mean() == pytest.approx(CORK.grey.mean(), abs=0.01)
+def levels(texture: PaddedTexture) -> NDArray[np.int64]:
+    padded = texture.rows.reshape(texture.texels, texture.stride)
+    return padded[:, : texture.texels].astype(np.int64) + texture.middle
+
+
+@pytest.mark.parametrize("texels", [512, 341, 256, 300])
+def test_coarse_texels_are_the_means_of_their_areas(texels: int) -> None:
+    # The integral over a coarse texel is a difference of the integral at its edges.
+    fine = CORK.grey.astype(np.float64)
+    edges = np.arange(texels + 1) * TEXELS / texels
+    for axis in (0, 1):
+        integral = np.insert(np.cumsum(fine, axis=axis), 0, 0.0, axis=axis)
+        whole = np.minimum(edges.astype(int), TEXELS - 1)
+        part = (edges - whole).reshape((-1, 1) if axis == 0 else (1, -1))
+        before = np.take(integral, whole, axis=axis)
+        at_edges = before + part * (np.take(integral, whole + 1, axis=axis) - before)
+        fine = np.diff(at_edges, axis=axis) * texels / TEXELS
+    coarse = levels(PaddedTexture.build(CORK, 0.05, texels))
+    assert np.abs(coarse - fine).max() <= 0.5 + 1e-9
+    assert coarse.mean() == pytest.approx(CORK.grey.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["asphalt", "wood"])
+def test_coarse_texels_show_the_ground_as_it_is_in_full(kind: str) -> None:
+    # Across the grain of wood, at 90 deg, a line is a bar code: nothing is averaged.
+    ground = generate_texture(TextureConfiguration(kind=kind, size=SIZE, texels=TEXELS))
+    coarse = PaddedTexture.build(ground, 0.05, TEXELS // 2)
+    for heading_deg in (0.0, 20.0, 90.0, 133.0):
+        centres = np.array([(x, 0.3 * x, math.radians(heading_deg)) for x in (0.011, 0.024, 0.03)])
+        exact = [
+            integrate_exactly(ground.grey, SIZE, tuple(centre), 0.04, 0.0195, 102)
+            for centre in centres
+        ]
+        got = integrate_lines(coarse, centres, 0.04, 0.0195, 102)
+        assert rms(np.asarray(got - exact, dtype=np.float64)) < 0.15
+
+
+def test_wide_footprints_of_coarse_texels_do_not_overflow() -> None:
+    half = np.zeros((2048, 2048), np.uint8)
+    half[:, 1024:] = 255
+    coarse = PaddedTexture.build(GroundTexture(half, SIZE), SIZE, 1500)
+    centres = np.array([(0.25 * SIZE, 0.0, 0.0), (0.75 * SIZE, 0.01, 0.0)])
+    black, white = integrate_lines(coarse, centres, 0.4 * SIZE, SIZE, 16)
+    np.testing.assert_allclose(black, 0.0, atol=1e-3)
+    np.testing.assert_allclose(white, 255.0, atol=1e-3)
+
+
+def test_the_turned_texture_is_the_transposed_one_and_both_go_on_periodically() -> None:
+    for texels in (TEXELS, 300):
+        texture = PaddedTexture.build(CORK, 0.05, texels)
+        rows = texture.rows.reshape(texels, texture.stride)
+        columns = texture.columns.reshape(texels, texture.stride)
+        wrapped = np.arange(texture.stride) % texels
+        np.testing.assert_array_equal(rows, rows[:, wrapped])
+        np.testing.assert_array_equal(columns, rows[:, :texels].T[:, wrapped])
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

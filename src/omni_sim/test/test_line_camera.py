@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +161,53 @@ def test_coarse_pixels_use_a_coarser_level_and_look_the_same() -> None:
         greys = camera.greys(np.array([[0.01, 0.02, heading]]))[0]
         exact = integrate_exactly(fine.grey, SIZE, (0.01, 0.02, heading), 0.05, 0.0195, 64)
         assert np.sqrt(np.mean((greys - exact) ** 2)) < 0.15
+
+
+def test_a_camera_takes_as_many_texels_on_a_ground_of_any_resolution() -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, length=0.05, width=0.0195)
+    for texels, expected in ((1024, 1024), (4096, 2048), (5000, 2048), (6144, 2048)):
+        ground = GroundTexture(np.zeros((texels, texels), np.uint8), 0.2)
+        assert array(ground, {"one": sensor}).cameras["one"].texels == expected
+
+
+_TURN_AROUND = """
+import math
+import sys
+import numpy as np
+from omni_platform.sensors import LineSensor
+from omni_sim.ground_texture import GroundTexture
+from omni_sim.line_camera import CameraConfiguration, LineCameraArray
+
+texels = int(sys.argv[1])
+grey = np.full((texels, texels), 100, np.uint8)
+grey[::2] = 120
+texture = GroundTexture(grey, texels * 0.0254 / 2400.0)
+sensors = {
+    "wide": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
+    "narrow": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025),
+}
+seed = np.random.SeedSequence(1)
+array = LineCameraArray(sensors, texture, CameraConfiguration(), seed, threads=1)
+poses = np.zeros((72, 3))
+poses[:, 2] = np.linspace(0.0, 2.0 * math.pi, 72)
+lines = array.render(dict.fromkeys(sensors, poses))
+assert all(abs(float(line.mean()) - 110.0) < 1.0 for line in lines.values())
+with open("/proc/self/status") as status:
+    print(next(line for line in status if line.startswith("VmHWM:")).split()[1])
+"""
+
+
+def test_a_ground_of_2400_dpi_takes_less_than_a_gigabyte_at_every_heading() -> None:
+    # The peak of a process of its own, with the finest and the usual camera over 20 cm.
+    texels = 18912
+    peak = subprocess.run(
+        [sys.executable, "-c", _TURN_AROUND, str(texels)],
+        check=True,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    ).stdout
+    assert texels**2 < int(peak) * 1024 < 0.92e9
 
 
 @pytest.mark.parametrize(

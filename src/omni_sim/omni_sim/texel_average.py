@@ -1,0 +1,50 @@
+"""Looks at a texture with larger texels, each the exact mean of the area that it covers.
+
+Larger texels keep the integral over every area that they tile. The period may hold any number of
+them: a texel then takes its share of those that its edges cut. All is whole-number arithmetic.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True)
+def average_texels(grey: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
+    """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, less `middle`.
+
+    Halves are rounded up and down in the pattern of a chess-board: always up would brighten a
+    texture of 2 x 2 texels each by an eighth of a grey level.
+
+    Args:
+        grey: shape (n, n).
+        middle: grey level that becomes 0.
+        averages: at most n rows, as many as there shall be texels per period.
+    """
+    fine, coarse = len(grey), len(averages)
+    # A fine texel is `coarse` units long, a coarse one `fine` units.
+    area = np.int64(fine) * fine
+    sums = np.empty(fine, np.int32)
+    for i in range(coarse):
+        sums[:] = 0
+        low = i * fine
+        for j in range(low // coarse, (low + fine - 1) // coarse + 1):
+            share = np.int32(min(low + fine, (j + 1) * coarse) - max(low, j * coarse))
+            row = grey[j]
+            for c in range(fine):
+                sums[c] += share * np.int32(row[c])
+        j = 0
+        for k in range(coarse):
+            end = (k + 1) * fine
+            at = k * fine
+            total = np.int64(0)
+            while at < end:
+                until = min(end, (j + 1) * coarse)
+                total += (until - at) * np.int64(sums[j])
+                at = until
+                if at == (j + 1) * coarse:
+                    j += 1
+            rounded = (2 * total + area - ((i + k) & 1)) // (2 * area)
+            averages[i, k] = rounded - middle
