@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.covers import Covers
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
     FloatArray,
@@ -35,8 +36,8 @@ __all__ = [
 ]
 
 _UNKNOWNS = 3  # components of the twist
-_STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
+_SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost to rounding
 
 
 class LineScanOdometry:
@@ -55,6 +56,7 @@ class LineScanOdometry:
         }
         self._axle = configuration.kinematics.axle
         self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever, self._axle)
+        self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._stamp_ns = 0
 
     def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
@@ -74,7 +76,13 @@ class LineScanOdometry:
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, batches.get(name)) for name in self._sensors}
-        return self._estimate(readings)
+        if self._covers is None:
+            return self._estimate(readings)
+        readings |= self._covers.stopped(self._stamp_ns, readings)
+        estimate = self._estimate(readings)
+        if estimate.measured:
+            self._covers.remember(self._stamp_ns, estimate.twist)
+        return estimate
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first update is as fast as the others.
@@ -101,7 +109,9 @@ class LineScanOdometry:
     def _estimate(self, readings: dict[str, SensorReading]) -> TwistEstimate:
         measured = tuple(reading.measured for reading in readings.values())
         velocity = np.array([reading.velocity for reading in readings.values()])
-        variance = np.array([max(r.variance, _MINIMUM_VARIANCE) for r in readings.values()])
+        variance = np.array([r.variance for r in readings.values()])
+        largest = float(np.max(variance, where=np.array(measured), initial=0.0))
+        variance = np.maximum(variance, max(_SMALLEST_SHARE * largest, _MINIMUM_VARIANCE))
         assumed = False
         if self._axle is not None:
             speed = float(np.max(np.abs(velocity), where=np.array(measured), initial=0.0))
@@ -114,20 +124,23 @@ class LineScanOdometry:
             covariance = UNMEASURED_VARIANCE * np.eye(3)
             return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
         twist, covariance = self._solver.solve(velocity, variance, measured)
-        if self._configuration.cover_detection:
-            covered = self._covered(readings, twist)
-            if covered:
-                return self._estimate(readings | covered)
         limit = self._configuration.contradiction_limit
+        score = 0.0
         if sum(measured) > _UNKNOWNS and limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
             worst = int(np.argmax(scores))
-            if scores[worst] > limit:
-                others = tuple(use and i != worst for i, use in enumerate(measured))
-                if sum(others) > _UNKNOWNS and not self._solver.problem(others):
-                    return self._without(readings, worst, float(scores[worst]))
-                # Too few to tell which one is wrong: the variances grow until they explain it.
-                covariance = covariance * float(scores[worst]) ** 2
+            score = float(scores[worst])
+            others = tuple(use and i != worst for i, use in enumerate(measured))
+            if score > limit and sum(others) > _UNKNOWNS and not self._solver.problem(others):
+                return self._without(readings, worst, score)
+        # A twist that a wrong sensor has part in would find the good ones covered.
+        if self._covers is not None:
+            covered = self._covers.contradicted(readings, twist)
+            if covered:
+                return self._estimate(readings | covered)
+        if score > limit > 0.0:
+            # Too few to tell which one is wrong: the variances grow until they explain it.
+            covariance = covariance * score**2
         skid = ""
         if self._axle is not None and not assumed:
             skid = self._skid(self._axle, twist, covariance, float(variance[-1]))
@@ -147,37 +160,11 @@ class LineScanOdometry:
         )
         return self._estimate(readings | {name: left_out})
 
-    def _covered(
-        self, readings: dict[str, SensorReading], twist: FloatArray
-    ) -> dict[str, SensorReading]:
-        """Return the sensor whose view stands most clearly still while it moves, if there is one.
-
-        A cover, dirt or a dead optic stands still along the axis, which is nothing unusual: the
-        platform may move across. But then the view would change.
-        """
-        farthest, covered = _STILL_SHARE, {}
-        for name, sensor in self._configuration.sensors.items():
-            still = readings[name].still_time
-            if not readings[name].measured or still == 0.0:
-                continue
-            across = (twist[1] + twist[2] * sensor.x) * math.cos(sensor.heading) - (
-                twist[0] - twist[2] * sensor.y
-            ) * math.sin(sensor.heading)
-            share = abs(across) * still / sensor.width
-            if share > farthest:
-                farthest = share
-                reason = (
-                    f"covered: its view stands still, but the platform moves across it at "
-                    f"{abs(across):.3g} m/s"
-                )
-                covered = {name: SensorReading.unmeasured(reason, readings[name].correlation)}
-        return covered
-
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
         """Say how far what the sensors see is from what the kinematics allow, if it is too far."""
         row = np.array([0.0, 1.0, axle])
         sideways = float(row @ twist)
-        score = abs(sideways) / math.sqrt(float(row @ covariance @ row) + variance)
+        score = abs(sideways) / math.sqrt(max(float(row @ covariance @ row), 0.0) + variance)
         limit = self._configuration.contradiction_limit
         if limit == 0.0 or score <= limit:
             return ""

@@ -20,7 +20,8 @@ from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
-_STILL_CORRELATION = 0.05  # by which they may be less alike than neighbouring lines
+_STILL_PAIRS = 4
+_STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,22 +152,31 @@ class SensorOdometry:
         )
 
     def _still_time(self, lines: Lines, displacement: float, correlation: float) -> float:
-        """Return the duration of the batch if its ends show the same, pixel by pixel, else 0 [s].
+        """Return how long the view has not changed, pixel by pixel, if for the whole batch, else 0.
+
+        The newest line is compared with older ones from all over the batch, less its first line,
+        which was taken before: on a ground that repeats itself the ends alone may be alike.
 
         Args:
             lines: of the batch, shape (m + 1, pixels).
             displacement: mean over the pairs [px].
             correlation: mean over the pairs [1].
+
+        Returns:
+            Time between the lines that were compared [s].
         """
         span = len(lines) - 1
-        if abs(displacement) * span > _STILL_DISPLACEMENT:
+        if span < _STILL_PAIRS or abs(displacement) * span > _STILL_DISPLACEMENT:
             return 0.0
-        first, last = lines[0] - lines[0].mean(), lines[-1] - lines[-1].mean()
-        alike = float(first @ last)
-        needed = max(0.0, correlation - _STILL_CORRELATION) * math.sqrt(
-            float(first @ first) * float(last @ last)
-        )
-        return span / self._sensor.line_rate if alike > needed else 0.0
+        # What stands still differs by its noise, however long it is looked at.
+        least = max(0.0, 1.0 - 2.0 * (1.0 - correlation) - _STILL_TOLERANCE)
+        newest = lines[-1] - lines[-1].mean()
+        for older in (lines[1], lines[span // 3], lines[span // 2]):
+            part = older - older.mean()
+            likeness = math.sqrt(float(part @ part) * float(newest @ newest))
+            if float(part @ newest) <= least * likeness:
+                return 0.0
+        return (span - 1) / self._sensor.line_rate
 
     def _span(self, lines: Lines, displacement: float, variance: float) -> tuple[float, float]:
         """Compare the newest line with the oldest, if that tells the mean displacement better.

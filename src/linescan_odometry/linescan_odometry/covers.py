@@ -1,0 +1,114 @@
+"""Tells cameras that look at something that moves with them, such as a lid or dirt on the lens.
+
+What moves with the camera matches itself perfectly, at a displacement of zero. That alone is
+nothing unusual: the platform may stand still, or move across the axis. But standing still, it
+cannot have come to rest faster than a vehicle can; and moving across, the view would change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from linescan_odometry.measurements import FloatArray, SensorReading
+from omni_platform.sensors import LineSensor
+
+_STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
+_STILL_PIXELS = 2.0  # likewise along the axis
+_HARDEST_STOP = 50.0  # m/s^2
+
+
+class Covers:
+    """Remembers how the cameras moved and which of them were found covered."""
+
+    def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
+        """Start with no camera covered, and at rest."""
+        self._sensors = sensors
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._covered: dict[str, str] = {}
+        self._twist = np.zeros(3)
+        self._stamp_ns = 0
+
+    def remember(self, stamp_ns: int, twist: FloatArray) -> None:
+        """Take a twist (v_x, v_y [m/s], yaw rate [rad/s]) as measured at a time [ns]."""
+        self._stamp_ns = stamp_ns
+        self._twist = twist
+
+    def stopped(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return the readings of cameras whose view stopped as no vehicle can, unmeasured.
+
+        A camera stays covered until its view changes.
+
+        Args:
+            stamp_ns: of the readings [ns].
+            readings: of all cameras by name.
+        """
+        if stamp_ns < self._stamp_ns:  # a recording that is played again
+            self._start_anew()
+        elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
+        dismissed = {}
+        for name, reading in readings.items():
+            if reading.still_time == 0.0:
+                self._covered.pop(name, None)
+                continue
+            along, across = self._velocity(name, self._twist)
+            speed = math.hypot(along, across)
+            if speed > _HARDEST_STOP * elapsed and self._would_show(
+                name, along, across, reading.still_time
+            ):
+                self._covered[name] = (
+                    f"covered: its view stands still, {1e3 * elapsed:.3g} ms after it moved at "
+                    f"{speed:.3g} m/s"
+                )
+            if name in self._covered:
+                dismissed[name] = SensorReading.unmeasured(self._covered[name], reading.correlation)
+        return dismissed
+
+    def contradicted(
+        self, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the reading of the camera that most clearly moves across a still view, unmeasured.
+
+        Args:
+            readings: of all cameras by name.
+            twist: that they gave together.
+
+        Returns:
+            One reading by its name, or none.
+        """
+        farthest, covered = _STILL_SHARE, {}
+        for name, reading in readings.items():
+            if not reading.measured or reading.still_time == 0.0:
+                continue
+            _, across = self._velocity(name, twist)
+            share = abs(across) * reading.still_time / self._sensors[name].width
+            if share > farthest:
+                farthest = share
+                reason = (
+                    "covered: its view stands still, but the platform moves across it at "
+                    f"{abs(across):.3g} m/s"
+                )
+                covered = {name: SensorReading.unmeasured(reason, reading.correlation)}
+        return covered
+
+    def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
+        """Return whether a motion would have changed the view."""
+        sensor = self._sensors[name]
+        return (
+            abs(across) * duration > _STILL_SHARE * sensor.width
+            or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
+        )
+
+    def _velocity(self, name: str, twist: FloatArray) -> tuple[float, float]:
+        """Return the velocity of a camera along and across its axis (to its left) [m/s]."""
+        sensor = self._sensors[name]
+        v_x = float(twist[0] - twist[2] * sensor.y)  # Eq. (23)
+        v_y = float(twist[1] + twist[2] * sensor.x)
+        c, s = math.cos(sensor.heading), math.sin(sensor.heading)
+        return v_x * c + v_y * s, v_y * c - v_x * s
