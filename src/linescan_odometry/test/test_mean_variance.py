@@ -112,7 +112,7 @@ def test_one_block_that_holds_all_the_texture_tells_nothing() -> None:
 def test_straight_motion_is_stated_as_accurate_as_it_is(speed: float, expose: Expose) -> None:
     generator = np.random.default_rng(6)
     refiner = SubpixelRefiner(512, 4)
-    ratios, cancelled = np.empty((2, 120))
+    ratios, cancelled = np.empty((2, 250))
     for i in range(len(ratios)):
         motion = speed * generator.uniform(0.9, 1.1)
         positions = generator.uniform(-1000.0, 3000.0) + motion * np.arange(26)
@@ -124,9 +124,9 @@ def test_straight_motion_is_stated_as_accurate_as_it_is(speed: float, expose: Ex
         ratios[i] = (displacement.mean() - motion) ** 2 / stated
         cancelled[i] = stated / (variance.mean() / 25)
     # The noise of the lines in between cancels, but for what one of two pairs does not see.
-    assert cancelled.mean() < 0.1 + 2.0 * abs(speed) / 512
-    # +- 0.13 by chance; fast motion is judged on the safe side
-    assert 0.4 < ratios.mean() < 1.5
+    assert cancelled.mean() < 0.1 + 3.0 * abs(speed) / 512
+    # 250 trials scatter by 10 %. Fast motion is judged on the safe side.
+    assert (0.7 if abs(speed) < 1.0 else 0.45) < ratios.mean() < 1.3
 
 
 def test_pairs_left_out_count_neither_for_nor_against(expose: Expose) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.twist import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_platform.configuration import (
     Configuration,
@@ -90,6 +91,26 @@ class ExperimentConfiguration(Configuration):
                 "simulation.render_lines",
                 "must be true for optical feedback; feedback=velocity_sensor needs no lines",
             )
+
+    def check_drivable(self) -> None:
+        """Refuse what cannot work with a simulated vehicle, which has no axle that grips sideways.
+
+        A recording may be of one that has, and be replayed with the same configuration.
+
+        Raises:
+            ConfigurationError: the odometry needs such an axle for its twist.
+        """
+        odometry = self.odometry
+        if self.feedback != "optical" or odometry.kinematics.axle is None:
+            return
+        try:
+            check_placement(odometry.sensors, odometry.minimum_lever)
+        except ConfigurationError as error:
+            raise ConfigurationError(
+                "odometry.kinematics.constraint",
+                "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
+                f"line camera; it takes three that suffice by themselves ({error.problem})",
+            ) from None
 
     def simulator(self) -> SimulatorConfiguration:
         """Return the part that the simulator is configured with."""

@@ -172,3 +172,18 @@ def test_an_experiment_elsewhere_uses_the_parts_of_the_library(
     )
     assert library.variants(str(path)) == ["only"]
     assert library.load(str(path), "only").brake_assist.weighting == "cosine"
+
+
+def test_a_simulated_vehicle_has_no_axle_that_grips() -> None:
+    axle = ["odometry.kinematics.constraint=unsteered_axle", "odometry.kinematics.axle_x=-0.6"]
+    library = ExperimentLibrary(CONFIG)
+    alone = library.load("straight_line", "assisted", ["sensors=ackermann", *axle])
+    with pytest.raises(ConfigurationError, match="wheels with rollers slip sideways"):
+        alone.check_drivable()
+    # Three cameras measure by themselves, and tell when the axle skids; recordings may be replayed.
+    library.load("straight_line", "assisted", axle).check_drivable()
+    library.load(
+        "straight_line",
+        "assisted",
+        ["sensors=ackermann", "feedback=velocity_sensor", *axle],
+    ).check_drivable()

@@ -125,6 +125,18 @@ def test_the_twist_is_as_accurate_as_it_says(
         assert 0.65 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
 
 
+def test_a_covariance_of_nothing_is_no_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(covariance, "_GROUNDS", ("cork",))
+    monkeypatch.setattr(covariance, "_CAMERAS", {"s3901": covariance._CAMERAS["s3901"]})
+    monkeypatch.setattr(covariance, "_MOTIONS", {"slow": covariance._MOTIONS["slow"]})
+    result = study(covariance, tmp_path, "--starts", "2", "--noise", "50")
+    assert result.findings == ("Nothing was measured.",)
+    assert result.metrics["measured_share.s3901_cork"].value == 0.0
+    assert math.isnan(result.metrics["normalised_error_squared.all"].value)
+
+
 def test_straight_motion_is_right_up_to_the_limit_and_not_beyond(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

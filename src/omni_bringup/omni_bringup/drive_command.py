@@ -92,7 +92,9 @@ def _compose(library: ExperimentLibrary, options: argparse.Namespace) -> Experim
         raise ConfigurationError("--out", f"{options.out} exists; choose another")
     vehicle = [f"vehicle={options.vehicle}"] if options.vehicle is not None else []
     variant = library.variants(options.experiment)[-1]
-    return library.load(options.experiment, variant, [*vehicle, *options.overrides])
+    configuration = library.load(options.experiment, variant, [*vehicle, *options.overrides])
+    configuration.check_drivable()
+    return configuration
 
 
 def drive_nodes(

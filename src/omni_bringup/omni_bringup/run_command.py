@@ -93,6 +93,8 @@ def _compose(
     configurations = {
         variant: library.load(options.experiment, variant, overrides) for variant in variants
     }
+    for configuration in configurations.values():
+        configuration.check_drivable()
     prepare_grounds(configurations.values(), TextureCache.of_user())
     return configurations
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.search import METRICS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
@@ -118,9 +119,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--peak-recovery",
         type=int,
-        default=4,
+        default=OdometryConfiguration.peak_recovery,
         metavar="PX",
-        help="as the odometry's parameter of this name, 0 is its default (default here: 4)",
+        help="as the odometry's parameter of this name (default: %(default)s)",
     )
     parser.add_argument(
         "--pairs",

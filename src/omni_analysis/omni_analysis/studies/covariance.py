@@ -88,13 +88,14 @@ class Case:
     @property
     def mean(self) -> float:
         """Mean of `squares`."""
-        return float(self.squares.mean())
+        return _mean(self.squares)
 
     @property
     def standard_error(self) -> float:
         """Of the mean, from one start to the other: batches from one start are not independent."""
-        means = [trial.normalised_error_squared.mean() for trial in self.trials]
-        return float(np.std(means, ddof=1)) / math.sqrt(len(means))
+        squares = [trial.normalised_error_squared for trial in self.trials]
+        means = [s.mean() for s in squares if len(s)]
+        return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
 
     @property
     def measured(self) -> float:
@@ -166,6 +167,10 @@ def _drive(name: str, kind: str, options: argparse.Namespace) -> list[Case]:
     return cases
 
 
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
 def _metrics(cases: list[Case]) -> dict[str, Metric]:
     metrics = {}
     for name in _CAMERAS:
@@ -174,18 +179,24 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
             pooled = np.concatenate([case.squares for case in own])
             measured = float(np.mean([case.measured for case in own]))
             metrics[f"normalised_error_squared.{name}_{kind}"] = Metric(
-                float(pooled.mean()), "1", reference=1.0
+                _mean(pooled), "1", reference=1.0
             )
             metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
     every = np.concatenate([case.squares for case in cases])
-    metrics["normalised_error_squared.all"] = Metric(float(every.mean()), "1", reference=1.0)
-    right = [_LOW <= case.mean <= _HIGH for case in cases]
-    metrics["right_share.all"] = Metric(float(np.mean(right)), "1")
+    metrics["normalised_error_squared.all"] = Metric(_mean(every), "1", reference=1.0)
+    right = [_LOW <= case.mean <= _HIGH for case in cases if len(case.squares)]
+    metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
     return metrics
 
 
 def _findings(cases: list[Case]) -> tuple[str, ...]:
-    means = {f"{case.camera}, {case.ground}, {case.motion}": case.mean for case in cases}
+    means = {
+        f"{case.camera}, {case.ground}, {case.motion}": case.mean
+        for case in cases
+        if len(case.squares)
+    }
+    if not means:
+        return ("Nothing was measured.",)
     every = np.concatenate([case.squares for case in cases])
     right = sum(_LOW <= value <= _HIGH for value in means.values())
     worst = max(means, key=lambda name: abs(math.log(means[name])))
@@ -199,8 +210,8 @@ def _findings(cases: list[Case]) -> tuple[str, ...]:
 def _row(case: Case) -> tuple[str | float, ...]:
     error = np.concatenate([trial.error for trial in case.trials])
     covariance = np.concatenate([trial.covariance for trial in case.trials])
-    rmse = np.sqrt(np.mean(error**2, axis=0))
-    stated = np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0))
+    rmse = [math.sqrt(_mean(column**2)) for column in error.T]
+    stated = [math.sqrt(_mean(covariance[:, i, i])) for i in range(3)]
     return (
         case.camera, case.ground, case.motion, *case.trials[0].twist, case.measured,
         case.mean, case.standard_error, *rmse, *stated,
