@@ -118,7 +118,7 @@ class LineScanOdometry:
             covered = self._covered(readings, twist)
             if covered:
                 return self._estimate(readings | covered)
-        limit = self._configuration.contradiction_limit
+        limit, inflation = self._configuration.contradiction_limit, 1.0
         if sum(measured) > _UNKNOWNS and limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
             worst = int(np.argmax(scores))
@@ -127,13 +127,16 @@ class LineScanOdometry:
                 if sum(others) > _UNKNOWNS and not self._solver.problem(others):
                     return self._without(readings, worst, float(scores[worst]))
                 # Too few to tell which one is wrong: the variances grow until they explain it.
-                covariance = covariance * float(scores[worst]) ** 2
+                inflation = float(scores[worst]) ** 2
+                covariance = covariance * inflation
         skid = ""
         if self._axle is not None and not assumed:
             skid = self._skid(self._axle, twist, covariance, float(variance[-1]))
             if skid and sum(measured) == _UNKNOWNS:
                 skid += "; or one of the three sensors is wrong"
-        return TwistEstimate(self._stamp_ns, twist, covariance, True, readings, assumed, skid)
+        return TwistEstimate(
+            self._stamp_ns, twist, covariance, True, readings, assumed, skid, inflation
+        )
 
     def _without(
         self, readings: dict[str, SensorReading], worst: int, score: float

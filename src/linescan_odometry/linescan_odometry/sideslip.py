@@ -166,8 +166,9 @@ class WheelSideslip:
         if not estimate.measured:
             return SideslipEstimate.unmeasured("the twist is not measured")
         # An error of the camera is in the twist as well: least squares give both C a in common.
+        # C is inflated where the sensors contradict each other, and so must be the camera's part.
         joint = np.empty((4, 4))
-        joint[0, 0] = reading.variance
+        joint[0, 0] = estimate.inflation * reading.variance
         joint[1:, 1:] = estimate.covariance
         joint[0, 1:] = joint[1:, 0] = estimate.covariance @ self._sensor_row
         rows = np.zeros((3, 4))
