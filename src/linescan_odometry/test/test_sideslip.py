@@ -212,8 +212,9 @@ def test_the_monitor_names_every_wheel(expose: Expose) -> None:
     ("changes", "key", "words"),
     [
         ({"sensor": "rear"}, "sideslip.front.sensor", "'rear' is not one of the sensors left"),
-        ({"sensor": "left"}, "sideslip.front.sensor", "looks 80 deg away"),
-        ({"steering_deg": 40.0}, "sideslip.front.sensor", "looks 35 deg away"),
+        ({"sensor": "left"}, "sideslip.front.sensor", r"looks 80\.0 deg away"),
+        ({"steering_deg": 40.0}, "sideslip.front.sensor", r"looks 35\.0 deg away"),
+        ({"steering_deg": 35.3}, "sideslip.front.sensor", r"looks 30\.3 deg away"),
     ],
 )
 def test_cameras_that_do_not_see_the_slide_are_refused(
@@ -223,6 +224,14 @@ def test_cameras_that_do_not_see_the_slide_are_refused(
     with pytest.raises(ConfigurationError, match=words) as caught:
         OdometryConfiguration(sensors=SENSORS, sideslip={"front": wheel})
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize("skew_deg", [-30.0, 30.0])
+@pytest.mark.parametrize("steering_deg", [-20.0, 0.0, 10.0, 90.0])
+def test_a_camera_may_be_askew_to_the_axis_by_30_deg(skew_deg: float, steering_deg: float) -> None:
+    """The heading is exact, what sine and arcsine make of it is not."""
+    wheel = dataclasses.replace(WHEEL, steering_deg=steering_deg)
+    WheelSideslip(wheel, sensor(0.6, 0.5, 90.0 + steering_deg + skew_deg))
 
 
 def test_a_meter_needs_a_wheel_it_knows() -> None:
