@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.sideslip_trials import Angles
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyResult, load_study
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 
@@ -104,6 +104,24 @@ def test_the_limit_is_told_of_the_grounds_that_are_measured(
         assert text in limits
     for text in absent:
         assert text not in limits
+
+
+def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = load_study("sideslip")
+    monkeypatch.setattr(study, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
+    monkeypatch.setattr(study, "RollingWheel", Wheel)
+
+    def run(text: str) -> StudyResult:
+        path = tmp_path / "one.yaml"
+        path.write_text(text, encoding="utf-8")
+        return study.run(options("--sensors", str(path)), ExperimentLibrary(CONFIG), tmp_path)
+
+    result = run("only: {x: 0.7, y: 0.5, heading_deg: 90, width: 0.01}\n")
+    assert any("60 % overlap is 10 m/s" in finding for finding in result.findings)
+    with pytest.raises(ConfigurationError, match=r"one\.yaml names no camera"):
+        run("{}\n")
+    with pytest.raises(ConfigurationError, match=r"sensors\.only\.pixels: 32 px leave"):
+        run("only: {x: 0.7, y: 0.5, heading_deg: 90, pixels: 32}\n")
 
 
 def test_bias_is_what_the_batches_share_and_slip_scales_the_tangent() -> None:

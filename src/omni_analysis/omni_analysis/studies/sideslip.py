@@ -19,7 +19,7 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.sideslip_figures import draw_sideslip
-from omni_analysis.sideslip_trials import Angles, RollingWheel
+from omni_analysis.sideslip_trials import Angles, RollingWheel, camera_at_a_wheel
 from omni_analysis.studies import StudyResult
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_platform.configuration import ConfigurationError
@@ -84,10 +84,12 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
 
 
 def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
-    # An axle that does not slip lets placements of two cameras through as well.
-    variant = library.variants("straight_line")[0]
-    overrides = [f"sensors={name}", "odometry.kinematics.constraint=unsteered_axle"]
-    return next(iter(library.load("straight_line", variant, overrides).sensors.values()))
+    cameras = library.sensors(name)
+    if not cameras:
+        raise ConfigurationError("sensors", f"{name} names no camera")
+    place, camera = next(iter(cameras.items()))
+    camera_at_a_wheel(place, camera)  # refuses what cannot measure before anything is rendered
+    return camera
 
 
 def _fastest(camera: LineSensor) -> float:
