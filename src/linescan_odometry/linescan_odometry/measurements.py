@@ -95,6 +95,8 @@ class TwistEstimate:
             vehicle skids, the twist is wrong by the skid, and the covariance does not know.
         skid: how the sensors contradict the kinematics, which then have no part in the twist;
             empty if they do not, or cannot.
+        inflation: factor in the covariance by which the variances of the readings had to grow to
+            explain how far they contradict each other; 1 if they do not.
     """
 
     stamp_ns: int
@@ -104,6 +106,7 @@ class TwistEstimate:
     readings: Mapping[str, SensorReading]
     assumed: bool = False
     skid: str = ""
+    inflation: float = 1.0
 
     @property
     def reason(self) -> str:

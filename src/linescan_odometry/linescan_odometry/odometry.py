@@ -138,15 +138,19 @@ class LineScanOdometry:
             covered = self._covers.contradicted(readings, twist)
             if covered:
                 return self._estimate(readings | covered)
+        inflation = 1.0
         if score > limit > 0.0:
             # Too few to tell which one is wrong: the variances grow until they explain it.
-            covariance = covariance * score**2
+            inflation = score**2
+        covariance = covariance * inflation
         skid = ""
         if self._axle is not None and not assumed:
             skid = self._skid(self._axle, twist, covariance, float(variance[-1]))
             if skid and sum(measured) == _UNKNOWNS:
                 skid += "; or one of the three sensors is wrong"
-        return TwistEstimate(self._stamp_ns, twist, covariance, True, readings, assumed, skid)
+        return TwistEstimate(
+            self._stamp_ns, twist, covariance, True, readings, assumed, skid, inflation
+        )
 
     def _without(
         self, readings: dict[str, SensorReading], worst: int, score: float

@@ -36,6 +36,7 @@ from omni_platform.sensors import LineSensor, sensor_matrix
 FloatArray = NDArray[np.float64]
 
 _SKEWEST = 30.0  # [deg] between camera and axis of rotation
+_ROUNDING = 1e-6  # [deg] that sine and arcsine may add to it
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -166,8 +167,9 @@ class WheelSideslip:
         if not estimate.measured:
             return SideslipEstimate.unmeasured("the twist is not measured")
         # An error of the camera is in the twist as well: least squares give both C a in common.
+        # C is inflated where the sensors contradict each other, and so must be the camera's part.
         joint = np.empty((4, 4))
-        joint[0, 0] = reading.variance
+        joint[0, 0] = estimate.inflation * reading.variance
         joint[1:, 1:] = estimate.covariance
         joint[0, 1:] = joint[1:, 0] = estimate.covariance @ self._sensor_row
         rows = np.zeros((3, 4))
@@ -186,9 +188,9 @@ def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
     """
     along = math.cos(sensor.heading - math.radians(wheel.steering_deg))
     skew = math.degrees(math.asin(min(1.0, abs(along))))
-    if skew > _SKEWEST:
+    if skew > _SKEWEST + _ROUNDING:
         raise ConfigurationError(
             "sensor",
-            f"{wheel.sensor} looks {skew:.0f} deg away from the wheel's axis of rotation, must be "
+            f"{wheel.sensor} looks {skew:.1f} deg away from the wheel's axis of rotation, must be "
             f"parallel to it within {_SKEWEST:g} deg",
         )

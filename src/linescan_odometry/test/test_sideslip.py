@@ -117,6 +117,44 @@ def test_with_a_twist_the_errors_of_the_camera_count_once() -> None:
     assert np.std(found) == pytest.approx(claimed, rel=0.05)
 
 
+@pytest.mark.parametrize("wrong", ["side", "rear", "left", "right"])
+def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None:
+    """Four sensors see that one is wrong, not which one: it may be the wheel's own."""
+    sensors = {
+        "side": sensor(0.7, 0.5, 90.0),
+        "rear": sensor(-0.5, 0.5, 90.0),
+        "left": sensor(0.0, 0.4, 0.0),
+        "right": sensor(0.0, -0.4, 0.0),
+    }
+    wheel = SideslipWheel(sensor="side", x=0.7, y=0.5)
+    twist = np.array([2.0, -1.6, 0.4])
+    forward, sideways = wheel_velocity(twist, wheel)
+
+    def drive(fault: float, **changes: Any) -> tuple[TwistEstimate, float, float]:
+        batches = {}
+        for i, (name, speed) in enumerate(
+            zip(sensors, sensor_matrix(sensors) @ twist, strict=True)
+        ):
+            seen_speed = speed + (fault if name == wrong else 0.0)
+            lines = expose(np.arange(26) * seen_speed / RATE / PITCH, 256, seed=i)
+            batches[name] = LineBatch(10_000_000, lines)
+        wheels = {"front": wheel}
+        configuration = OdometryConfiguration(sensors=sensors, sideslip=wheels, **changes)
+        estimate = LineScanOdometry(configuration).update(batches)
+        found = SideslipMonitor(configuration).measure(estimate)["front"]
+        assert found.measured
+        return estimate, found.angle + math.atan2(sideways, forward), found.deviation
+
+    agreeing, _, _ = drive(0.0)
+    assert agreeing.inflation == 1.0
+    estimate, error, deviation = drive(0.1)
+    _, _, unaware = drive(0.1, contradiction_limit=0.0)
+    assert estimate.inflation > 64.0
+    # All that the angle is made of grows alike.
+    assert deviation == pytest.approx(math.sqrt(estimate.inflation) * unaware)
+    assert abs(error) < 5.0 * deviation  # not 1: the most trusted sensor hides part of its fault
+
+
 @pytest.mark.parametrize(
     ("reading", "forward", "words"),
     [
@@ -174,8 +212,9 @@ def test_the_monitor_names_every_wheel(expose: Expose) -> None:
     ("changes", "key", "words"),
     [
         ({"sensor": "rear"}, "sideslip.front.sensor", "'rear' is not one of the sensors left"),
-        ({"sensor": "left"}, "sideslip.front.sensor", "looks 80 deg away"),
-        ({"steering_deg": 40.0}, "sideslip.front.sensor", "looks 35 deg away"),
+        ({"sensor": "left"}, "sideslip.front.sensor", r"looks 80\.0 deg away"),
+        ({"steering_deg": 40.0}, "sideslip.front.sensor", r"looks 35\.0 deg away"),
+        ({"steering_deg": 35.3}, "sideslip.front.sensor", r"looks 30\.3 deg away"),
     ],
 )
 def test_cameras_that_do_not_see_the_slide_are_refused(
@@ -185,6 +224,14 @@ def test_cameras_that_do_not_see_the_slide_are_refused(
     with pytest.raises(ConfigurationError, match=words) as caught:
         OdometryConfiguration(sensors=SENSORS, sideslip={"front": wheel})
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize("skew_deg", [-30.0, 30.0])
+@pytest.mark.parametrize("steering_deg", [-20.0, 0.0, 10.0, 90.0])
+def test_a_camera_may_be_askew_to_the_axis_by_30_deg(skew_deg: float, steering_deg: float) -> None:
+    """The heading is exact, what sine and arcsine make of it is not."""
+    wheel = dataclasses.replace(WHEEL, steering_deg=steering_deg)
+    WheelSideslip(wheel, sensor(0.6, 0.5, 90.0 + steering_deg + skew_deg))
 
 
 def test_a_meter_needs_a_wheel_it_knows() -> None:

@@ -86,6 +86,22 @@ def root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
 
 
+def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
+    """Move a camera to the contact of a wheel, along its axis of rotation.
+
+    Args:
+        name: of the camera.
+        sensor: what it sees; its place and heading are replaced.
+
+    Raises:
+        ConfigurationError: its lines are too short or too rare to measure anything.
+    """
+    return SideslipConfiguration(
+        sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},
+        sideslip={_WHEEL: SideslipWheel(sensor=name, x=0.0, y=0.0)},
+    )
+
+
 class RollingWheel:
     """A wheel with a camera along its axis of rotation, over one ground."""
 
@@ -98,12 +114,9 @@ class RollingWheel:
             noise: standard deviation [grey levels].
             seed: of the noise.
         """
-        self._sensor = dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)
+        self._configuration = camera_at_a_wheel(_CAMERA, sensor)
+        self._sensor = self._configuration.sensors[_CAMERA]
         self._size = texture.size
-        self._configuration = SideslipConfiguration(
-            sensors={_CAMERA: self._sensor},
-            sideslip={_WHEEL: SideslipWheel(sensor=_CAMERA, x=0.0, y=0.0)},
-        )
         self._eyes = LineCameraArray(
             {_CAMERA: self._sensor},
             texture,

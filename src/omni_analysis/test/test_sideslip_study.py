@@ -6,14 +6,17 @@ import argparse
 import csv
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.sideslip_trials import Angles
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyResult, load_study
 from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -44,6 +47,81 @@ def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
     # Every angle by itself, so that signs cannot cancel.
     errors = [float(row["rms_error_deg"]) for row in rows if row["speed_m_per_s"] == "10"]
     assert max(errors) < 0.2
+
+
+class Wheel:
+    """Stands in for the rendered one; the share of the batches is what the ground says."""
+
+    def __init__(self, _: LineSensor, shares: dict[float, float], *_others: Any) -> None:
+        self._shares = shares
+
+    def measure(self, speed: float, truth: NDArray[np.float64], *_: Any) -> Angles:
+        angle = truth[:, None] + 0.001 / speed * np.resize([-1.0, 1.0], (len(truth), 20))
+        flat = angle.reshape(-1)
+        flat[round(self._shares.get(speed, 0.0) * len(flat)) :] = math.nan
+        sideways = -speed * np.tan(angle)
+        return Angles(speed, 0.8, truth, angle, np.full_like(angle, 0.01), sideways)
+
+
+@pytest.mark.parametrize(
+    ("grounds", "words", "absent"),
+    [
+        (
+            {"fine": {1.0: 1.0, 2.0: 1.0, 5.0: 1.0, 10.0: 0.5}},
+            ["1 mm/s at 1 m/s", "60 % overlap is 20 m/s, and at 10 m/s lines are too unlike."],
+            ["reliably"],
+        ),
+        (  # a ground that is lost at low speed is not lost by the speed
+            {"slow": {1.0: 0.5, 2.0: 0.9, 5.0: 1.0, 10.0: 1.0, 20.0: 1.0, 40.0: 0.9}},
+            ["1 mm/s at 5 m/s", "at 40 m/s lines are too unlike."],
+            ["reliably"],
+        ),
+        (
+            {"blank": {1.0: 0.25, 2.0: 0.5, 5.0: 0.1}},
+            ["does not measure reliably on blank, where at best 50 % of the batches"],
+            ["at low speed", "at high speed", "unlike"],
+        ),
+        (
+            {"blank": {1.0: 0.25}, "fine": dict.fromkeys((1.0, 2.0, 5.0, 10.0, 20.0, 40.0), 1.0)},
+            ["at 80 m/s lines are too unlike. generic: it does not measure reliably on blank, "],
+            ["fine"],
+        ),
+    ],
+)
+def test_the_limit_is_told_of_the_grounds_that_are_measured(
+    grounds: dict[str, dict[float, float]],
+    words: list[str],
+    absent: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    study = load_study("sideslip")
+    monkeypatch.setattr(study, "grounds_of", lambda *_: grounds)
+    monkeypatch.setattr(study, "RollingWheel", Wheel)
+    result = study.run(options("--sensors", "generic"), ExperimentLibrary(CONFIG), tmp_path)
+    limits = " ".join(result.findings[len(grounds) : -1])
+    for text in words:
+        assert text in limits
+    for text in absent:
+        assert text not in limits
+
+
+def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = load_study("sideslip")
+    monkeypatch.setattr(study, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
+    monkeypatch.setattr(study, "RollingWheel", Wheel)
+
+    def run(text: str) -> StudyResult:
+        path = tmp_path / "one.yaml"
+        path.write_text(text, encoding="utf-8")
+        return study.run(options("--sensors", str(path)), ExperimentLibrary(CONFIG), tmp_path)
+
+    result = run("only: {x: 0.7, y: 0.5, heading_deg: 90, width: 0.01}\n")
+    assert any("60 % overlap is 10 m/s" in finding for finding in result.findings)
+    with pytest.raises(ConfigurationError, match=r"one\.yaml names no camera"):
+        run("{}\n")
+    with pytest.raises(ConfigurationError, match=r"sensors\.only\.pixels: 32 px leave"):
+        run("only: {x: 0.7, y: 0.5, heading_deg: 90, pixels: 32}\n")
 
 
 def test_bias_is_what_the_batches_share_and_slip_scales_the_tangent() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.sideslip_figures import draw_sideslip
-from omni_analysis.sideslip_trials import Angles, RollingWheel
+from omni_analysis.sideslip_trials import Angles, RollingWheel, camera_at_a_wheel
 from omni_analysis.studies import StudyResult
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_platform.configuration import ConfigurationError
@@ -78,15 +78,18 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         _write(trials, folder / "sideslip.csv"),
     )
     findings = [_finding(case, found) for case, found in trials.items()]
-    findings += [_limit(name, cameras[name], trials) for name in cameras]
+    for name, camera in cameras.items():
+        findings += _limits(name, camera, trials)
     return StudyResult(_metrics(trials), files, (*findings, _slip_finding(trials)))
 
 
 def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
-    # An axle that does not slip lets placements of two cameras through as well.
-    variant = library.variants("straight_line")[0]
-    overrides = [f"sensors={name}", "odometry.kinematics.constraint=unsteered_axle"]
-    return next(iter(library.load("straight_line", variant, overrides).sensors.values()))
+    cameras = library.sensors(name)
+    if not cameras:
+        raise ConfigurationError("sensors", f"{name} names no camera")
+    place, camera = next(iter(cameras.items()))
+    camera_at_a_wheel(place, camera)  # refuses what cannot measure before anything is rendered
+    return camera
 
 
 def _fastest(camera: LineSensor) -> float:
@@ -118,31 +121,53 @@ def _finding(case: Case, found: Sequence[Angles]) -> str:
     return f"{ground}, {name}: from -15 to 15 deg the RMS error is {by_speed}."
 
 
-def _limit(name: str, camera: LineSensor, trials: Mapping[Case, Sequence[Angles]]) -> str:
-    """Say what limits the measurement at low and at high speed."""
-    found = [angles for (_, sensor), row in trials.items() if sensor == name for angles in row]
-    slowest = [a for a in found if a.speed == _SPEEDS[0] and math.isfinite(a.rms_error)]
-    words = f"{name}: what limits it is "
-    if slowest:
-        velocity = 1e3 * _SPEEDS[0] * max(a.rms_error for a in slowest)  # of small angles
-        words += (
-            f"at low speed the camera's error in velocity, {velocity:.2g} mm/s at "
-            f"{_SPEEDS[0]:g} m/s, a smaller angle the faster the wheel rolls"
+def _limits(
+    name: str, camera: LineSensor, trials: Mapping[Case, Sequence[Angles]]
+) -> Iterator[str]:
+    """Say what limits the measurement at low and at high speed, and where there is none."""
+    whole: list[Angles] = []  # measured completely
+    lost: list[float] = []  # speeds that are too high
+    blind: dict[str, float] = {}  # highest share of the batches on grounds without such a speed
+    for (ground, sensor), row in trials.items():
+        if sensor != name:
+            continue
+        complete = [angles for angles in row if angles.measured_share == 1.0]
+        if complete:
+            slowest = min(angles.speed for angles in complete)
+            lost += [a.speed for a in row if a.speed > slowest and a.measured_share < 1.0]
+            whole += complete
+        else:
+            blind[ground] = max(angles.measured_share for angles in row)
+    if whole:
+        beyond = f", and at {min(lost):g} m/s lines are too unlike" if lost else ""
+        yield (
+            f"{name}: what limits it is {_low_speed(whole)}; at high speed that the wheel rolls "
+            f"across the camera's axis: 60 % overlap is {_fastest(camera):.3g} m/s{beyond}."
         )
-        biased = [a for a in found if math.isfinite(a.bias)]
-        pulled = max(biased, key=lambda a: a.bias, default=None)
-        if pulled is not None and pulled.bias > 0.5 * pulled.rms_error:
-            words += (
-                f" (noise and, up to {math.degrees(pulled.bias):.2g} deg at {pulled.speed:g} m/s, "
-                "the same at every place: the pull of coarse pixels)"
-            )
-        words += "; "
-    lost = [a.speed for a in found if a.measured_share < 1.0]
-    words += (
-        "at high speed that the wheel rolls across the camera's axis: 60 % overlap is "
-        f"{_fastest(camera):.3g} m/s"
+    if blind:
+        yield (
+            f"{name}: it does not measure reliably on {', '.join(blind)}, where at best "
+            f"{100.0 * max(blind.values()):.3g} % of the batches give an angle."
+        )
+
+
+def _low_speed(whole: Sequence[Angles]) -> str:
+    speed = min(angles.speed for angles in whole)
+    # An angle this small is the velocity over the speed.
+    velocity = 1e3 * speed * max(angles.rms_error for angles in whole if angles.speed == speed)
+    words = (
+        f"at low speed the camera's error in velocity, {velocity:.2g} mm/s at {speed:g} m/s, a "
+        "smaller angle the faster the wheel rolls"
     )
-    return words + (f", and at {min(lost):g} m/s lines are too unlike." if lost else ".")
+    pulled = max(
+        (a for a in whole if math.isfinite(a.bias)), key=lambda angles: angles.bias, default=None
+    )
+    if pulled is None or pulled.bias <= 0.5 * pulled.rms_error:
+        return words
+    return words + (
+        f" (noise and, up to {math.degrees(pulled.bias):.2g} deg at {pulled.speed:g} m/s, the same "
+        "at every place: the pull of coarse pixels)"
+    )
 
 
 def _slip_finding(trials: Mapping[Case, Sequence[Angles]]) -> str:
