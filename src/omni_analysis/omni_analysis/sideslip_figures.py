@@ -107,7 +107,8 @@ def _draw_speeds(
     speeds = [angles.speed for angles in next(iter(trials.values()))]
     axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
     axes.minorticks_off()
-    axes.set_ylim(0.01, 2.0)
+    errors = [math.degrees(angles.rms_error) for found in trials.values() for angles in found]
+    axes.set_ylim(0.01, max([2.0, *(1.3 * error for error in errors if math.isfinite(error))]))
     axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     axes.set_title(
         "RMS over -15 to 15 deg, batches of 10 ms; no point: not measured",
