@@ -31,6 +31,7 @@ from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sensor import SensorOdometry
 from omni_analysis.line_trials import PERIOD, View, camera
 from omni_analysis.placed_sensors import placed_sensor
+from omni_analysis.twist_trials import batch_lines, poses_at
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground_texture import GroundTexture
 
@@ -38,9 +39,6 @@ FloatArray = NDArray[np.float64]
 
 MOST_CROSSED = 0.4
 """Largest share of the width that may be crossed between lines: 60 % overlap (section 4.4)."""
-
-BATCH_TIME = 0.01
-"""Time of a batch of lines, one control period [s]."""
 
 ORIENTATIONS = 24
 """Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
@@ -76,7 +74,7 @@ class SensorError:
         p = np.abs(along) / (view.line_rate * view.length)
         common = np.maximum(1.0 - q, 0.0) ** 2 * np.maximum(1.0 - p, 0.0)
         # q f, which is q while m q < 1
-        crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view))
+        crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view.line_rate))
         with np.errstate(divide="ignore"):
             variance: FloatArray = (self.straight + self.sideways * crossed) / common
         return variance
@@ -111,11 +109,6 @@ def sideways_limit(view: View) -> float:
     return MOST_CROSSED * view.line_rate * view.width
 
 
-def batch_lines(view: View) -> int:
-    """Return the pairs of lines of a batch."""
-    return max(round(BATCH_TIME * view.line_rate), 2)
-
-
 def measure_sensor_error(
     view: View, texture: GroundTexture, noise: float, speed: float, batches: int, seed: int
 ) -> SensorTrial:
@@ -135,7 +128,7 @@ def measure_sensor_error(
     generator = np.random.default_rng(seed)
     eye = camera(view, texture, noise, seed)
     odometry = _odometry(view)
-    pairs = batch_lines(view)
+    pairs = batch_lines(view.line_rate)
     duration_ns = round(1e9 * pairs / view.line_rate)
     times = np.arange(pairs + 1) / view.line_rate
     rows = []
@@ -147,7 +140,7 @@ def measure_sensor_error(
             turned = angle + _SPREAD * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            lines = eye.lines(moved(start, twist, times), count * (pairs + 1))
+            lines = eye.lines(poses_at(times, start, twist), count * (pairs + 1))
             # Stamps far apart: no line of a batch is compared with one of another.
             reading = odometry.update(LineBatch(4 * count * duration_ns, lines))
             count += 1
@@ -200,25 +193,3 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
     fit = least_squares(difference, np.log([straight, sideways]))
     a, b = (float(value) for value in np.exp(fit.x))
     return SensorError(a, b)
-
-
-def moved(start: FloatArray, twist: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the poses of base_link that moves at a constant body twist.
-
-    Args:
-        start: x, y, yaw [m, m, rad] at time 0.
-        twist: (v_x, v_y, yaw rate) in the body frame.
-        time: [s], shape (m,).
-
-    Returns:
-        Shape (m, 3).
-    """
-    turned = twist[2] * time
-    # The mean of the body's directions over the time, sinc and its partner, is exact for an arc.
-    along = time * np.sinc(turned / math.pi)
-    across = 0.5 * turned * time * np.sinc(0.5 * turned / math.pi) ** 2
-    x, y = along * twist[0] - across * twist[1], across * twist[0] + along * twist[1]
-    cosine, sine = math.cos(start[2]), math.sin(start[2])
-    return np.column_stack(
-        (start[0] + cosine * x - sine * y, start[1] + sine * x + cosine * y, start[2] + turned)
-    )

@@ -14,8 +14,9 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
+from omni_analysis.classical_placements import tangential
 from omni_analysis.line_trials import Lines, ground
-from omni_analysis.twist_trials import cameras_over, poses_at, tangential
+from omni_analysis.twist_trials import cameras_over, rendered
 from omni_platform.sensors import LineSensor
 
 RATE = 2500.0
@@ -61,8 +62,9 @@ def drive(
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
     twist = np.array(velocity)
     total = BATCH * (GOOD_BATCHES + 3) + 1
-    poses = poses_at(np.arange(total) / RATE, np.array([0.03, 0.05, 0.4]), twist)
-    lines = array.render(dict.fromkeys(sensors, poses))
+    numbers = dict.fromkeys(sensors, np.arange(total))
+    whole = rendered(array, np.array([0.03, 0.05, 0.4]), twist, numbers)
+    lines = {name: batch.lines for name, batch in whole.items()}
     broken = next(iter(sensors))
     if fault is not None:
         lines[broken][onset:] = fault(lines[broken][onset:])
@@ -120,12 +122,14 @@ def test_a_view_that_stands_still_with_the_platform_is_no_fault(
 def test_lines_that_are_none_are_told_at_once() -> None:
     sensors = tangential(0.6, PROTOTYPE)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
-    poses = poses_at(np.arange(2 * BATCH) / RATE, np.zeros(3), np.array([3.0, 0.0, 0.0]))
-    lines = cameras_over(ground("cork"), sensors, 1.0, seed=2).render(dict.fromkeys(sensors, poses))
-    batches = {name: LineBatch(10**7, own[:BATCH]) for name, own in lines.items()}
-    assert odometry.update(batches).measured
-    batches = {name: LineBatch(2 * 10**7, own[BATCH:]) for name, own in lines.items()}
-    batches["camera_1"] = LineBatch.unusable(2 * 10**7, "holds NaN")
-    estimate = odometry.update(batches)
+    array = cameras_over(ground("cork"), sensors, 1.0, seed=2)
+    start, twist = np.zeros(3), np.array([3.0, 0.0, 0.0])
+    first, second = (
+        rendered(array, start, twist, dict.fromkeys(sensors, np.arange(begin, begin + BATCH)))
+        for begin in (0, BATCH)
+    )
+    assert odometry.update(first).measured
+    second["camera_1"] = LineBatch.unusable(second["camera_1"].stamp_ns, "holds NaN")
+    estimate = odometry.update(second)
     assert not estimate.measured
     assert estimate.reason == "camera_1: holds NaN"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentLibrary
     from omni_analysis.judged_placement import JudgedPlacement
-    from omni_analysis.placement_trials import TwistTrial
+    from omni_analysis.placement_trials import PlacementTrial
     from omni_analysis.sensor_design import Design, DesignTask
     from omni_platform.sensors import LineSensor
 
@@ -265,7 +265,7 @@ def _drawn(result: Design, task: DesignTask) -> list[JudgedPlacement]:
 def _print(
     task: DesignTask,
     result: Design,
-    driven: Mapping[str, TwistTrial],
+    driven: Mapping[str, PlacementTrial],
     options: argparse.Namespace,
     files: tuple[Path, Path],
 ) -> None:
