@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -295,5 +296,11 @@ def _print(
         console.print(sentence, highlight=False)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True, highlight=False)
-    use = f"use it: ./omni run --set sensors={files[0]}, or copy it into config/sensors"
-    console.print(use, soft_wrap=True, highlight=False)
+    # The places are those under this chassis, the experiment's vehicle may be another one.
+    vehicle = options.vehicle
+    if vehicle.endswith(".yaml"):
+        vehicle = Path(vehicle).resolve()
+    parts = (f"vehicle={vehicle}", f"sensors={files[0]}")
+    command = shlex.join(("./omni", "run", *(word for part in parts for word in ("--set", part))))
+    use = f"use it: {command}, or copy it into config/sensors"
+    console.print(use, soft_wrap=True, highlight=False, markup=False)
