@@ -20,6 +20,7 @@ lines go through the odometry's own `SensorOdometry`, and the law is fitted to t
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import math
 
@@ -47,6 +48,7 @@ error of their own that more trials do not average out."""
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # of the motion from the axis [deg]
 _SPREAD = 0.02  # of the speed, so that displacements take every fraction of a pixel
 _FEWEST_READINGS = 0.5  # share of batches below which a camera counts as blind
+_AMPLE_OVERLAP = 0.9  # of consecutive lines, beyond which a lower speed helps little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +136,7 @@ def measure_sensor_error(
     rows = []
     count = 0
     for angle in np.radians(_ANGLES):
-        errors = []
+        errors, reasons = [], []
         for yaw in np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches):
             v = speed * (1.0 + _SPREAD * generator.uniform(-1.0, 1.0))
             turned = angle + _SPREAD * generator.uniform(-1.0, 1.0)
@@ -146,13 +148,17 @@ def measure_sensor_error(
             count += 1
             if reading.measured:
                 errors.append(reading.velocity - twist[0])
+            else:
+                reasons.append(reading.reason)
         trials = ORIENTATIONS * batches
         if len(errors) < _FEWEST_READINGS * trials:
+            reason = _most_frequent(reasons)
+            option, advice = _remedy(reason, view.overlap(speed, float(angle)), noise)
             raise ConfigurationError(
-                "--ground",
+                option,
                 f"moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s the "
-                f"camera measures in only {len(errors)} of {trials} trials on this ground; "
-                "choose another ground or type, or a lower speed",
+                f"camera measures in only {len(errors)} of {trials} trials on this ground, mostly "
+                f'for reasons such as "{reason}"; choose {advice}',
             )
         rows.append((speed * math.cos(angle), speed * math.sin(angle), _rms(np.array(errors))))
     along, across, rms = np.array(rows).T
@@ -171,6 +177,25 @@ def _odometry(view: View) -> SensorOdometry:
         )
     }
     return SensorOdometry(sensors["left"], OdometryConfiguration(sensors=sensors))
+
+
+def _most_frequent(reasons: list[str]) -> str:
+    """Return a reason of the most frequent kind, which is what stands before its numbers."""
+    kinds = collections.Counter(reason.partition(":")[0] for reason in reasons)
+    kind = kinds.most_common(1)[0][0]
+    return next(reason for reason in reasons if reason.partition(":")[0] == kind)
+
+
+def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
+    """Return the option to blame for a reason of the odometry, and what to choose instead."""
+    if reason.startswith("frozen"):  # which the noise of a real camera rules out
+        return "--noise", "more --noise or a higher --speed, so that the lines change"
+    choices = ["another --ground", "another --type"]
+    if overlap < _AMPLE_OVERLAP:
+        choices.append("a lower --speed")
+    if noise > 0.0:
+        choices.append("less --noise")
+    return "--ground", ", ".join(choices[:-1]) + " or " + choices[-1]
 
 
 def _rms(error: FloatArray) -> float:
