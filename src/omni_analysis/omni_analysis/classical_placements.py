@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omni_analysis.mounting_area import MountingArea
+from omni_platform.sensors import LineSensor
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +27,21 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
     """
     angle = start + math.tau * np.arange(count) / count
     return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), angle + turn))
+
+
+def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str, LineSensor]:
+    """Return line cameras evenly on a circle about base_link, each along its tangent.
+
+    Args:
+        radius: of the circle [m].
+        prototype: what each sees.
+        count: how many.
+    """
+    sensors = {}
+    for i, (x, y, radial) in enumerate(ring(count, radius, 0.0).tolist()):
+        heading = math.degrees(radial) + 90.0 - 360.0 * (radial > math.pi)
+        sensors[f"camera_{i}"] = dataclasses.replace(prototype, x=x, y=y, heading_deg=heading)
+    return sensors
 
 
 def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
@@ -45,7 +62,11 @@ def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
         if fitting:
             radius, start = fitting[0]
             break
-    tangential, radial = ring(count, radius, 0.5 * math.pi, start), ring(count, radius, 0.0, start)
+    radial = ring(count, radius, 0.0, start)
     parallel = radial.copy()
     parallel[:, 2] = 0.0
-    return {"tangential": tangential, "radial": radial, "parallel": parallel}
+    return {
+        "tangential": ring(count, radius, 0.5 * math.pi, start),
+        "radial": radial,
+        "parallel": parallel,
+    }

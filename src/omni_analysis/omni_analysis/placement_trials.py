@@ -9,20 +9,19 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import LineBatch
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_analysis.line_trials import PERIOD
 from omni_analysis.placement_error import MotionMix
-from omni_analysis.sensor_error import BATCH_TIME, ORIENTATIONS, moved
+from omni_analysis.sensor_error import ORIENTATIONS
+from omni_analysis.twist_trials import BATCH_TIME, batch_lines, cameras_over, rendered
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
-from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TwistTrial:
+class PlacementTrial:
     """Twist errors of a placement on rendered lines.
 
     Attributes:
@@ -52,7 +51,7 @@ class TwistTrial:
         return float(np.linalg.norm(self.deviation * (1.0, 1.0, gyration)))
 
 
-def drive(
+def drive_mix(
     sensors: Mapping[str, LineSensor],
     mix: MotionMix,
     texture: GroundTexture,
@@ -60,7 +59,7 @@ def drive(
     batches: int,
     seed: int,
     report: Callable[[float], None] = lambda _share: None,
-) -> TwistTrial:
+) -> PlacementTrial:
     """Drive a placement over a ground and measure its twist from the lines of the cameras.
 
     Every batch begins at a random place of the ground, in one of several random orientations.
@@ -76,10 +75,8 @@ def drive(
     """
     generator = np.random.default_rng(seed)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
-    configuration = CameraConfiguration(noise=float(noise))
-    cameras = LineCameraArray(
-        sensors, texture, configuration, np.random.SeedSequence(seed), threads=1
-    )
+    cameras = cameras_over(texture, sensors, noise, seed)
+    lines = {name: np.arange(batch_lines(s.line_rate) + 1) for name, s in sensors.items()}
     errors, total = [], 0
     for index, twist in enumerate(mix.twist):
         report(index / len(mix.twist))
@@ -90,21 +87,10 @@ def drive(
             # Stamps far apart: no line of a batch is compared with one of another.
             begin_ns = round(1e9 * total * 4.0 * BATCH_TIME)
             total += 1
-            counts = {n: round(BATCH_TIME * s.line_rate) + 1 for n, s in sensors.items()}
-            poses = {
-                name: moved(start, twist, np.arange(count) / sensors[name].line_rate)
-                for name, count in counts.items()
-            }
-            batch = {
-                name: LineBatch(
-                    begin_ns + round(1e9 * (counts[name] - 1) / sensors[name].line_rate), lines
-                )
-                for name, lines in cameras.render(poses).items()
-            }
-            estimate = odometry.update(batch)
+            estimate = odometry.update(rendered(cameras, start, twist, lines, begin_ns))
             if estimate.measured:
                 own.append(estimate.twist - twist)
         errors.append(np.array(own).reshape(-1, 3))
     report(1.0)
     measured = sum(len(error) for error in errors)
-    return TwistTrial(tuple(errors), mix.share, 1.0 - measured / total)
+    return PlacementTrial(tuple(errors), mix.share, 1.0 - measured / total)

@@ -13,7 +13,7 @@ from omni_analysis.mounting_area import MountingArea
 from omni_analysis.placed_sensors import named
 from omni_analysis.placement_error import ConditionNumber, MeanError, MotionMix, gyration
 from omni_analysis.placement_search import FoundPlacement, NoRoomError, search
-from omni_analysis.placement_trials import TwistTrial, drive
+from omni_analysis.placement_trials import PlacementTrial, drive_mix
 from omni_analysis.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
@@ -130,7 +130,7 @@ def design(task: DesignTask, report: Report) -> Design:
     return Design(trial, criterion, found, placements)
 
 
-def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, TwistTrial]:
+def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
     """Drive the regular placements over rendered lines; return what was measured by name."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
@@ -139,7 +139,7 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Twist
         def on_drive(share: float, index: int = index, name: str = placement.name) -> None:
             report((index + share) / len(regular), f"driving {name}")
 
-        trials[placement.name] = drive(
+        trials[placement.name] = drive_mix(
             placement.sensors, task.mix, task.texture, task.noise, _BATCHES, task.seed, on_drive
         )
     return trials

@@ -8,13 +8,13 @@ from typing import Any
 
 from omni_analysis.judged_placement import JudgedPlacement
 from omni_analysis.metrics import Metric
-from omni_analysis.placement_trials import TwistTrial
+from omni_analysis.placement_trials import PlacementTrial
 from omni_analysis.sensor_design import FEWEST_SENSORS, Design, DesignTask
 from omni_platform.sensors import LineSensor
 
 
 def entries(
-    task: DesignTask, result: Design, driven: Mapping[str, TwistTrial]
+    task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of the results' document."""
     radius = result.criterion.gyration
@@ -55,7 +55,7 @@ def entries(
 
 
 def column(
-    placement: JudgedPlacement, trial: TwistTrial | None, gyration: float
+    placement: JudgedPlacement, trial: PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     """Return a column of the table in millimetres per second."""
     singular = f"singular: {placement.singular}" if placement.singular else ""

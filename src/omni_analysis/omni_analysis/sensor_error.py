@@ -20,6 +20,7 @@ lines go through the odometry's own `SensorOdometry`, and the law is fitted to t
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import math
 
@@ -31,6 +32,7 @@ from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sensor import SensorOdometry
 from omni_analysis.line_trials import PERIOD, View, camera
 from omni_analysis.placed_sensors import placed_sensor
+from omni_analysis.twist_trials import batch_lines, poses_at
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground_texture import GroundTexture
 
@@ -39,9 +41,6 @@ FloatArray = NDArray[np.float64]
 MOST_CROSSED = 0.4
 """Largest share of the width that may be crossed between lines: 60 % overlap (section 4.4)."""
 
-BATCH_TIME = 0.01
-"""Time of a batch of lines, one control period [s]."""
-
 ORIENTATIONS = 24
 """Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
 error of their own that more trials do not average out."""
@@ -49,6 +48,7 @@ error of their own that more trials do not average out."""
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # of the motion from the axis [deg]
 _SPREAD = 0.02  # of the speed, so that displacements take every fraction of a pixel
 _FEWEST_READINGS = 0.5  # share of batches below which a camera counts as blind
+_AMPLE_OVERLAP = 0.9  # of consecutive lines, beyond which a lower speed helps little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +76,7 @@ class SensorError:
         p = np.abs(along) / (view.line_rate * view.length)
         common = np.maximum(1.0 - q, 0.0) ** 2 * np.maximum(1.0 - p, 0.0)
         # q f, which is q while m q < 1
-        crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view))
+        crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view.line_rate))
         with np.errstate(divide="ignore"):
             variance: FloatArray = (self.straight + self.sideways * crossed) / common
         return variance
@@ -111,11 +111,6 @@ def sideways_limit(view: View) -> float:
     return MOST_CROSSED * view.line_rate * view.width
 
 
-def batch_lines(view: View) -> int:
-    """Return the pairs of lines of a batch."""
-    return max(round(BATCH_TIME * view.line_rate), 2)
-
-
 def measure_sensor_error(
     view: View, texture: GroundTexture, noise: float, speed: float, batches: int, seed: int
 ) -> SensorTrial:
@@ -135,31 +130,35 @@ def measure_sensor_error(
     generator = np.random.default_rng(seed)
     eye = camera(view, texture, noise, seed)
     odometry = _odometry(view)
-    pairs = batch_lines(view)
+    pairs = batch_lines(view.line_rate)
     duration_ns = round(1e9 * pairs / view.line_rate)
     times = np.arange(pairs + 1) / view.line_rate
     rows = []
     count = 0
     for angle in np.radians(_ANGLES):
-        errors = []
+        errors, reasons = [], []
         for yaw in np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches):
             v = speed * (1.0 + _SPREAD * generator.uniform(-1.0, 1.0))
             turned = angle + _SPREAD * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            lines = eye.lines(moved(start, twist, times), count * (pairs + 1))
+            lines = eye.lines(poses_at(times, start, twist), count * (pairs + 1))
             # Stamps far apart: no line of a batch is compared with one of another.
             reading = odometry.update(LineBatch(4 * count * duration_ns, lines))
             count += 1
             if reading.measured:
                 errors.append(reading.velocity - twist[0])
+            else:
+                reasons.append(reading.reason)
         trials = ORIENTATIONS * batches
         if len(errors) < _FEWEST_READINGS * trials:
+            reason = _most_frequent(reasons)
+            option, advice = _remedy(reason, view.overlap(speed, float(angle)), noise)
             raise ConfigurationError(
-                "--ground",
+                option,
                 f"moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s the "
-                f"camera measures in only {len(errors)} of {trials} trials on this ground; "
-                "choose another ground or type, or a lower speed",
+                f"camera measures in only {len(errors)} of {trials} trials on this ground, mostly "
+                f'for reasons such as "{reason}"; choose {advice}',
             )
         rows.append((speed * math.cos(angle), speed * math.sin(angle), _rms(np.array(errors))))
     along, across, rms = np.array(rows).T
@@ -178,6 +177,25 @@ def _odometry(view: View) -> SensorOdometry:
         )
     }
     return SensorOdometry(sensors["left"], OdometryConfiguration(sensors=sensors))
+
+
+def _most_frequent(reasons: list[str]) -> str:
+    """Return a reason of the most frequent kind, which is what stands before its numbers."""
+    kinds = collections.Counter(reason.partition(":")[0] for reason in reasons)
+    kind = kinds.most_common(1)[0][0]
+    return next(reason for reason in reasons if reason.partition(":")[0] == kind)
+
+
+def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
+    """Return the option to blame for a reason of the odometry, and what to choose instead."""
+    if reason.startswith("frozen"):  # which the noise of a real camera rules out
+        return "--noise", "more --noise or a higher --speed, so that the lines change"
+    choices = ["another --ground", "another --type"]
+    if overlap < _AMPLE_OVERLAP:
+        choices.append("a lower --speed")
+    if noise > 0.0:
+        choices.append("less --noise")
+    return "--ground", ", ".join(choices[:-1]) + " or " + choices[-1]
 
 
 def _rms(error: FloatArray) -> float:
@@ -200,25 +218,3 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
     fit = least_squares(difference, np.log([straight, sideways]))
     a, b = (float(value) for value in np.exp(fit.x))
     return SensorError(a, b)
-
-
-def moved(start: FloatArray, twist: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the poses of base_link that moves at a constant body twist.
-
-    Args:
-        start: x, y, yaw [m, m, rad] at time 0.
-        twist: (v_x, v_y, yaw rate) in the body frame.
-        time: [s], shape (m,).
-
-    Returns:
-        Shape (m, 3).
-    """
-    turned = twist[2] * time
-    # The mean of the body's directions over the time, sinc and its partner, is exact for an arc.
-    along = time * np.sinc(turned / math.pi)
-    across = 0.5 * turned * time * np.sinc(0.5 * turned / math.pi) ** 2
-    x, y = along * twist[0] - across * twist[1], across * twist[0] + along * twist[1]
-    cosine, sine = math.cos(start[2]), math.sin(start[2])
-    return np.column_stack(
-        (start[0] + cosine * x - sine * y, start[1] + sine * x + cosine * y, start[2] + turned)
-    )

@@ -19,6 +19,7 @@ from linescan_odometry.search import METRICS
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.subpixel import SubpixelRefiner
 from omni_analysis.displacement_errors import error_values
+from omni_analysis.twist_trials import batch_lines, poses_at
 from omni_analysis.view_grid import LENGTHS, SHAPES, as_map
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
@@ -27,7 +28,6 @@ from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArra
 FloatArray = NDArray[np.float64]
 
 _LIMIT_DIVISOR = 2  # k of section 4.4
-_BATCH = 0.01  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Eyes:
         camera = self._cameras[name]
         odometry = SensorOdometry(camera.sensor, configuration)
         start = np.random.default_rng((trial.seed, 2)).uniform(0.0, self._size, 2)
-        count = round(_BATCH * camera.sensor.line_rate)
+        count = batch_lines(camera.sensor.line_rate)
         whole = dataclasses.replace(trial, pairs=count * batches - 1)
         lines = _lines(camera, whole, start, 0)
         period_ns = 1e9 / camera.sensor.line_rate
@@ -189,16 +189,9 @@ class Eyes:
 def _lines(
     camera: LineCamera, trial: Sideways, start: FloatArray, first: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    travelled = trial.speed / camera.sensor.line_rate * np.arange(trial.pairs + 1)
-    direction = trial.axis + trial.angle
-    poses = np.column_stack(
-        (
-            start[0] + travelled * math.cos(direction),
-            start[1] + travelled * math.sin(direction),
-            np.full(trial.pairs + 1, trial.axis),
-        )
-    )
-    return camera.lines(poses, first)
+    elapsed = np.arange(trial.pairs + 1) / camera.sensor.line_rate
+    twist = trial.speed * np.array([math.cos(trial.angle), math.sin(trial.angle), 0.0])
+    return camera.lines(poses_at(elapsed, np.append(start, trial.axis), twist), first)
 
 
 def look_at_shapes(texture: GroundTexture, trial: Sideways) -> tuple[list[Shifts], FloatArray]:

@@ -1,7 +1,6 @@
-"""Trials of the whole odometry: rendered lines of several cameras in uniform motion, the twist.
+"""Uniform motion over a ground: its poses, batches of rendered lines, what the odometry says.
 
-The platform moves at a constant twist in its own frame, which is a circle or a straight line, over
-a ground from a random place and heading.
+The platform moves at a constant twist in its own frame, which is a circle or a straight line.
 """
 
 from __future__ import annotations
@@ -21,8 +20,76 @@ from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 
 FloatArray = NDArray[np.float64]
 
-BATCH_PERIOD = 0.01
-"""Duration of a batch of lines [s], rounded to whole lines."""
+BATCH_TIME = 0.01
+"""Time of a batch of lines, one control period [s]."""
+
+
+def batch_lines(line_rate: float) -> int:
+    """Return how many lines a batch has at a line rate [1/s]."""
+    return max(1, round(BATCH_TIME * line_rate))
+
+
+def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> FloatArray:
+    """Return the poses of a platform that moves at a constant twist.
+
+    Args:
+        elapsed: times since the start [s], shape (m,).
+        start: x, y [m] and yaw [rad], shape (3,).
+        twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
+
+    Returns:
+        x, y [m], yaw [rad], shape (m, 3).
+    """
+    turned = twist[2] * elapsed
+    # Mean direction and length of the chord; np.sinc(x) is sin(pi x) / (pi x).
+    chord = elapsed * np.sinc(0.5 * turned / math.pi)
+    yaw = start[2] + 0.5 * turned
+    return np.column_stack(
+        (
+            start[0] + chord * (twist[0] * np.cos(yaw) - twist[1] * np.sin(yaw)),
+            start[1] + chord * (twist[0] * np.sin(yaw) + twist[1] * np.cos(yaw)),
+            start[2] + turned,
+        )
+    )
+
+
+def cameras_over(
+    texture: GroundTexture, sensors: Mapping[str, LineSensor], noise: float, seed: int
+) -> LineCameraArray:
+    """Return line cameras over a ground.
+
+    Args:
+        texture: the ground.
+        sensors: the cameras by name.
+        noise: standard deviation [grey levels].
+        seed: of the noise.
+    """
+    configuration = CameraConfiguration(noise=noise)
+    return LineCameraArray(sensors, texture, configuration, np.random.SeedSequence(seed), threads=1)
+
+
+def rendered(
+    cameras: LineCameraArray,
+    start: FloatArray,
+    twist: FloatArray,
+    lines: Mapping[str, NDArray[np.int64]],
+    begin_ns: int = 0,
+) -> dict[str, LineBatch]:
+    """Return a batch of lines of every camera of a platform that moves at a constant twist.
+
+    Args:
+        cameras: see `cameras_over`.
+        start: x, y [m] and yaw [rad] at line 0, shape (3,).
+        twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
+        lines: numbers of the lines by camera, shape (m,).
+        begin_ns: stamp of line 0 [ns].
+    """
+    elapsed = {name: own / cameras.cameras[name].sensor.line_rate for name, own in lines.items()}
+    greys = cameras.render({name: poses_at(own, start, twist) for name, own in elapsed.items()})
+    return {
+        name: LineBatch(begin_ns + round(1e9 * float(own[-1])), greys[name])
+        for name, own in elapsed.items()
+    }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,21 +121,6 @@ class TwistTrial:
         return normalised
 
 
-def cameras_over(
-    texture: GroundTexture, sensors: Mapping[str, LineSensor], noise: float, seed: int
-) -> LineCameraArray:
-    """Return line cameras over a ground.
-
-    Args:
-        texture: the ground.
-        sensors: the cameras by name.
-        noise: standard deviation [grey levels].
-        seed: of the noise.
-    """
-    configuration = CameraConfiguration(noise=noise)
-    return LineCameraArray(sensors, texture, configuration, np.random.SeedSequence(seed), threads=1)
-
-
 def drive(
     configuration: OdometryConfiguration,
     cameras: LineCameraArray,
@@ -76,7 +128,7 @@ def drive(
     batches: int,
     generator: np.random.Generator,
 ) -> TwistTrial:
-    """Move at a constant twist and let the odometry measure it.
+    """Move at a constant twist from a random place and heading and let the odometry measure it.
 
     Args:
         configuration: of the odometry, with its line cameras.
@@ -88,20 +140,13 @@ def drive(
     sensors = configuration.sensors
     start = np.array([*generator.uniform(0.0, PERIOD, 2), generator.uniform(0.0, 2.0 * math.pi)])
     odometry = LineScanOdometry(configuration)
-    sizes = {name: max(1, round(s.line_rate * BATCH_PERIOD)) for name, s in sensors.items()}
+    sizes = {name: batch_lines(sensor.line_rate) for name, sensor in sensors.items()}
+    odometry.update(rendered(cameras, start, twist, {name: np.arange(1) for name in sensors}))
     estimates, covariances = [], []
-    for batch in range(-1, batches):
-        poses, stamps = {}, {}
-        for name, sensor in sensors.items():
-            size = sizes[name]
-            line = (
-                np.arange(batch * size + 1, (batch + 1) * size + 1) if batch >= 0 else np.zeros(1)
-            )
-            poses[name] = poses_at(line / sensor.line_rate, start, twist)
-            stamps[name] = round(1e9 * float(line[-1]) / sensor.line_rate)
-        lines = cameras.render(poses)
-        estimate = odometry.update({name: LineBatch(stamps[name], lines[name]) for name in sensors})
-        if batch >= 0 and estimate.measured:
+    for batch in range(batches):
+        lines = {name: 1 + np.arange(batch * n, (batch + 1) * n) for name, n in sizes.items()}
+        estimate = odometry.update(rendered(cameras, start, twist, lines))
+        if estimate.measured:
             estimates.append(estimate.twist)
             covariances.append(estimate.covariance)
     return TwistTrial(
@@ -110,47 +155,3 @@ def drive(
         np.array(covariances).reshape(-1, 3, 3),
         len(estimates) / batches,
     )
-
-
-def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> FloatArray:
-    """Return the poses of a platform that moves at a constant twist.
-
-    Args:
-        elapsed: times since the start [s], shape (m,).
-        start: x, y [m] and yaw [rad], shape (3,).
-        twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
-
-    Returns:
-        x, y [m], yaw [rad], shape (m, 3).
-    """
-    turned = twist[2] * elapsed
-    # Mean direction and length of the chord; np.sinc(x) is sin(pi x) / (pi x).
-    chord = elapsed * np.sinc(0.5 * turned / math.pi)
-    yaw = start[2] + 0.5 * turned
-    return np.column_stack(
-        (
-            start[0] + chord * (twist[0] * np.cos(yaw) - twist[1] * np.sin(yaw)),
-            start[1] + chord * (twist[0] * np.sin(yaw) + twist[1] * np.cos(yaw)),
-            start[2] + turned,
-        )
-    )
-
-
-def tangential(radius: float, prototype: LineSensor, count: int = 3) -> Mapping[str, LineSensor]:
-    """Return line cameras evenly on a circle, each along its tangent.
-
-    Args:
-        radius: of the circle [m].
-        prototype: what each sees.
-        count: how many.
-    """
-    sensors = {}
-    for i in range(count):
-        angle = 2.0 * math.pi * i / count
-        sensors[f"camera_{i}"] = dataclasses.replace(
-            prototype,
-            x=radius * math.cos(angle),
-            y=radius * math.sin(angle),
-            heading_deg=math.degrees(angle) + 90.0 - 360.0 * (angle > math.pi),
-        )
-    return sensors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
@@ -14,8 +14,9 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
+from omni_analysis.classical_placements import tangential
 from omni_analysis.line_trials import Lines, ground
-from omni_analysis.twist_trials import cameras_over, poses_at, tangential
+from omni_analysis.twist_trials import cameras_over, poses_at
 from omni_platform.sensors import LineSensor
 
 RATE = 2500.0
@@ -52,6 +53,18 @@ def frozen(lines: Lines) -> Lines:
     return still
 
 
+def measure(odometry: LineScanOdometry, lines: Mapping[str, Lines]) -> list[TwistEstimate]:
+    """Return the estimates after each batch, but for the first line."""
+    estimates = []
+    for end in range(1, len(next(iter(lines.values()))) + 1, BATCH):
+        stamp_ns = round(1e9 * (end - 1) / RATE)
+        batches = {
+            n: LineBatch(stamp_ns, own[max(0, end - BATCH) : end]) for n, own in lines.items()
+        }
+        estimates.append(odometry.update(batches))
+    return estimates[1:]
+
+
 def drive(
     fault: Fault | None,
     onset: int,
@@ -71,14 +84,7 @@ def drive(
     broken = next(iter(sensors))
     if fault is not None:
         lines[broken][onset:] = fault(lines[broken][onset:])
-    estimates = []
-    for end in range(1, total + 1, BATCH):
-        stamp_ns = round(1e9 * (end - 1) / RATE)
-        batch = {
-            name: LineBatch(stamp_ns, own[max(0, end - BATCH) : end]) for name, own in lines.items()
-        }
-        estimates.append(odometry.update(batch))
-    return estimates[1:], twist
+    return measure(odometry, lines), twist
 
 
 # The axis of the camera that fails points to the left: across, along and both, and turning.
@@ -151,11 +157,7 @@ def test_a_stop_and_a_start_are_no_fault() -> None:
     poses = np.zeros((len(elapsed), 3))
     poses[:, 0] = np.concatenate(([0.0], np.cumsum(speed[1:]) / RATE))
     lines = array.render(dict.fromkeys(sensors, poses))
-    for end in range(1, len(elapsed) + 1, BATCH):
-        stamp_ns = round(1e9 * (end - 1) / RATE)
-        batch = {n: LineBatch(stamp_ns, own[max(0, end - BATCH) : end]) for n, own in lines.items()}
-        estimate = odometry.update(batch)
-        assert end == 1 or estimate.measured, estimate.reason
+    assert not [e.reason for e in measure(odometry, lines) if not e.measured]
 
 
 @pytest.mark.parametrize("broken", ["camera_0", "camera_2"])
@@ -166,10 +168,7 @@ def test_one_wrong_camera_does_not_cover_the_good_ones(broken: str) -> None:
     poses = np.zeros((4 * BATCH + 1, 3))
     passing = poses_at(np.arange(len(poses)) / RATE, np.zeros(3), np.array([2.0, 1.0, 0.0]))
     lines = array.render(dict.fromkeys(sensors, poses) | {broken: passing})
-    for end in range(1, len(poses) + 1, BATCH):
-        stamp_ns = round(1e9 * (end - 1) / RATE)
-        batch = {n: LineBatch(stamp_ns, own[max(0, end - BATCH) : end]) for n, own in lines.items()}
-        estimate = odometry.update(batch)
+    estimate = measure(odometry, lines)[-1]
     assert np.abs(estimate.twist).max() < 0.01
     assert [name for name, r in estimate.readings.items() if not r.measured] == [broken]
     assert "contradicts" in estimate.reason
@@ -184,25 +183,22 @@ def test_a_cover_that_is_taken_away_is_forgotten() -> None:
     lines = array.render(dict.fromkeys(sensors, poses))
     covered = slice(3 * BATCH + 1, 6 * BATCH + 1)
     lines["camera_0"][covered] = mud(lines["camera_0"][covered])
-    seen = []
-    for end in range(1, len(poses) + 1, BATCH):
-        stamp_ns = round(1e9 * (end - 1) / RATE)
-        batch = {n: LineBatch(stamp_ns, own[max(0, end - BATCH) : end]) for n, own in lines.items()}
-        estimate = odometry.update(batch)
-        seen.append(estimate.measured)
-        assert not estimate.measured or np.abs(estimate.twist - twist).max() < 0.1
-    assert seen[1:] == [True] * 3 + [False] * 3 + [True] * 2
+    estimates = measure(odometry, lines)
+    assert all(np.abs(e.twist - twist).max() < 0.1 for e in estimates if e.measured)
+    assert [e.measured for e in estimates] == [True] * 3 + [False] * 3 + [True] * 2
 
 
 def test_lines_that_are_none_are_told_at_once() -> None:
     sensors = tangential(0.6, PROTOTYPE)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
-    poses = poses_at(np.arange(2 * BATCH) / RATE, np.zeros(3), np.array([3.0, 0.0, 0.0]))
-    lines = cameras_over(ground("cork"), sensors, 1.0, seed=2).render(dict.fromkeys(sensors, poses))
-    batches = {name: LineBatch(10**7, own[:BATCH]) for name, own in lines.items()}
-    assert odometry.update(batches).measured
-    batches = {name: LineBatch(2 * 10**7, own[BATCH:]) for name, own in lines.items()}
-    batches["camera_1"] = LineBatch.unusable(2 * 10**7, "holds NaN")
-    estimate = odometry.update(batches)
+    array = cameras_over(ground("cork"), sensors, 1.0, seed=2)
+    start, twist = np.zeros(3), np.array([3.0, 0.0, 0.0])
+    first, second = (
+        rendered(array, start, twist, dict.fromkeys(sensors, np.arange(begin, begin + BATCH)))
+        for begin in (0, BATCH)
+    )
+    assert odometry.update(first).measured
+    second["camera_1"] = LineBatch.unusable(second["camera_1"].stamp_ns, "holds NaN")
+    estimate = odometry.update(second)
     assert not estimate.measured
     assert estimate.reason == "camera_1: holds NaN"

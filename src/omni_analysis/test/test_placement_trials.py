@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from omni_analysis.experiment import ExperimentLibrary
@@ -14,9 +12,9 @@ from omni_analysis.mounting_area import MountingArea
 from omni_analysis.placed_sensors import named, placed_sensor
 from omni_analysis.placement_error import MeanError, MotionMix, gyration, poses_of
 from omni_analysis.placement_search import search
-from omni_analysis.placement_trials import drive
+from omni_analysis.placement_trials import drive_mix
 from omni_analysis.scene import Scene
-from omni_analysis.sensor_error import measure_sensor_error, moved
+from omni_analysis.sensor_error import measure_sensor_error
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 VIEW = View(256, 0.05, 0.02, 1000.0)
@@ -38,26 +36,10 @@ def test_predicted_errors_hold_and_the_best_placement_beats_the_default() -> Non
     default = {n: placed_sensor(VIEW, s.x, s.y, s.heading_deg) for n, s in places.items()}
     measured = []
     for sensors in (named(found.poses, VIEW), default):
-        driven = drive(sensors, mix, texture, NOISE, 6, seed=2)
+        driven = drive_mix(sensors, mix, texture, NOISE, 6, seed=2)
         assert driven.unmeasured == 0.0
         measured.append(driven.mean_error(radius))
         predicted = criterion.mean_error(poses_of(sensors))
         # 6 batches in 24 orientations of 2 motions: some 5 % of scatter of their own.
         assert measured[-1] == pytest.approx(predicted, rel=0.25)
     assert measured[0] < 0.92 * measured[1]
-
-
-@pytest.mark.parametrize("twist", [(2.0, -1.0, 3.0), (1.0, 0.5, 1e-9), (0.0, 0.0, -2.0)])
-def test_constant_twist_moves_on_an_arc(twist: tuple[float, float, float]) -> None:
-    start, time = np.array([0.3, -0.2, 0.8]), np.linspace(0.0, 1.5, 16)
-    poses = moved(start, np.array(twist), time)
-    steps = 2000
-    x, y, yaw = start
-    dt = time[-1] / steps
-    for _ in range(steps):  # midpoint rule
-        middle = yaw + 0.5 * dt * twist[2]
-        x += dt * (math.cos(middle) * twist[0] - math.sin(middle) * twist[1])
-        y += dt * (math.sin(middle) * twist[0] + math.cos(middle) * twist[1])
-        yaw += dt * twist[2]
-    assert poses[0] == pytest.approx(start)
-    assert poses[-1] == pytest.approx((x, y, yaw), abs=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentLibrary
     from omni_analysis.judged_placement import JudgedPlacement
-    from omni_analysis.placement_trials import TwistTrial
+    from omni_analysis.placement_trials import PlacementTrial
     from omni_analysis.sensor_design import Design, DesignTask
     from omni_platform.sensors import LineSensor
 
@@ -265,7 +266,7 @@ def _drawn(result: Design, task: DesignTask) -> list[JudgedPlacement]:
 def _print(
     task: DesignTask,
     result: Design,
-    driven: Mapping[str, TwistTrial],
+    driven: Mapping[str, PlacementTrial],
     options: argparse.Namespace,
     files: tuple[Path, Path],
 ) -> None:
@@ -295,5 +296,11 @@ def _print(
         console.print(sentence, highlight=False)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True, highlight=False)
-    use = f"use it: ./omni run --set sensors={files[0]}, or copy it into config/sensors"
-    console.print(use, soft_wrap=True, highlight=False)
+    # The places are those under this chassis, the experiment's vehicle may be another one.
+    vehicle = options.vehicle
+    if vehicle.endswith(".yaml"):
+        vehicle = Path(vehicle).resolve()
+    parts = (f"vehicle={vehicle}", f"sensors={files[0]}")
+    command = shlex.join(("./omni", "run", *(word for part in parts for word in ("--set", part))))
+    use = f"use it: {command}, or copy it into config/sensors"
+    console.print(use, soft_wrap=True, highlight=False, markup=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -64,14 +65,41 @@ def test_designed_sensors_measure_in_an_experiment(
     assert abs(history.estimate[-1] - history.twist[-1]).max() < 0.05
 
 
-def test_a_singular_placement_is_named_and_fails_the_check(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error of one camera is given, and nothing is drawn."""
     speed = np.array([3.0, 0.0])
     rms = np.array([0.002, 0.01])
-    given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)  # to be quick
+    given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)
     monkeypatch.setattr(sensor_design, "measure_sensor_error", lambda *_: given)
     monkeypatch.setattr(placement_figure, "placement_figure", lambda *_: Figure())
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("given", ["three_wheel_robot", "a robot.yaml"])
+def test_the_printed_command_runs_the_places_under_their_vehicle(
+    given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    robot = (CONFIG / "vehicles" / "three_wheel_robot.yaml").read_text()
+    (tmp_path / "a robot.yaml").write_text(robot)
+    assert omni("--vehicle", given, *COARSE, "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out.splitlines()[-1]
+    command = printed.removeprefix("use it: ").removesuffix(", or copy it into config/sensors")
+    program, verb, *options = shlex.split(command)
+    assert (program, verb, options[::2]) == ("./omni", "run", ["--set", "--set"])
+    monkeypatch.chdir("/")
+    library = ExperimentLibrary(CONFIG)
+    configuration = library.load("straight_line", "assisted", options[1::2])
+    assert configuration.vehicle == library.vehicle("three_wheel_robot")
+    assert configuration.vehicle != library.load("straight_line", "assisted").vehicle
+    assert configuration.sensors == library.sensors(str(tmp_path / "out" / "sensors.yaml"))
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_singular_placement_is_named_and_fails_the_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     camera = "pixels: 256, length: 0.05, width: 0.02, line_rate: 1000.0"
     radial = tmp_path / "star.yaml"
     radial.write_text(

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.classical_placements import tangential
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLUE,
@@ -33,7 +34,7 @@ from omni_analysis.line_trials import ground
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
-from omni_analysis.twist_trials import TwistTrial, cameras_over, drive, tangential
+from omni_analysis.twist_trials import TwistTrial, cameras_over, drive
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 
