@@ -16,7 +16,7 @@ from linescan_odometry.odometry import (
 )
 from omni_analysis.classical_placements import tangential
 from omni_analysis.line_trials import Lines, ground
-from omni_analysis.twist_trials import cameras_over, poses_at
+from omni_analysis.twist_trials import cameras_over, poses_at, rendered
 from omni_platform.sensors import LineSensor
 
 RATE = 2500.0
