@@ -17,7 +17,7 @@ and ``w_i`` the weight of pair i in the mean,
 
 Three corrections make it right for a handful of blocks. Errors may reach from one block into the
 next ones: products of neighbours enter with the weights of Bartlett (Newey and West 1987), over
-a sixth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
+a fifth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
 sum_i w_i P_ib / P_i``. The fit of each pair has taken its part of the errors, by the leverage
 of its blocks: the rest is divided by what it left. And as the variance is itself an estimate, with
 nu degrees of freedom, errors over it have the variance of Student's t, ``nu / (nu - 2)``.
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_WINDOWS = 6.0  # that the effective number of blocks is divided into
+_WINDOWS = 5.0  # that the effective number of blocks is divided into
 _FEWEST_FREEDOMS = 3.0
 _LARGEST_LEVERAGE = 0.75
 _LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave

@@ -251,5 +251,5 @@ def _draw(cases: list[Case]) -> Figure:
         axes.set_yticks([0.5, 0.8, 1.0, 1.25, 2.0], ["0.5", "0.8", "1", "1.25", "2"])
         axes.minorticks_off()
     panels[0].set_ylabel("error squared over its expectation [1]", fontsize=LABEL_SIZE)
-    panels[-1].legend(frameon=False, loc="upper right")
+    panels[0].legend(frameon=False, loc="upper left")
     return figure
