@@ -105,11 +105,11 @@ class ExperimentConfiguration(Configuration):
             return
         try:
             check_placement(odometry.sensors, odometry.minimum_lever)
-        except ConfigurationError as error:
+        except ConfigurationError:
             raise ConfigurationError(
                 "odometry.kinematics.constraint",
                 "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
-                f"line camera; it takes three that suffice by themselves ({error.problem})",
+                f"line camera; {', '.join(odometry.sensors)} must measure the twist by themselves",
             ) from None
 
     def simulator(self) -> SimulatorConfiguration:
