@@ -56,7 +56,7 @@ def mean_variance(
     used = weight != 0.0
     low = int(block[used].min())
     error, leverage = np.zeros((2, int((block + parts)[used].max()) - low))
-    shares = np.zeros(sums.shape[1])
+    shares = np.zeros((len(weight), sums.shape[1]))
     return float(_variance(sums, length, parts, block - low, weight, error, leverage, shares))
 
 
@@ -71,8 +71,8 @@ def _variance(
     leverage: FloatArray,
     shares: FloatArray,
 ) -> float:
-    """Return the variance; `error` and `leverage` receive S_b and h_b, `shares` is for work."""
-    _add_pairs(sums, length, parts, block, weight, error, leverage)
+    """Return the variance; see `_add_pairs` for what the last three arrays receive."""
+    _add_pairs(sums, length, parts, block, weight, error, leverage, shares)
     squares, number = 0.0, 0.0
     for b in range(len(error)):
         squares += error[b] * error[b]
@@ -83,12 +83,7 @@ def _variance(
     taken, weights = 0.0, 0.0
     for pair in range(len(weight)):
         if weight[pair] != 0.0:
-            pq = 0.0
-            for part in range(parts[pair]):
-                pq += sums[pair, part, 3]
-            for part in range(parts[pair]):
-                shares[part] = sums[pair, part, 3] / pq
-            taken += abs(weight[pair]) * _smoothed_square(shares[: parts[pair]], window)
+            taken += abs(weight[pair]) * _smoothed_square(shares[pair, : parts[pair]], window)
             weights += abs(weight[pair])
     kept = 1.0 - min(taken / weights, _LARGEST_LEVERAGE)
     square = 1.0
@@ -119,8 +114,9 @@ def _add_pairs(
     weight: FloatArray,
     error: FloatArray,
     leverage: FloatArray,
+    shares: FloatArray,
 ) -> None:
-    """Add S_b and h_b of every pair."""
+    """Add S_b and h_b of every pair; `shares` receives P_ib / P_i, shape (m, most parts)."""
     for pair in range(len(weight)):
         if weight[pair] == 0.0:
             continue
@@ -137,3 +133,4 @@ def _add_pairs(
             own = sums[pair, part, 2] - e * sums[pair, part, 1] - share * rest
             error[block[pair] + part] += weight[pair] * 0.5 * own / pq
             leverage[block[pair] + part] += weight[pair] * share
+            shares[pair, part] = share
