@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.measurements import FloatArray, SensorReading
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, velocity_row
 
 _STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
 _STILL_PIXELS = 2.0  # likewise along the axis
@@ -26,6 +26,13 @@ class Covers:
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Start with no camera covered, and at rest."""
         self._sensors = sensors
+        # Along and across (to the left of) each camera's axis.
+        self._rows = {
+            name: np.array(
+                [velocity_row(s.x, s.y, s.heading + turn) for turn in (0.0, math.pi / 2)]
+            )
+            for name, s in sensors.items()
+        }
         self._start_anew()
 
     def _start_anew(self) -> None:
@@ -57,7 +64,7 @@ class Covers:
             if reading.still_time == 0.0:
                 self._covered.pop(name, None)
                 continue
-            along, across = self._velocity(name, self._twist)
+            along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
             if speed > _HARDEST_STOP * elapsed and self._would_show(
                 name, along, across, reading.still_time
@@ -86,7 +93,7 @@ class Covers:
         for name, reading in readings.items():
             if not reading.measured or reading.still_time == 0.0:
                 continue
-            _, across = self._velocity(name, twist)
+            across = float(self._rows[name][1] @ twist)
             share = abs(across) * reading.still_time / self._sensors[name].width
             if share > farthest:
                 farthest = share
@@ -104,11 +111,3 @@ class Covers:
             abs(across) * duration > _STILL_SHARE * sensor.width
             or abs(along) * duration > _STILL_PIXELS * sensor.pixel_pitch
         )
-
-    def _velocity(self, name: str, twist: FloatArray) -> tuple[float, float]:
-        """Return the velocity of a camera along and across its axis (to its left) [m/s]."""
-        sensor = self._sensors[name]
-        v_x = float(twist[0] - twist[2] * sensor.y)  # Eq. (23)
-        v_y = float(twist[1] + twist[2] * sensor.x)
-        c, s = math.cos(sensor.heading), math.sin(sensor.heading)
-        return v_x * c + v_y * s, v_y * c - v_x * s

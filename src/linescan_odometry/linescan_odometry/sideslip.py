@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.sensors import LineSensor, velocity_row
 
 FloatArray = NDArray[np.float64]
 
@@ -112,11 +112,10 @@ class WheelSideslip:
         direction = math.radians(wheel.steering_deg)
         self._along = math.cos(sensor.heading - direction)
         self._across = math.sin(sensor.heading - direction)
-        a_x, a_y = math.cos(sensor.heading), math.sin(sensor.heading)
-        self._lever = (sensor.x - wheel.x) * a_y - (sensor.y - wheel.y) * a_x
-        self._sensor_row = sensor_matrix({"": sensor})[0]
-        cosine, sine = math.cos(direction), math.sin(direction)
-        self._forward_row = np.array([cosine, sine, wheel.x * sine - wheel.y * cosine])
+        x, y, heading = sensor.x, sensor.y, sensor.heading
+        self._lever = velocity_row(x - wheel.x, y - wheel.y, heading)[2]
+        self._sensor_row = np.array(velocity_row(x, y, heading))
+        self._forward_row = np.array(velocity_row(wheel.x, wheel.y, direction))
 
     def measure(
         self, reading: SensorReading, forward: float, yaw_rate: float, covariance: FloatArray

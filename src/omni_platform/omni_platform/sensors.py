@@ -66,8 +66,7 @@ class LineSensor(Configuration):
 def sensor_matrix(sensors: Mapping[str, LineSensor]) -> FloatArray:
     """Return the linear map from body twist to the velocities along the sensor axes.
 
-    Each row is ``(cos h, sin h, cross(r, a))`` with the unit axis ``a = (cos h, sin h)`` and the
-    position ``r``: the component along `a` of ``v_c + Omega k x r``, Eq. (23).
+    Each row is the `velocity_row` of a sensor's position along its axis.
 
     Args:
         sensors: S sensors by name.
@@ -75,8 +74,20 @@ def sensor_matrix(sensors: Mapping[str, LineSensor]) -> FloatArray:
     Returns:
         Matrix of shape (S, 3): [1], [1], [m].
     """
-    rows = []
-    for sensor in sensors.values():
-        a_x, a_y = math.cos(sensor.heading), math.sin(sensor.heading)
-        rows.append((a_x, a_y, sensor.x * a_y - sensor.y * a_x))
+    rows = [velocity_row(sensor.x, sensor.y, sensor.heading) for sensor in sensors.values()]
     return np.array(rows, dtype=np.float64).reshape(len(rows), 3)
+
+
+def velocity_row(x: float, y: float, direction: float) -> tuple[float, float, float]:
+    """Return what gives the velocity of a point in a direction from the body twist, Eq. (23).
+
+    Args:
+        x: of the point, forward of base_link [m].
+        y: of the point, left of base_link [m].
+        direction: counter-clockwise from forward [rad].
+
+    Returns:
+        ``(cos d, sin d, cross(r, a))`` with the unit vector ``a = (cos d, sin d)``: [1], [1], [m].
+    """
+    a_x, a_y = math.cos(direction), math.sin(direction)
+    return a_x, a_y, x * a_y - y * a_x
