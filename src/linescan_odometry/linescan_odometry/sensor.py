@@ -182,7 +182,7 @@ class SensorOdometry:
         """Compare the newest line with the oldest, if that tells the mean displacement better.
 
         Every estimator of a shift is drawn a little towards whole pixels. At a fraction of a
-        pixel per line that is a share of the speed (2 % with coarse pixels on fine texture), over
+        pixel per line that is a share of the speed (some per cent where noise is strong), over
         the whole batch it is not. When the sensor moves sideways at the same time the ends of the
         batch differ too much: there is no match, or one of larger variance.
         """
