@@ -61,15 +61,13 @@ class RollerVehicle(Vehicle):
         cos, sin = math.cos(yaw), math.sin(yaw)
         v_x, v_y = self.velocity_of_gravity_centre
         spin = np.empty(len(self._wheels))
-        for i, (wheel, constants) in enumerate(zip(self._wheels, self._plant.wheel, strict=True)):
+        states = zip(self._wheels, self._plant.wheel, self._rolling_radius, strict=True)
+        for i, (wheel, constants, radius) in enumerate(states):
             pitch = self._plant.roller_pitch
             angle = wheel[dynamics.ANGLE]
             gamma = angle - pitch * nearest_roller(angle, pitch)
             n_x, n_y, x, y, _, length, depth = roller_contact(gamma, self._plant.rollers[i])
             r_x, r_y = constants[dynamics.R_X] + x, constants[dynamics.R_Y] + y
-            radius = constants[dynamics.RADIUS] - (
-                wheel[dynamics.LOAD] / self._plant.vertical_stiffness
-            )
             rim = radius * wheel[dynamics.SPEED]
             slip_x = cos * v_x + sin * v_y - rate * r_y - rim * self._plant.rollers[i, U_X]
             slip_y = cos * v_y - sin * v_x + rate * r_x - rim * self._plant.rollers[i, U_Y]
