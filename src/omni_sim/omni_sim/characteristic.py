@@ -28,9 +28,7 @@ class CurvePoint(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def curve_at_load(
-    coefficients: FloatArray, load: float, friction: float
-) -> tuple[float, float, float, float, float]:
+def curve_at_load(coefficients: FloatArray, load: float, friction: float) -> CurvePoint:
     """Return ``(dF0, s_max, F_max, s_slide, F_slide)`` at a load, Eq. (3).
 
     The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, not the slope.
@@ -46,7 +44,7 @@ def curve_at_load(
     slide_force = (c[4] + c[5] * load) * load * friction
     peak_slip = (c[6] + c[7] * load) * friction
     slide_slip = (c[8] + c[9] * load) * friction
-    return slope, peak_slip, peak_force, slide_slip, slide_force
+    return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,7 +133,8 @@ class TMeasy:
             direction: ``x`` or ``y``.
         """
         clamped = min(max(load, 0.0), self.configuration.nominal_load_2)
-        return CurvePoint(*curve_at_load(self._coefficients[direction], clamped, friction))
+        curve: CurvePoint = curve_at_load(self._coefficients[direction], clamped, friction)
+        return curve
 
     def force(
         self,

@@ -31,7 +31,7 @@ def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
     """Return the factors ``n_x``, ``n_y`` that normalise the slips [1]; their sum is 2.
 
     Args:
-        x: longitudinal curve, or a tuple of its numbers.
+        x: longitudinal curve.
         y: lateral curve.
     """
     if x[2] <= 0.0 or y[2] <= 0.0:
@@ -47,7 +47,7 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     """Return the curve of force [N] over normalised slip [1] in a direction.
 
     Args:
-        x: longitudinal curve, or a tuple of its numbers.
+        x: longitudinal curve.
         y: lateral curve.
         norms: from `slip_norms` [1].
         q: unit vector of the normalised slip [1].

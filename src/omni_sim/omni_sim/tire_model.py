@@ -129,8 +129,6 @@ def _model_of(kind: type) -> TireModel:
     for model in MODELS.values():
         if kind in (model.parameters_type, model.curve_type):
             return model
-    if kind is tuple:  # a TMeasy curve without names
-        return MODELS["tmeasy"]
     raise TypeError(f"{kind!r} belongs to no tyre model")
 
 
@@ -172,7 +170,7 @@ def contact_friction(
 
 
 def _type_of(numba_type: types.Type) -> type:
-    kind: type = getattr(numba_type, "instance_class", tuple)
+    kind: type = getattr(numba_type, "instance_class", type(numba_type))
     return kind
 
 
