@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from omni_sim.tire_model import flat_together
 from omni_sim.tmeasy import TMeasyConfiguration, curve_coefficients
 
 FloatArray = NDArray[np.float64]
@@ -154,18 +155,9 @@ class TMeasy:
         Returns:
             Force [N] in the common shape of the arguments.
         """
-        slips, loads, frictions = np.broadcast_arrays(
-            np.asarray(slip, dtype=np.float64),
-            np.asarray(load, dtype=np.float64),
-            np.asarray(friction, dtype=np.float64),
-        )
-        force = np.empty(slips.size)
+        shape, flat = flat_together(slip, load, friction)
+        force = np.empty(flat[0].size)
         _steady_forces(
-            self._coefficients[direction],
-            self.configuration.nominal_load_2,
-            np.ascontiguousarray(slips).ravel(),
-            np.ascontiguousarray(loads).ravel(),
-            np.ascontiguousarray(frictions).ravel(),
-            force,
+            self._coefficients[direction], self.configuration.nominal_load_2, *flat, force
         )
-        return force.reshape(slips.shape)
+        return force.reshape(shape)

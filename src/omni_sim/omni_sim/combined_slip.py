@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from omni_sim.characteristic import CurvePoint, curve_at_load, steady_force
+from omni_sim.tire_model import flat_together
 from omni_sim.tmeasy import TMeasyConfiguration, curve_coefficients
 
 FloatArray = NDArray[np.float64]
@@ -124,12 +125,9 @@ def combined_forces(
         Longitudinal and lateral forces [N], in the common shape of the arguments and a last axis
         of 2.
     """
-    common = np.broadcast_arrays(
-        *(np.asarray(value, dtype=np.float64) for value in (slip_x, slip_y, load, friction))
-    )
-    flat = [np.ascontiguousarray(array).ravel() for array in common]
+    shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
     loads = tire.nominal_load_1, tire.nominal_load_2
     coefficients = curve_coefficients(tire.x, *loads), curve_coefficients(tire.y, *loads)
     _combined_forces(*coefficients, tire.nominal_load_2, *flat, force)
-    return force.reshape((*common[0].shape, 2))
+    return force.reshape((*shape, 2))

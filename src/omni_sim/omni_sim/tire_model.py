@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.configuration import Configuration
 
@@ -167,6 +167,12 @@ def contact_friction(
         ``F`` [N], ``w`` [m/s] and whether the patch slides now.
     """
     return _model_of(type(curve)).contact(demand, damping, gain, speed, curve, sliding)
+
+
+def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
+    """Return the common shape of some arguments, and each in that shape as one row of numbers."""
+    common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
+    return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 
 
 def _type_of(numba_type: types.Type) -> type:
