@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from omni_sim.tire_model import flat_together
 from omni_sim.tmeasy import TMeasyConfiguration, curve_coefficients
 
 FloatArray = NDArray[np.float64]
@@ -28,9 +29,7 @@ class CurvePoint(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def curve_at_load(
-    coefficients: FloatArray, load: float, friction: float
-) -> tuple[float, float, float, float, float]:
+def curve_at_load(coefficients: FloatArray, load: float, friction: float) -> CurvePoint:
     """Return ``(dF0, s_max, F_max, s_slide, F_slide)`` at a load, Eq. (3).
 
     The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, not the slope.
@@ -46,7 +45,7 @@ def curve_at_load(
     slide_force = (c[4] + c[5] * load) * load * friction
     peak_slip = (c[6] + c[7] * load) * friction
     slide_slip = (c[8] + c[9] * load) * friction
-    return slope, peak_slip, peak_force, slide_slip, slide_force
+    return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,7 +134,8 @@ class TMeasy:
             direction: ``x`` or ``y``.
         """
         clamped = min(max(load, 0.0), self.configuration.nominal_load_2)
-        return CurvePoint(*curve_at_load(self._coefficients[direction], clamped, friction))
+        curve: CurvePoint = curve_at_load(self._coefficients[direction], clamped, friction)
+        return curve
 
     def force(
         self,
@@ -155,18 +155,9 @@ class TMeasy:
         Returns:
             Force [N] in the common shape of the arguments.
         """
-        slips, loads, frictions = np.broadcast_arrays(
-            np.asarray(slip, dtype=np.float64),
-            np.asarray(load, dtype=np.float64),
-            np.asarray(friction, dtype=np.float64),
-        )
-        force = np.empty(slips.size)
+        shape, flat = flat_together(slip, load, friction)
+        force = np.empty(flat[0].size)
         _steady_forces(
-            self._coefficients[direction],
-            self.configuration.nominal_load_2,
-            np.ascontiguousarray(slips).ravel(),
-            np.ascontiguousarray(loads).ravel(),
-            np.ascontiguousarray(frictions).ravel(),
-            force,
+            self._coefficients[direction], self.configuration.nominal_load_2, *flat, force
         )
-        return force.reshape(slips.shape)
+        return force.reshape(shape)

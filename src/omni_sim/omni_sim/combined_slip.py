@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from omni_sim.characteristic import CurvePoint, curve_at_load, steady_force
+from omni_sim.tire_model import flat_together
 from omni_sim.tmeasy import TMeasyConfiguration, curve_coefficients
 
 FloatArray = NDArray[np.float64]
@@ -31,7 +32,7 @@ def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
     """Return the factors ``n_x``, ``n_y`` that normalise the slips [1]; their sum is 2.
 
     Args:
-        x: longitudinal curve, or a tuple of its numbers.
+        x: longitudinal curve.
         y: lateral curve.
     """
     if x[2] <= 0.0 or y[2] <= 0.0:
@@ -47,7 +48,7 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     """Return the curve of force [N] over normalised slip [1] in a direction.
 
     Args:
-        x: longitudinal curve, or a tuple of its numbers.
+        x: longitudinal curve.
         y: lateral curve.
         norms: from `slip_norms` [1].
         q: unit vector of the normalised slip [1].
@@ -124,12 +125,9 @@ def combined_forces(
         Longitudinal and lateral forces [N], in the common shape of the arguments and a last axis
         of 2.
     """
-    common = np.broadcast_arrays(
-        *(np.asarray(value, dtype=np.float64) for value in (slip_x, slip_y, load, friction))
-    )
-    flat = [np.ascontiguousarray(array).ravel() for array in common]
+    shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
     loads = tire.nominal_load_1, tire.nominal_load_2
     coefficients = curve_coefficients(tire.x, *loads), curve_coefficients(tire.y, *loads)
     _combined_forces(*coefficients, tire.nominal_load_2, *flat, force)
-    return force.reshape((*common[0].shape, 2))
+    return force.reshape((*shape, 2))

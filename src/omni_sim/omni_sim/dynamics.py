@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from omni_sim.drivetrain import wheel_step
 from omni_sim.friction import friction_at
 from omni_sim.loads import GRAVITY, wheel_loads
+from omni_sim.maneuver import in_turned_frame
 from omni_sim.passive_losses import passive_force
 from omni_sim.roller_dynamics import (
     E_A,
@@ -339,7 +340,7 @@ def displace_contacts(plant: Plant, wheels: FloatArray, contacts: FloatArray) ->
 
     Args:
         plant: constants, with a roller pitch.
-        wheels: wheel states, shape (N, 9).
+        wheels: wheel states, shape (N, 12).
         contacts: written in place, shape (N, 6).
     """
     for i in range(wheels.shape[0]):
@@ -433,16 +434,6 @@ def _step_wheels(
         wheels[i, BRAKE] = brake_torque
         wheels[i, SLIP] = patch / speed
         wheels[i, LIMIT] = curve.peak_force
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _drive_after(control: Control, turned: float) -> tuple[float, float]:
-    """Return the commanded velocity [m/s] in a body that has turned by an angle [rad] since."""
-    cos, sin = math.cos(turned), math.sin(turned)
-    return (
-        cos * control.twist[0] + sin * control.twist[1],
-        cos * control.twist[1] - sin * control.twist[0],
-    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -591,7 +582,7 @@ def advance(
         yaw = body[YAW] + 0.5 * dt * body[YAW_RATE]
         cos, sin = math.cos(yaw), math.sin(yaw)
         if control.hold_world:
-            drive_x, drive_y = _drive_after(control, yaw - start_yaw)
+            drive_x, drive_y = in_turned_frame(control.twist[0], control.twist[1], yaw - start_yaw)
 
         z_x, z_y = reach * body[A_X], reach * body[A_Y]
         if wheel_loads(plant.wheel, plant.plane, plant.hull, weight, z_x, z_y, loads):

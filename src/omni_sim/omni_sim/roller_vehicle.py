@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omni_sim import dynamics, roller_dynamics
-from omni_sim.friction import FrictionMap
-from omni_sim.ground_elevation import ElevationConfiguration
+from omni_sim.roller_configuration import RollerConfiguration
 from omni_sim.roller_geometry import U_X, U_Y, nearest_roller, roller_contact
 from omni_sim.roller_tire import passive_parameters
-from omni_sim.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -24,26 +22,14 @@ class RollerVehicle(Vehicle):
     In logs and properties a wheel's force is the part of all its rollers' forces along the
     nominal active direction, and its limit is the sum of their limits; slip, deflection and
     whether it slides are those of its lower roller; the slip velocity is that of an ideal contact.
-
-    Attributes:
-        rollers: what the rollers are like.
     """
 
     wheel_model = "rollers"
 
-    def __init__(
-        self,
-        configuration: VehicleConfiguration,
-        friction: FrictionMap | None = None,
-        physics_step: float = DEFAULT_PHYSICS_STEP,
-        pose: ArrayLike = (0.0, 0.0, 0.0),
-        twist: ArrayLike = (0.0, 0.0, 0.0),
-        elevation: ElevationConfiguration | None = None,
-        wheel_angle: ArrayLike = 0.0,
-    ) -> None:
-        """Build the vehicle and place it, rolling; arguments and errors as for `Vehicle`."""
-        self.rollers = configuration.rollers
-        super().__init__(configuration, friction, physics_step, pose, twist, elevation, wheel_angle)
+    @property
+    def rollers(self) -> RollerConfiguration:
+        """What the rollers are like."""
+        return self.configuration.rollers
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
         """Put the vehicle somewhere, wheels and rollers turning as it moves, its tyres at rest.
@@ -75,15 +61,13 @@ class RollerVehicle(Vehicle):
         cos, sin = math.cos(yaw), math.sin(yaw)
         v_x, v_y = self.velocity_of_gravity_centre
         spin = np.empty(len(self._wheels))
-        for i, (wheel, constants) in enumerate(zip(self._wheels, self._plant.wheel, strict=True)):
+        states = zip(self._wheels, self._plant.wheel, self._rolling_radius, strict=True)
+        for i, (wheel, constants, radius) in enumerate(states):
             pitch = self._plant.roller_pitch
             angle = wheel[dynamics.ANGLE]
             gamma = angle - pitch * nearest_roller(angle, pitch)
             n_x, n_y, x, y, _, length, depth = roller_contact(gamma, self._plant.rollers[i])
             r_x, r_y = constants[dynamics.R_X] + x, constants[dynamics.R_Y] + y
-            radius = constants[dynamics.RADIUS] - (
-                wheel[dynamics.LOAD] / self._plant.vertical_stiffness
-            )
             rim = radius * wheel[dynamics.SPEED]
             slip_x = cos * v_x + sin * v_y - rate * r_y - rim * self._plant.rollers[i, U_X]
             slip_y = cos * v_y - sin * v_x + rate * r_x - rim * self._plant.rollers[i, U_Y]

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.configuration import Configuration, parameter
-from omni_sim.tire_model import Curve, TireModel, curve_at, force_at
+from omni_sim.tire_model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire_models import MODELS
 
 FloatArray = NDArray[np.float64]
@@ -162,18 +162,7 @@ class Tire:
         Returns:
             Force [N] in the common shape of the arguments.
         """
-        slips, loads, frictions = np.broadcast_arrays(
-            np.asarray(slip, dtype=np.float64),
-            np.asarray(load, dtype=np.float64),
-            np.asarray(friction, dtype=np.float64),
-        )
-        force = np.empty(slips.size)
-        steady_forces(
-            self._parameters,
-            self.configuration.largest_load,
-            np.ascontiguousarray(slips).ravel(),
-            np.ascontiguousarray(loads).ravel(),
-            np.ascontiguousarray(frictions).ravel(),
-            force,
-        )
-        return force.reshape(slips.shape)
+        shape, flat = flat_together(slip, load, friction)
+        force = np.empty(flat[0].size)
+        steady_forces(self._parameters, self.configuration.largest_load, *flat, force)
+        return force.reshape(shape)

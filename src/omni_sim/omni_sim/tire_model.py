@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.configuration import Configuration
 
@@ -129,8 +129,6 @@ def _model_of(kind: type) -> TireModel:
     for model in MODELS.values():
         if kind in (model.parameters_type, model.curve_type):
             return model
-    if kind is tuple:  # a TMeasy curve without names
-        return MODELS["tmeasy"]
     raise TypeError(f"{kind!r} belongs to no tyre model")
 
 
@@ -171,8 +169,14 @@ def contact_friction(
     return _model_of(type(curve)).contact(demand, damping, gain, speed, curve, sliding)
 
 
+def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
+    """Return the common shape of some arguments, and each in that shape as one row of numbers."""
+    common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
+    return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
+
+
 def _type_of(numba_type: types.Type) -> type:
-    kind: type = getattr(numba_type, "instance_class", tuple)
+    kind: type = getattr(numba_type, "instance_class", type(numba_type))
     return kind
 
 

@@ -207,10 +207,7 @@ class Vehicle:
         dynamics.displace_contacts(self._plant, self._wheels, self._contacts)
         twist = np.array([*velocity, yaw_rate])
         hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ twist
-        radius = self._plant.wheel[:, dynamics.RADIUS] - self.wheel_load / (
-            self._plant.vertical_stiffness
-        )
-        speed: FloatArray = hub / (radius * self._contacts[:, dynamics.RIM])
+        speed: FloatArray = hub / (self._rolling_radius * self._contacts[:, dynamics.RIM])
         return speed
 
     def advance(
@@ -306,6 +303,12 @@ class Vehicle:
             math.sin(yaw),
         )
         return standing
+
+    @property
+    def _rolling_radius(self) -> FloatArray:
+        """``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
+        radius: FloatArray = self._plant.wheel[:, dynamics.RADIUS]
+        return radius - self._wheels[:, dynamics.LOAD] / self._plant.vertical_stiffness
 
     @property
     def _tilt(self) -> FloatArray:
@@ -423,10 +426,9 @@ class Vehicle:
         x, y, yaw = self._body[:3]
         turn = orientation(yaw, forward, left)
         base = np.array([x, y, height])
-        geometry, plant = self.kinematics.geometry, self._plant
-        radius = geometry.radius - self.wheel_load / plant.vertical_stiffness
+        levers, directions = self._plant.wheel[:, :2], self.kinematics.geometry.rolling
         contacts = []
-        for lever, rolling, r_s in zip(plant.wheel[:, :2], geometry.rolling, radius, strict=True):
+        for lever, rolling, r_s in zip(levers, directions, self._rolling_radius, strict=True):
             centre = base + turn @ [*lever, r_s]
             c_x, c_y = float(centre[0]), float(centre[1])
             z, *normal = road_plane_at(*self._terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
@@ -464,10 +466,9 @@ class Vehicle:
     def roller_speed(self) -> FloatArray:
         """Surface speeds of the rollers ``u_w . v_i - omega r_D (u_w . u_i)`` [m/s], (N,)."""
         geometry = self.kinematics.geometry
-        radius = geometry.radius - self.wheel_load / self._plant.vertical_stiffness
         rim = np.sum(geometry.passive * geometry.rolling, axis=1)
         hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
-        return np.asarray(hub - self.wheel_speed * radius * rim, dtype=np.float64)
+        return np.asarray(hub - self.wheel_speed * self._rolling_radius * rim, dtype=np.float64)
 
     @property
     def wheel_force_body(self) -> FloatArray:
@@ -488,13 +489,11 @@ class Vehicle:
     @property
     def slip_velocity(self) -> FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
-        radius = self._plant.wheel[:, dynamics.RADIUS]
-        radius = radius - self.wheel_load / self._plant.vertical_stiffness
         v_x, v_y, rate = self.twist
         g_x, g_y = self.masses.centre
         centre = np.array([v_x - rate * g_y, v_y + rate * g_x, rate])
         hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ centre
-        rim = self.wheel_speed * radius * self._contacts[:, dynamics.RIM]
+        rim = self.wheel_speed * self._rolling_radius * self._contacts[:, dynamics.RIM]
         return np.asarray(hub - rim, dtype=np.float64)
 
     @property

@@ -38,7 +38,7 @@ def step(
         hub_velocity,
         0.0,
         abs(0.2 * omega) + 1e-6,
-        tuple(TIRE.curve(load)),
+        TIRE.curve(load),
         C,
         D,
         DT,

@@ -14,7 +14,7 @@ from omni_sim.tmeasy import TMeasyConfiguration
 from omni_sim.wheel import contact_friction, tire_force
 
 TIRE = TMeasy(TMeasyConfiguration())
-CURVE = tuple(TIRE.curve(3000.0))
+CURVE = TIRE.curve(3000.0)
 SLOPE, PEAK, SLIDE = CURVE[0], CURVE[2], CURVE[4]
 C, D, DT = 2.0e5, 5000.0, 0.0005
 LOCKED = 1e-6  # V of a standing wheel [m/s]
@@ -27,7 +27,7 @@ def test_patch_speed_solves_the_balance_of_forces(
     demand: float, exponent: float, gain: float, sliding: bool, load: float
 ) -> None:
     speed = 10.0**exponent
-    curve = tuple(TIRE.curve(load))
+    curve = TIRE.curve(load)
     force, w, _ = contact_friction(demand, D, gain, speed, curve, sliding)
     assert 0.0 <= force <= curve[2]
     assert w >= 0.0
@@ -119,7 +119,7 @@ def test_rolling_wheel_settles_on_the_steady_characteristic() -> None:
 
 
 def test_unloaded_tire_makes_no_force_and_relaxes() -> None:
-    curve = tuple(TIRE.curve(0.0))
+    curve = TIRE.curve(0.0)
     deflection, slides = 0.01, True
     for step in range(1, 200):
         force, deflection, _, slides = tire_force(

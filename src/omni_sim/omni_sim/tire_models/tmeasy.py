@@ -142,10 +142,8 @@ def contact(
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> CurvePoint:
     """Return the curve at a load [N] and a friction factor [1]."""
-    slope, peak_slip, peak_force, slide_slip, slide_force = curve_at_load(
-        parameters.coefficients, load, friction
-    )
-    return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
+    curve: CurvePoint = curve_at_load(parameters.coefficients, load, friction)
+    return curve
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
