@@ -17,13 +17,9 @@ from pathlib import Path
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
 from omni_bringup.design_sensors_command import add_arguments as add_design_arguments
 from omni_bringup.drive_command import add_arguments as add_drive_arguments
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
 from omni_bringup.report_command import add_arguments as add_report_arguments
-
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
-EXIT_INTERRUPTED = 130
-EXIT_TERMINATED = 143
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

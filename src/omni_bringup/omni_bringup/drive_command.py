@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
     from omni_bringup.process_group import NodeProcess, ProcessGroup
 
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 _POLL = 0.05  # [s]
 

@@ -14,11 +14,9 @@ from omni_analysis.figure_style import save_figure
 from omni_analysis.tire_data import TireData, TireDataError, read_tire_data
 from omni_analysis.tire_fit import TireFit, fit_tire
 from omni_analysis.tire_fit_figure import fit_figure
+from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
 from omni_platform.configuration import Configuration, declared_parameters
 from omni_sim.tire_models import MODELS
-
-EXIT_OK = 0
-EXIT_REFUSED = 2
 
 
 def fit_tire_command(options: argparse.Namespace, workspace: Path) -> int:

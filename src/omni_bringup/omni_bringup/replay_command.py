@@ -11,12 +11,11 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.bag_comparison import TopicComparison
 
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 # Rounding differs between processors; the values are in SI units and of the order of one.
 _TOLERANCE = 1e-6

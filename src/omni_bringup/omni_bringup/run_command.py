@@ -16,6 +16,7 @@ from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.ground_choice import ground_overrides, prepare_grounds
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.graph import RecordingOptions
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
@@ -23,10 +24,6 @@ from omni_bringup.run_folder import unfinished_recordings, write_summary
 from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
 from omni_platform.configuration import ConfigurationError
 from omni_sim.texture_cache import TextureCache
-
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 
 def run(options: argparse.Namespace, workspace: Path) -> int:

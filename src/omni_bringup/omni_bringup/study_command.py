@@ -13,11 +13,9 @@ from typing import Any
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult, load_study
+from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
 from omni_bringup.progress_bar import progress_bar
 from omni_platform.configuration import ConfigurationError
-
-EXIT_OK = 0
-EXIT_REFUSED = 2
 
 
 def study(options: argparse.Namespace, workspace: Path) -> int:
