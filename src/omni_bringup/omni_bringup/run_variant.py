@@ -111,12 +111,10 @@ def _run_graph(
     recording: graph.RecordingOptions,
 ) -> dict[str, Any]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
+    nodes = graph.run_nodes(configuration, folder, scratch, lockstep=lockstep, recording=recording)
     try:
         with process_group(node_environment(domain)) as group:
-            recorder = group.start(graph.recorder(configuration, folder, scratch, recording))
-            group.start(graph.odometry(configuration, scratch))
-            group.start(graph.brake_assist(configuration, scratch, lockstep=lockstep))
-            simulator = group.start(graph.simulator(configuration, scratch, lockstep=lockstep))
+            recorder, *_, simulator = [group.start(node) for node in nodes]
             write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
     except ProcessError as error:
