@@ -141,7 +141,7 @@ def _follow(
 ) -> dict[str, Any]:
     report: dict[str, Any] = {}
     while wait_for(simulator, _POLL) is None:
-        group.raise_if_ended()
+        group.raise_if_ended(besides=simulator)
         for report in simulator.new_reports():
             on_progress(report)
     report = (simulator.new_reports() or [report])[-1]
