@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 import math
 import sys
@@ -125,18 +124,14 @@ def replay(options: argparse.Namespace, workspace: Path) -> int:
 
 
 def _result_folder(options: argparse.Namespace) -> Path:
-    from omni_platform.configuration import ConfigurationError
+    from omni_bringup.run_folder import check_unused, time_in_name
 
     if options.out is None:
         path: Path = options.bag.absolute()
         name = path.stem if path.is_file() else path.name
-        time = datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
-        return path.with_name(f"{name}_replayed_{time}")
+        return path.with_name(f"{name}_replayed_{time_in_name()}")
     folder: Path = options.out.absolute()
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigurationError(
-            "--out", f"{folder} exists and is not an empty folder; choose another"
-        )
+    check_unused(folder)
     return folder
 
 
