@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_analysis.override_option import add_override_option
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
 
 if TYPE_CHECKING:
@@ -31,14 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where ground, sensors and nodes come from, as its last variant has them "
         "(default: %(default)s)",
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
-    )
+    add_override_option(parser)
     parser.add_argument(
         "--max-speed",
         type=float,

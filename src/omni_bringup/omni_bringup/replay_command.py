@@ -10,6 +10,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_analysis.override_option import add_override_option
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 
 if TYPE_CHECKING:
@@ -32,14 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NODE",
         help="nodes to run, of linescan_odometry and brake_assist (default: linescan_odometry)",
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as odometry.median_lines=5; may be repeated",
-    )
+    add_override_option(parser, "odometry.median_lines=5")
     parser.add_argument(
         "--experiment",
         metavar="NAME",
