@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
+from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
@@ -29,7 +26,6 @@ from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.qos import RELIABLE
 
-PATIENCE = 30.0  # [s]
 STEP_NS = 10_000_000
 GOOD = np.diag([1e-6, 1e-6, 1e-6])
 BLIND = 1e6 * np.eye(3)
@@ -37,14 +33,12 @@ BLIND = 1e6 * np.eye(3)
 SWERVING = np.array([8.0, 0.0, 0.6])
 
 
-class Vehicle:
+class Vehicle(Bystander):
     """Everything around the brake assistant: driver, odometry and brakes."""
 
-    def __init__(self, context: Context, wheels: tuple[str, ...]) -> None:
+    def __init__(self, domain: int, wheels: tuple[str, ...]) -> None:
+        super().__init__("vehicle", domain)
         self.wheels = wheels
-        self.node = Node("vehicle", context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
         self.pedal = self.node.create_publisher(JointState, "brake/pedal", RELIABLE)
         self.twist = self.node.create_publisher(
             TwistWithCovarianceStamped, "odometry/twist", RELIABLE
@@ -63,11 +57,11 @@ class Vehicle:
     def _on_state(self, message: DiagnosticArray) -> None:
         self.states += [v.value for v in message.status[0].values if v.key == "state"]
 
-    def wait(self, condition: object) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():  # type: ignore[operator]
-            assert time.monotonic() < deadline, f"timed out; states so far: {self.states}"
-            self._executor.spin_once(timeout_sec=0.02)
+    def heard(self) -> str:
+        return f"states so far: {self.states}"
+
+    def wait_for_state(self, state: str) -> None:
+        self.wait(lambda: self.states[-1] == state)
 
     def send_twist(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> None:
         self.twist.publish(planar_twist_with_covariance(self.stamp_ns, values, covariance))
@@ -85,12 +79,9 @@ class Vehicle:
 
     def set_parameter(self, name: str, value: object) -> SetParametersResult:
         """Do what ``ros2 param set`` does."""
-        client = self.node.create_client(SetParameters, "/brake_assist/set_parameters")
-        self.wait(client.service_is_ready)
         given = Parameter(name, value=value).to_parameter_msg()
-        answer = client.call_async(SetParameters.Request(parameters=[given]))
-        self.wait(answer.done)
-        (result,) = answer.result().results
+        request = SetParameters.Request(parameters=[given])
+        (result,) = self.call(SetParameters, "/brake_assist/set_parameters", request).results
         return result
 
     def last_stamp(self) -> int:
@@ -98,11 +89,11 @@ class Vehicle:
 
     def swerve_until_assisted(self) -> dict[str, float]:
         """Brake until brakes are let go; on a busy machine trust may be lost and earned anew."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + self.patience
         enable: dict[str, float] = {}
         # The state comes on a topic of its own, before or after the enables.
         while 0.0 not in enable.values() or self.states[-1:] != ["assisting"]:
-            assert time.monotonic() < deadline, f"never assisted; states so far: {self.states}"
+            assert time.monotonic() < deadline, f"never assisted; {self.heard()}"
             # Never twice the same: a frozen reading is not believed.
             enable = self.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0))
         assert 1.0 in enable.values()
@@ -116,18 +107,11 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]
     process = graph.brake_assist(configuration, tmp_path, lockstep=request.param)
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         group.start(process)
-        context = Context()
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        rclpy.init(context=context, domain_id=domain)
-        vehicle = Vehicle(context, tuple(configuration.vehicle.wheels))
-        try:
+        with closing(Vehicle(domain, tuple(configuration.vehicle.wheels))) as vehicle:
             vehicle.wait(lambda: vehicle.pedal.get_subscription_count() == 1)
             vehicle.wait(lambda: vehicle.twist.get_subscription_count() == 1)
             vehicle.wait(lambda: vehicle.node.count_publishers("brake/enable") == 1)
             yield vehicle
-        finally:
-            vehicle.node.destroy_node()
-            context.try_shutdown()
 
 
 def all_on(enable: dict[str, float]) -> bool:
@@ -145,7 +129,7 @@ def test_it_assists_and_every_doubt_puts_all_brakes_on(vehicle: Vehicle) -> None
         (SWERVING * 100.0, GOOD, "implausible_feedback"),
     ):
         assert all_on(vehicle.step(values, covariance)), state
-        vehicle.wait(lambda state=state: vehicle.states[-1] == state)
+        vehicle.wait_for_state(state)
         vehicle.swerve_until_assisted()  # it recovers with good data
 
 
@@ -155,7 +139,7 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
     vehicle.wait(
         lambda: all_on(vehicle.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0)))
     )
-    vehicle.wait(lambda: vehicle.states[-1] == "unknown_wheel")
+    vehicle.wait_for_state("unknown_wheel")
     vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, vehicle.wheels))
     vehicle.swerve_until_assisted()
 
@@ -199,7 +183,7 @@ def test_a_pedal_without_a_value_counts_as_full_braking(vehicle: Vehicle) -> Non
     vehicle.send_twist(SWERVING)
     vehicle.wait(lambda: vehicle.last_stamp() == vehicle.stamp_ns)
     assert set(vehicle.enables[-1].effort) == {1.0}
-    vehicle.wait(lambda: vehicle.states[-1] == "invalid_demand")
+    vehicle.wait_for_state("invalid_demand")
 
 
 @pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])
@@ -207,7 +191,7 @@ def test_the_running_assistant_can_be_switched_and_nothing_else_changed(vehicle:
     vehicle.swerve_until_assisted()
     assert vehicle.set_parameter("enabled", False).successful
     assert all_on(vehicle.step(SWERVING * 0.97))
-    vehicle.wait(lambda: vehicle.states[-1] == "disabled")
+    vehicle.wait_for_state("disabled")
     for name, value in (("enabled", 1), ("k", 9), ("no_such_parameter", True)):
         result = vehicle.set_parameter(name, value)
         assert not result.successful

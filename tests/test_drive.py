@@ -15,14 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
+from bystander import Bystander
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from omni_process import omni, omni_command, omni_environment, processes_of
 from rcl_interfaces.srv import DescribeParameters, ListParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -127,16 +124,14 @@ def page(drive: Drive) -> Iterator[Page]:
     page.socket.close()
 
 
-class Onlooker:
+class Onlooker(Bystander):
     """A node in the same domain, as a terminal with ``ros2`` would be."""
 
+    patience = PATIENCE
+    pause = HEARTBEAT
+
     def __init__(self, domain: int) -> None:
-        self._context = Context()
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        rclpy.init(context=self._context, domain_id=domain)
-        self.node = Node("onlooker", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__("onlooker", domain)
         self.pedal, self.speed = -1.0, -1.0
         self.node.create_subscription(JointState, "brake/pedal", self._on_pedal, RELIABLE)
         self.node.create_subscription(Odometry, "ground_truth/odom", self._on_truth, RELIABLE)
@@ -148,31 +143,25 @@ class Onlooker:
     def _on_truth(self, message: Odometry) -> None:
         self.speed = message.twist.twist.linear.x
 
-    def until(self, condition: Callable[[], bool], say: Twist | None = None) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < deadline, f"timed out at {self.pedal}, {self.speed}"
-            if say is not None:
-                self.command.publish(say)
-            self._executor.spin_once(timeout_sec=HEARTBEAT)
+    def heard(self) -> str:
+        return f"pedal {self.pedal}, speed {self.speed}"
 
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready)
-        answer = client.call_async(request)
-        self.until(answer.done)
-        return answer.result()
+    def wait_saying(self, command: Twist, condition: Callable[[], bool]) -> None:
+        """Command the vehicle until the condition holds."""
 
-    def close(self) -> None:
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        def holds() -> bool:
+            held = condition()
+            if not held:
+                self.command.publish(command)
+            return held
+
+        self.wait(holds)
 
 
 @pytest.fixture
 def onlooker(drive: Drive) -> Iterator[Onlooker]:
-    onlooker = Onlooker(drive.domain)
-    yield onlooker
-    onlooker.close()
+    with contextlib.closing(Onlooker(drive.domain)) as onlooker:
+        yield onlooker
 
 
 def test_the_page_is_for_those_who_know_the_token(drive: Drive) -> None:
@@ -233,7 +222,7 @@ def test_the_assistant_is_switched_from_the_page(page: Page) -> None:
 def test_closing_the_page_stops_the_vehicle(page: Page, onlooker: Onlooker) -> None:
     page.drive_to(2.0)
     page.socket.close()
-    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+    onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
 
 
 def test_a_second_page_takes_over(drive: Drive, page: Page) -> None:
@@ -253,17 +242,17 @@ def test_a_page_that_makes_no_sense_is_closed_and_brakes(page: Page, onlooker: O
     page.say(pedal="all the way")
     with pytest.raises(ConnectionClosed):
         page.until(lambda _: False)
-    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+    onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
 
 
 def test_cmd_vel_drives_as_long_as_it_is_repeated(onlooker: Onlooker) -> None:
     forward = Twist()
     forward.linear.x = 1.0
     # After the pages before, whose end brakes: first of all zero.
-    onlooker.until(lambda: onlooker.command.get_subscription_count() == 1)
-    onlooker.until(lambda: onlooker.pedal == 0.0, say=Twist())
-    onlooker.until(lambda: onlooker.speed > 0.9, say=forward)
-    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+    onlooker.wait(lambda: onlooker.command.get_subscription_count() == 1)
+    onlooker.wait_saying(Twist(), lambda: onlooker.pedal == 0.0)
+    onlooker.wait_saying(forward, lambda: onlooker.speed > 0.9)
+    onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
 
 
 @pytest.mark.parametrize("name", ["simulator", "linescan_odometry", "brake_assist", "driver"])
@@ -290,7 +279,7 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     page.drive_to(2.0)
     (seat,) = processes_of("omni_bringup", drive.process.pid, "driver")
     os.kill(seat, signal.SIGSTOP)
-    onlooker.until(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
+    onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
     os.kill(seat, signal.SIGKILL)
     assert drive.process.wait(PATIENCE) == 1
     with AnyReader([recording]) as reader:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
+from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from omni_analysis.experiment import ExperimentLibrary
@@ -26,18 +22,15 @@ from omni_ros.environment import node_environment
 from omni_ros.messages import header, to_nanoseconds
 from omni_ros.qos import RELIABLE
 
-PATIENCE = 30.0  # [s]
 LINES = 26
 RATE = 2500.0
 
 
-class Cameras:
+class Cameras(Bystander):
     """Three line cameras at rest over a ground of random texture."""
 
-    def __init__(self, context: Context, sensors: tuple[str, ...], pixels: int) -> None:
-        self.node = Node("cameras", context=context)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
+    def __init__(self, domain: int, sensors: tuple[str, ...], pixels: int) -> None:
+        super().__init__("cameras", domain)
         self.publishers = {
             name: self.node.create_publisher(Image, f"line_scan/{name}/lines", RELIABLE)
             for name in sensors
@@ -55,11 +48,8 @@ class Cameras:
     def _on_report(self, message: DiagnosticArray) -> None:
         self.reasons |= {value.key: value.value for value in message.status[0].values}
 
-    def wait(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < deadline, f"timed out; reasons so far: {self.reasons}"
-            self._executor.spin_once(timeout_sec=0.02)
+    def heard(self) -> str:
+        return f"reasons so far: {self.reasons}"
 
     def image(self) -> Image:
         """Return lines with the noise of a camera."""
@@ -95,19 +85,12 @@ def cameras(tmp_path: Path) -> Iterator[Cameras]:
     sensors = configuration.odometry.sensors
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         group.start(process)
-        context = Context()
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        rclpy.init(context=context, domain_id=domain)
         pixels = next(iter(sensors.values())).pixels
-        cameras = Cameras(context, tuple(sensors), pixels)
-        try:
+        with closing(Cameras(domain, tuple(sensors), pixels)) as cameras:
             publishers = cameras.publishers.values()
             cameras.wait(lambda: all(p.get_subscription_count() == 1 for p in publishers))
             cameras.wait(lambda: cameras.node.count_publishers("odometry/twist") == 1)
             yield cameras
-        finally:
-            cameras.node.destroy_node()
-            context.try_shutdown()
 
 
 def measured(twist: TwistWithCovarianceStamped) -> bool:

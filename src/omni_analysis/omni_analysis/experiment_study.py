@@ -24,6 +24,7 @@ from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.fast_loop import run_fast_loop
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric, run_metrics
+from omni_analysis.override_option import add_override_option
 from omni_analysis.run_figures import scene_of
 from omni_analysis.run_history import RunHistory
 from omni_analysis.scene import Scene
@@ -81,14 +82,7 @@ def largest_error(history: RunHistory) -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of a study of one experiment."""
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
-    )
+    add_override_option(parser)
 
 
 def run_experiment(

@@ -161,15 +161,20 @@ def results_document(
         for key, metric in metrics.items():
             quantity, _, wheel = key.partition(".")
             case = f"{variant}_{wheel}" if wheel else variant
-            entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
-            if metric.reference is not None:
-                entry["reference"] = _finite(metric.reference)
-            if metric.limit is not None:
-                entry["limit"] = _finite(metric.limit)
-            if metric.note:
-                entry["note"] = metric.note
-            entries[f"{quantity}.{case}"] = entry
+            entries[f"{quantity}.{case}"] = results_entry(metric)
     return {"name": name, "metrics": entries}
+
+
+def results_entry(metric: Metric) -> dict[str, Any]:
+    """Return a metric as it stands in the document, None in place of what is not finite."""
+    entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
+    if metric.reference is not None:
+        entry["reference"] = _finite(metric.reference)
+    if metric.limit is not None:
+        entry["limit"] = _finite(metric.limit)
+    if metric.note:
+        entry["note"] = metric.note
+    return entry
 
 
 def _finite(value: float) -> float | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from omni_analysis.judged_placement import JudgedPlacement
-from omni_analysis.metrics import Metric
+from omni_analysis.metrics import Metric, results_entry
 from omni_analysis.placement_trials import PlacementTrial
 from omni_analysis.sensor_design import FEWEST_SENSORS, Design, DesignTask
 from omni_platform.sensors import LineSensor
@@ -21,8 +21,7 @@ def entries(
     found: dict[str, dict[str, Any]] = {}
 
     def add(name: str, value: float, unit: str, note: str = "") -> None:
-        finite = float(value) if math.isfinite(value) else None
-        found[name] = {"value": finite, "unit": unit} | ({"note": note} if note else {})
+        found[name] = results_entry(Metric(value, unit, note=note))
 
     for name, sensor in result.best.sensors.items():
         add(f"x.{name}", sensor.x, "m")

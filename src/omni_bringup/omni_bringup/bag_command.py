@@ -12,14 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.bag_check import BagCheck
     from omni_analysis.bag_folder import Bag
     from omni_analysis.mcap_records import McapSummary
 
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 _SECOND = 1e9  # [ns]
 _MEGABYTE = 1e6  # [B]

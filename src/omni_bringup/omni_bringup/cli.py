@@ -14,16 +14,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from omni_analysis.override_option import add_override_option
 from omni_bringup.bag_command import add_arguments as add_bag_arguments
 from omni_bringup.design_sensors_command import add_arguments as add_design_arguments
 from omni_bringup.drive_command import add_arguments as add_drive_arguments
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED
 from omni_bringup.replay_command import add_arguments as add_replay_arguments
 from omni_bringup.report_command import add_arguments as add_report_arguments
-
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
-EXIT_INTERRUPTED = 130
-EXIT_TERMINATED = 143
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -147,14 +144,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder of the recordings and figures (default: bags/EXPERIMENT/TIME)",
     )
-    run.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
-    )
+    add_override_option(run)
     run.add_argument(
         "--ground",
         metavar="NAME|PICTURE",

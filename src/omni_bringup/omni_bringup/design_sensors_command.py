@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentLibrary
     from omni_analysis.judged_placement import JudgedPlacement
@@ -18,9 +20,6 @@ if TYPE_CHECKING:
     from omni_analysis.sensor_design import Design, DesignTask
     from omni_platform.sensors import LineSensor
 
-EXIT_OK = 0
-EXIT_SINGULAR = 1
-EXIT_REFUSED = 2
 
 _TEXELS = 4096  # of the ground over 0.2 m
 _DRAWN = 4
@@ -154,7 +153,7 @@ def design_sensors(options: argparse.Namespace, workspace: Path) -> int:
     else:
         _print(task, result, driven, options, (placement, picture))
     singular = [name for name in task.given if result.placement(name).singular]
-    return EXIT_SINGULAR if options.check and singular else EXIT_OK
+    return EXIT_FAILED if options.check and singular else EXIT_OK
 
 
 def _task(options: argparse.Namespace, library: ExperimentLibrary) -> DesignTask:

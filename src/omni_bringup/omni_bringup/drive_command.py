@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_analysis.override_option import add_override_option
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
     from omni_bringup.process_group import NodeProcess, ProcessGroup
 
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 _POLL = 0.05  # [s]
 
@@ -31,14 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where ground, sensors and nodes come from, as its last variant has them "
         "(default: %(default)s)",
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
-    )
+    add_override_option(parser)
     parser.add_argument(
         "--max-speed",
         type=float,

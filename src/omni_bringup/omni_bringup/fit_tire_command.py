@@ -14,11 +14,14 @@ from omni_analysis.figure_style import save_figure
 from omni_analysis.tire_data import TireData, TireDataError, read_tire_data
 from omni_analysis.tire_fit import TireFit, fit_tire
 from omni_analysis.tire_fit_figure import fit_figure
-from omni_platform.configuration import Configuration, declared_parameters
+from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_platform.configuration import (
+    Configuration,
+    declared_parameters,
+    is_configuration,
+    join_key,
+)
 from omni_sim.tire_models import MODELS
-
-EXIT_OK = 0
-EXIT_REFUSED = 2
 
 
 def fit_tire_command(options: argparse.Namespace, workspace: Path) -> int:
@@ -57,10 +60,11 @@ def _units(model: str) -> dict[str, str]:
     def walk(kind: type[Configuration], prefix: str) -> dict[str, str]:
         units: dict[str, str] = {}
         for name, inner, info in declared_parameters(kind):
-            if isinstance(inner, type) and issubclass(inner, Configuration):
-                units |= walk(inner, f"{prefix}{name}.")
+            key = join_key(prefix, name)
+            if is_configuration(inner):
+                units |= walk(inner, key)
             else:
-                units[prefix + name] = info.unit or "1"
+                units[key] = info.unit or "1"
         return units
 
     return walk(MODELS[model].configuration, "")

@@ -151,6 +151,31 @@ def driver(
     return _node("driver", "omni_bringup", "driver", parameters, scratch)
 
 
+def run_nodes(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    recording: RecordingOptions = RecordingOptions(),
+) -> list[NodeProcess]:
+    """Return the nodes of a scripted run, listeners first: from the recorder to the simulator.
+
+    Args:
+        configuration: the whole loop.
+        folder: rosbag2 folder to record to.
+        scratch: folder for the files of their parameters.
+        lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
+        recording: how it is recorded.
+    """
+    return [
+        recorder(configuration, folder, scratch, recording),
+        odometry(configuration, scratch),
+        brake_assist(configuration, scratch, lockstep=lockstep),
+        simulator(configuration, scratch, lockstep=lockstep),
+    ]
+
+
 def player(
     bag: Path,
     inputs: Mapping[str, str],

@@ -44,10 +44,4 @@ def planned_nodes(mode: str, given: Mapping[str, str]) -> list[NodeProcess]:
         return drive_nodes(configuration, scratch, {}, folder)
     if folder is None:
         raise ConfigurationError("out", "is needed: the folder of the recording")
-    lockstep = mode == LOCKSTEP
-    return [
-        graph.recorder(configuration, folder, scratch),
-        graph.odometry(configuration, scratch),
-        graph.brake_assist(configuration, scratch, lockstep=lockstep),
-        graph.simulator(configuration, scratch, lockstep=lockstep),
-    ]
+    return graph.run_nodes(configuration, folder, scratch, lockstep=mode == LOCKSTEP)

@@ -177,10 +177,14 @@ class ProcessGroup:
         for process in reversed(self.running):
             process.stop()
 
-    def raise_if_ended(self) -> None:
-        """Raise `ProcessError` if a process has ended, with its own words."""
+    def raise_if_ended(self, besides: RunningProcess | None = None) -> None:
+        """Raise `ProcessError` if a process has ended, with its own words.
+
+        Args:
+            besides: the process that may end, because the caller waits for its end.
+        """
         for process in self.running:
-            if process.returncode is not None:
+            if process is not besides and process.returncode is not None:
                 raise ProcessError(describe_end(process))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 import math
 import sys
@@ -11,12 +10,12 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_analysis.override_option import add_override_option
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
 if TYPE_CHECKING:
     from omni_analysis.bag_comparison import TopicComparison
 
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 # Rounding differs between processors; the values are in SI units and of the order of one.
 _TOLERANCE = 1e-6
@@ -34,14 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NODE",
         help="nodes to run, of linescan_odometry and brake_assist (default: linescan_odometry)",
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as odometry.median_lines=5; may be repeated",
-    )
+    add_override_option(parser, "odometry.median_lines=5")
     parser.add_argument(
         "--experiment",
         metavar="NAME",
@@ -126,18 +118,14 @@ def replay(options: argparse.Namespace, workspace: Path) -> int:
 
 
 def _result_folder(options: argparse.Namespace) -> Path:
-    from omni_platform.configuration import ConfigurationError
+    from omni_bringup.run_folder import check_unused, time_in_name
 
     if options.out is None:
         path: Path = options.bag.absolute()
         name = path.stem if path.is_file() else path.name
-        time = datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
-        return path.with_name(f"{name}_replayed_{time}")
+        return path.with_name(f"{name}_replayed_{time_in_name()}")
     folder: Path = options.out.absolute()
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigurationError(
-            "--out", f"{folder} exists and is not an empty folder; choose another"
-        )
+    check_unused(folder)
     return folder
 
 

@@ -59,11 +59,8 @@ def _start_nodes(group: ProcessGroup, plan: ReplayPlan, scratch: Path) -> None:
 
 
 def _follow(group: ProcessGroup, player: RunningProcess) -> Mapping[str, Any]:
-    others = [process for process in group.running if process is not player]
     while wait_for(player, _POLL) is None:
-        for process in others:
-            if process.returncode is not None:
-                raise ProcessError(describe_end(process))
+        group.raise_if_ended(besides=player)
     reports = player.new_reports()
     if player.returncode != 0 or not reports:
         raise ProcessError(describe_end(player))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 import sys
 from collections.abc import Iterator, Mapping
@@ -16,17 +15,19 @@ from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.ground_choice import ground_overrides, prepare_grounds
 from omni_analysis.metrics import results_document
 from omni_analysis.run_figures import draw_run_figures
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.graph import RecordingOptions
 from omni_bringup.process_group import ProcessError
 from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
-from omni_bringup.run_folder import unfinished_recordings, write_summary
+from omni_bringup.run_folder import (
+    check_unused,
+    time_in_name,
+    unfinished_recordings,
+    write_summary,
+)
 from omni_bringup.run_variant import Progress, RunError, VariantResult, run_variant
 from omni_platform.configuration import ConfigurationError
 from omni_sim.texture_cache import TextureCache
-
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_REFUSED = 2
 
 
 def run(options: argparse.Namespace, workspace: Path) -> int:
@@ -102,13 +103,9 @@ def _compose(
 def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:
     if options.out is not None:
         folder: Path = options.out
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigurationError(
-                "--out", f"{folder} exists and is not an empty folder; choose another"
-            )
+        check_unused(folder)
     else:
-        time = datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
-        folder = workspace / "bags" / Path(options.experiment).stem / time
+        folder = workspace / "bags" / Path(options.experiment).stem / time_in_name()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

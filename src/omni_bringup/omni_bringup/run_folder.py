@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import importlib.metadata
 import json
 import os
@@ -14,7 +15,7 @@ import yaml
 from mcap.writer import MCAP0_MAGIC
 
 from omni_analysis.experiment import ExperimentConfiguration
-from omni_platform.configuration import to_mapping
+from omni_platform.configuration import ConfigurationError, to_mapping
 
 CONFIGURATION = "configuration.yaml"
 VERSIONS = "versions.yaml"
@@ -32,6 +33,23 @@ _DISTRIBUTIONS = (
     "ros-rclpy",
     "ros-rmw-fastrtps-cpp",
 )
+
+
+def check_unused(folder: Path) -> None:
+    """See that the folder given for results is free for them.
+
+    Raises:
+        ConfigurationError: it is a file, or holds something.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigurationError(
+            "--out", f"{folder} exists and is not an empty folder; choose another"
+        )
+
+
+def time_in_name() -> str:
+    """Return the date and time of now, for the name of a folder."""
+    return datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
 
 
 def write_configuration(configuration: ExperimentConfiguration, folder: Path) -> None:

@@ -111,12 +111,10 @@ def _run_graph(
     recording: graph.RecordingOptions,
 ) -> dict[str, Any]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
+    nodes = graph.run_nodes(configuration, folder, scratch, lockstep=lockstep, recording=recording)
     try:
         with process_group(node_environment(domain)) as group:
-            recorder = group.start(graph.recorder(configuration, folder, scratch, recording))
-            group.start(graph.odometry(configuration, scratch))
-            group.start(graph.brake_assist(configuration, scratch, lockstep=lockstep))
-            simulator = group.start(graph.simulator(configuration, scratch, lockstep=lockstep))
+            recorder, *_, simulator = [group.start(node) for node in nodes]
             write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
     except ProcessError as error:
@@ -143,7 +141,7 @@ def _follow(
 ) -> dict[str, Any]:
     report: dict[str, Any] = {}
     while wait_for(simulator, _POLL) is None:
-        group.raise_if_ended()
+        group.raise_if_ended(besides=simulator)
         for report in simulator.new_reports():
             on_progress(report)
     report = (simulator.new_reports() or [report])[-1]

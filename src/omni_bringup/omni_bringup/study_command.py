@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.metrics import Metric
+from omni_analysis.metrics import results_entry
 from omni_analysis.studies import StudyResult, load_study
+from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
 from omni_bringup.progress_bar import progress_bar
 from omni_platform.configuration import ConfigurationError
-
-EXIT_OK = 0
-EXIT_REFUSED = 2
 
 
 def study(options: argparse.Namespace, workspace: Path) -> int:
@@ -34,31 +29,14 @@ def study(options: argparse.Namespace, workspace: Path) -> int:
     except OSError as error:
         print(f"omni study {options.study}: cannot write {folder}: {error}", file=sys.stderr)
         return EXIT_REFUSED
-    document = {"name": options.study, "metrics": _entries(result.metrics)}
+    entries = {name: results_entry(metric) for name, metric in result.metrics.items()}
+    document = {"name": options.study, "metrics": entries}
     (folder / "summary.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
     if options.json:
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
         _print(result)
     return EXIT_OK
-
-
-def _entries(metrics: Mapping[str, Metric]) -> dict[str, Any]:
-    entries: dict[str, Any] = {}
-    for name, metric in metrics.items():
-        entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
-        if metric.reference is not None:
-            entry["reference"] = _finite(metric.reference)
-        if metric.limit is not None:
-            entry["limit"] = _finite(metric.limit)
-        if metric.note:
-            entry["note"] = metric.note
-        entries[name] = entry
-    return entries
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _print(result: StudyResult) -> None:

@@ -169,6 +169,7 @@ def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:
         assert describe_end(process) == "eye ended (exit code 1): the lens is covered"
         with pytest.raises(ProcessError, match="the lens is covered"):
             group.raise_if_ended()
+        group.raise_if_ended(besides=process)
 
 
 def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> None:

@@ -18,6 +18,7 @@ from omni_analysis.data_table import write_table
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
+from omni_analysis.override_option import add_override_option
 from omni_analysis.studies import StudyResult
 from omni_analysis.tuning import (
     OFF,
@@ -98,14 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=1, help="seed of the situations (default: %(default)s)"
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a configuration value, such as vehicle.load.mass=400; may be repeated",
-    )
+    add_override_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:

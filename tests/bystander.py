@@ -1,0 +1,51 @@
+"""A node in the process of the tests, among the nodes under test."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+
+class Bystander:
+    """A node in a ROS domain of other processes; derived classes publish and listen with it."""
+
+    patience = 30.0  # [s] only ends a test that hangs
+    pause = 0.02  # [s] at most, between two looks at a condition
+
+    def __init__(self, name: str, domain: int) -> None:
+        self._context = Context()
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = Node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def heard(self) -> str:
+        """Return what helps to understand why a condition never held."""
+        raise NotImplementedError
+
+    def wait(self, condition: Callable[[], object]) -> None:
+        """Listen until the condition holds."""
+        deadline = time.monotonic() + self.patience
+        while not condition():
+            assert time.monotonic() < deadline, f"timed out; {self.heard()}"
+            self._executor.spin_once(timeout_sec=self.pause)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Return the answer of a service."""
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready)
+        answer = client.call_async(request)
+        self.wait(answer.done)
+        return answer.result()
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self._context.try_shutdown()
