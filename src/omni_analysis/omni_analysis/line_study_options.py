@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from linescan_odometry.search import METRICS
+from omni_analysis.line_trials import Matches, Motion, ground, measure
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground_texture import KINDS
 
@@ -78,3 +80,20 @@ def grounds_of(options: argparse.Namespace) -> list[str]:
     if options.seed < 0:
         raise ConfigurationError("--seed", f"{options.seed} must not be negative")
     return list(dict.fromkeys(options.ground or options.default_grounds))
+
+
+def measure_on(
+    kinds: Sequence[str], motions: Sequence[Motion], options: argparse.Namespace
+) -> dict[str, list[Matches]]:
+    """Return the matches of each motion, by kind of ground, with the options as they are."""
+    return {
+        kind: measure(
+            motions,
+            ground(kind, options.texels),
+            options.pairs,
+            options.noise,
+            options.seed,
+            options.metric,
+        )
+        for kind in kinds
+    }

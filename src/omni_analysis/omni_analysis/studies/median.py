@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
-from omni_analysis.line_study_options import add_line_options, grounds_of
+from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
-from omni_analysis.line_trials import Matches, Motion, ground, measure
+from omni_analysis.line_trials import Matches, Motion
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
@@ -45,17 +45,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     if options.pairs < _GROUP:
         raise ConfigurationError("--pairs", f"{options.pairs} are less than a group of {_GROUP}")
     motions = sideways_motions()
-    found = {
-        kind: measure(
-            motions,
-            ground(kind, options.texels),
-            options.pairs,
-            options.noise,
-            options.seed,
-            options.metric,
-        )
-        for kind in kinds
-    }
+    found = measure_on(kinds, motions, options)
     metrics: dict[str, Metric] = {}
     findings = []
     for kind, matches in found.items():
