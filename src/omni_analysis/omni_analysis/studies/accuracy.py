@@ -16,7 +16,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.odometry import OdometryConfiguration
-from linescan_odometry.search import METRICS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLACK,
@@ -44,6 +43,7 @@ from omni_analysis.line_trials import (
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_metric_option, add_seed_option, check_seed
 from omni_platform.configuration import ConfigurationError
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
@@ -110,12 +110,7 @@ class Case:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the distance, the number of pairs and the seed."""
-    parser.add_argument(
-        "--metric",
-        default="pearson",
-        choices=tuple(METRICS),
-        help="distance between lines (default: %(default)s)",
-    )
+    add_metric_option(parser)
     parser.add_argument(
         "--peak-recovery",
         type=int,
@@ -130,17 +125,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="pairs of lines for each resolution, noise and ground (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
-    )
+    add_seed_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
     """Match pairs of lines of every case; write figure, data and metrics."""
     if not 2 * _FRACTIONS <= options.pairs <= 100_000:
         raise ConfigurationError("--pairs", f"{options.pairs} must be in {2 * _FRACTIONS} to 1e5")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     if not 0 <= options.peak_recovery <= 16:
         raise ConfigurationError("--peak-recovery", f"{options.peak_recovery} must be in 0 to 16")
     cases = [

@@ -27,6 +27,7 @@ from omni_analysis.sideslip_trials import (
 )
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_noise_option, check_noise
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
@@ -52,19 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a file of config/sensors/ whose first camera is used; may be repeated (default: "
         f"{', '.join(_SENSORS)})",
     )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
+    add_noise_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
-    if not 0.0 <= options.noise <= 100.0:
-        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 100")
+    check_noise(options)
     grounds = grounds_of(options, library)
     cameras = {name: _camera(library, name) for name in options.sensors or _SENSORS}
     trials: dict[Case, list[Angles]] = {}

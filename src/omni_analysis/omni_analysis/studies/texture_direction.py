@@ -19,6 +19,7 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_options import add_noise_option
 from omni_analysis.study_table import write_surfaces
 from omni_analysis.texture_figures import draw_error_surfaces
 from omni_analysis.texture_options import add_texture_options, grounds_of
@@ -39,13 +40,7 @@ _TITLES = {"parallel": "moving parallel to x (the grain)", "across": "moving alo
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare ground, noise and seed."""
     add_texture_options(parser, ("wood",), runs=2)
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
+    add_noise_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:

@@ -20,6 +20,7 @@ from omni_analysis.metrics import Metric
 from omni_analysis.simulation_cost import real_time_factor
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_seed_option, check_seed
 from omni_analysis.wheel_figures import draw_contact, draw_differences, draw_forces, draw_motions
 from omni_analysis.wheel_trials import (
     CONTACT,
@@ -67,17 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="start angles of the wheels to average over (default: 16)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of the start angles (default: 1)"
-    )
+    add_seed_option(parser, "the start angles")
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
     """Compare the wheels and write figures, data and metrics."""
     if not 2 <= options.starts <= 1000:
         raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 1000")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     vehicles = {
         name: library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
         for name, vehicle in _PLATFORMS.items()
