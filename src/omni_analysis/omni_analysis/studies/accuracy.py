@@ -26,8 +26,8 @@ from omni_analysis.figure_style import (
     ORANGE,
     PURPLE,
     SKY,
-    TITLE_SIZE,
     VERMILLION,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -297,12 +297,10 @@ def _findings(cases: list[Case], metrics: dict[str, Metric]) -> tuple[str, ...]:
 def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 7.2), layout="constrained")
     panels = figure.subplots(2, len(_VIEWS), sharey="row", squeeze=False)
-    figure.suptitle(
+    draw_title(
+        figure,
         "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
         "2 grey levels, and the fitted pull",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]

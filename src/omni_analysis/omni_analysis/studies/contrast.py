@@ -24,8 +24,8 @@ from omni_analysis.figure_style import (
     ORANGE,
     PURPLE,
     SKY,
-    TITLE_SIZE,
     VERMILLION,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -201,12 +201,10 @@ def _draw(found: dict[str, list[Trial]], options: argparse.Namespace) -> Figure:
     figure = Figure(figsize=(13.0, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, 2)
     kind = next(iter(found))
-    figure.suptitle(
+    draw_title(
+        figure,
         f"Wider views see less contrast and share more of it (Figure 69; lines of {kind} without "
         "noise)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     for row, (shape, name) in enumerate(((_WIDE, "a"), (_NARROW, "b"))):
         view = _view(shape)

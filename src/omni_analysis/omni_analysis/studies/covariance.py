@@ -26,7 +26,7 @@ from omni_analysis.figure_style import (
     LABEL_SIZE,
     ORANGE,
     PALE,
-    TITLE_SIZE,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -214,11 +214,9 @@ def _row(case: Case) -> tuple[str | float, ...]:
 def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 4.8), layout="constrained")
     panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
-    figure.suptitle(
+    draw_title(
+        figure,
         "Error squared of the twist over what its covariance lets expect; bars: standard error",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):

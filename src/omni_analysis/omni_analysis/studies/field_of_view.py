@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
+from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
 from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
 from omni_analysis.line_trials import Matches, Motion
@@ -135,11 +135,9 @@ def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     rows = math.ceil(len(found) / columns)
     figure = Figure(figsize=(4.2 * columns + 1.3, 4.0 * rows + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(
+    draw_title(
+        figure,
         "Moving sideways by 4.8 mm a line: mean error, and lines of equal overlap (Figures 63, 64)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     overlap = as_map([motion.overlap for motion in motions])
     for axes, (kind, matches) in zip(panels.flat, found.items(), strict=False):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
+from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
 from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
 from omni_analysis.line_trials import Matches, Motion, View
@@ -116,11 +116,9 @@ def _rmse(matches: list[Matches]) -> float:
 def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     figure = Figure(figsize=(5.5 * len(found) + 1.5, 5.6), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-    figure.suptitle(
+    draw_title(
+        figure,
         "Moving straight: mean error, and lines of equal overlap; shifts end at 50 % (Figure 62)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     shape = (len(_SPEEDS), len(_LENGTHS))
     overlap = np.array([motion.overlap for motion in motions]).reshape(shape)
