@@ -19,14 +19,9 @@ from linescan_odometry.odometry import OdometryConfiguration
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLACK,
-    BLUE,
-    GREEN,
     GREY,
     LABEL_SIZE,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
+    WHEEL_COLOURS,
     draw_title,
     save_figure,
     style_axes,
@@ -58,7 +53,6 @@ _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
 _FARTHEST = 0.25  # displacement over length
 _LARGEST_LOCKING = 0.02  # px
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -304,7 +298,7 @@ def _draw(cases: list[Case]) -> Figure:
     )
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]
-        for kind, colour in zip(_GROUNDS, _COLOURS, strict=False):
+        for kind, colour in zip(_GROUNDS, WHEEL_COLOURS, strict=False):
             own = [case for case in cases if (case.pixels, case.ground) == (pixels, kind)]
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
             over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=colour, label=kind)
