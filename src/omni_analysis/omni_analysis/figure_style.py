@@ -41,6 +41,11 @@ def style_axes(axes: Axes) -> None:
     axes.tick_params(labelsize=TICK_SIZE, colors=BLACK, length=3)
 
 
+def draw_title(figure: Figure, title: str) -> None:
+    """Write the title of a figure at its left."""
+    figure.suptitle(title, fontsize=TITLE_SIZE, x=0.01, ha="left")
+
+
 def time_label(histories: Iterable[RunHistory]) -> str:
     """Return what `RunHistory.braking_time` of these runs counts."""
     braking = any(history.brake_start is not None for history in histories)

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
-from linescan_odometry.search import METRICS
+from omni_analysis.line_trials import Matches, Motion, ground, measure
+from omni_analysis.study_options import (
+    add_metric_option,
+    add_noise_option,
+    add_seed_option,
+    check_noise,
+    check_seed,
+)
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground_texture import KINDS
 
@@ -31,12 +39,7 @@ def add_line_options(
         metavar="KIND",
         help=f"kind of ground, may be repeated (default: {', '.join(available)})",
     )
-    parser.add_argument(
-        "--metric",
-        default="pearson",
-        choices=tuple(METRICS),
-        help="distance between lines (default: %(default)s)",
-    )
+    add_metric_option(parser)
     parser.add_argument(
         "--pairs",
         type=int,
@@ -44,13 +47,7 @@ def add_line_options(
         metavar="N",
         help="consecutive pairs of lines that each value is the mean over (default: %(default)s)",
     )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=noise,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
+    add_noise_option(parser, noise)
     parser.add_argument(
         "--texels",
         type=int,
@@ -58,9 +55,7 @@ def add_line_options(
         metavar="N",
         help="resolution of the ground over 0.2 m (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
-    )
+    add_seed_option(parser)
 
 
 def grounds_of(options: argparse.Namespace) -> list[str]:
@@ -71,10 +66,25 @@ def grounds_of(options: argparse.Namespace) -> list[str]:
     """
     if not 1 <= options.pairs <= _MOST_PAIRS:
         raise ConfigurationError("--pairs", f"{options.pairs} must be in 1 to {_MOST_PAIRS}")
-    if not 0.0 <= options.noise <= 100.0:
-        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 100")
+    check_noise(options)
     if not 256 <= options.texels <= 8192:
         raise ConfigurationError("--texels", f"{options.texels} must be in 256 to 8192")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     return list(dict.fromkeys(options.ground or options.default_grounds))
+
+
+def measure_on(
+    kinds: Sequence[str], motions: Sequence[Motion], options: argparse.Namespace
+) -> dict[str, list[Matches]]:
+    """Return the matches of each motion, by kind of ground, with the options as they are."""
+    return {
+        kind: measure(
+            motions,
+            ground(kind, options.texels),
+            options.pairs,
+            options.noise,
+            options.seed,
+            options.metric,
+        )
+        for kind in kinds
+    }

@@ -53,7 +53,7 @@ def placement_figure(
         figsize=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4), layout="constrained"
     )
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    figure.suptitle(title, fontsize=style.TITLE_SIZE, x=0.01, ha="left")
+    style.draw_title(figure, title)
     norm = _norm(placements, criterion, area)
     for index, axes in enumerate(panels.flat):
         if index >= len(placements):

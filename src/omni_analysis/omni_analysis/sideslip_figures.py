@@ -15,7 +15,7 @@ from omni_analysis.figure_style import (
     GREY,
     LABEL_SIZE,
     TICK_SIZE,
-    TITLE_SIZE,
+    draw_title,
     style_axes,
     wheel_colour,
 )
@@ -42,12 +42,7 @@ def draw_sideslip(
     """
     figure = Figure(figsize=(12.0, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    figure.suptitle(
-        "Sideslip angle of a wheel from one line camera along its axis of rotation",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
-    )
+    draw_title(figure, "Sideslip angle of a wheel from one line camera along its axis of rotation")
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
     sensors = list(dict.fromkeys(sensor for _, sensor in trials))
     _draw_speeds(left, trials, grounds, sensors, fastest)

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sideslip import SideslipWheel
 from linescan_odometry.sideslip_meter import SideslipConfiguration, SideslipMeter
+from omni_analysis.twist_trials import batch_lines, cameras_over
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
-from omni_sim.line_camera import CameraConfiguration, LineCameraArray
 
 FloatArray = NDArray[np.float64]
 
-_BATCH = 0.01  # [s]
 _WHEEL, _CAMERA = "wheel", "camera"
 
 
@@ -117,13 +116,7 @@ class RollingWheel:
         self._configuration = camera_at_a_wheel(_CAMERA, sensor)
         self._sensor = self._configuration.sensors[_CAMERA]
         self._size = texture.size
-        self._eyes = LineCameraArray(
-            {_CAMERA: self._sensor},
-            texture,
-            CameraConfiguration(noise=noise),
-            np.random.SeedSequence(seed),
-            threads=1,
-        )
+        self._eyes = cameras_over(texture, {_CAMERA: self._sensor}, noise, seed)
 
     def measure(
         self,
@@ -160,7 +153,7 @@ class RollingWheel:
         self, speed: float, angle: float, batches: int, generator: np.random.Generator
     ) -> list[LineBatch]:
         rate = self._sensor.line_rate
-        count = round(_BATCH * rate)
+        count = batch_lines(rate)
         travelled = speed / rate * np.arange(count * batches)
         start = generator.uniform(0.0, self._size, 2)
         # A positive angle is a slide to the right, -y.

@@ -17,7 +17,7 @@ from omni_analysis.figure_style import (
     BLACK,
     LABEL_SIZE,
     TICK_SIZE,
-    TITLE_SIZE,
+    draw_title,
     style_axes,
     wheel_colour,
 )
@@ -48,7 +48,7 @@ def draw_error_surfaces(
     columns = 1 + max(len(row) for row in rows)
     figure = Figure(figsize=(3.3 * columns + 0.8, 3.3 * len(rows) + 0.6), layout="constrained")
     panels = figure.subplots(len(rows), columns, squeeze=False)
-    figure.suptitle(title, fontsize=TITLE_SIZE, x=0.01, ha="left")
+    draw_title(figure, title)
     norm, colours = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
     lengths, shares = [1e3 * x for x in LENGTHS], [100.0 * y for y in SHAPES]
     for axes_row, (label, ground), row in zip(panels, grounds.items(), rows, strict=True):
@@ -113,12 +113,7 @@ def draw_speed_limits(
     """
     figure = Figure(figsize=(5.2 * len(speeds), 4.2), layout="constrained")
     panels = figure.subplots(1, len(speeds), sharey=True, squeeze=False)[0]
-    figure.suptitle(
-        "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
-    )
+    draw_title(figure, "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)")
     for axes, (sensor, tried) in zip(panels, speeds.items(), strict=True):
         style_axes(axes)
         for i, (ground, share) in enumerate(right[sensor].items()):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.ground_choice import ground_overrides, is_picture
+from omni_analysis.study_options import add_seed_option, check_seed
 from omni_platform.configuration import ConfigurationError
 from omni_sim.ground_texture import GroundTexture
 from omni_sim.texture_cache import TextureCache
@@ -50,9 +51,7 @@ def add_texture_options(
         metavar="N",
         help=f"random places {run} (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
-    )
+    add_seed_option(parser)
 
 
 def grounds_of(options: argparse.Namespace, library: ExperimentLibrary) -> dict[str, GroundTexture]:
@@ -63,8 +62,7 @@ def grounds_of(options: argparse.Namespace, library: ExperimentLibrary) -> dict[
     """
     if not 1 <= options.runs <= 1000:
         raise ConfigurationError("--runs", f"{options.runs} must be in 1 to 1000")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     cache = TextureCache.of_user()
     grounds: dict[str, GroundTexture] = {}
     for ground in options.ground or options.default_grounds:

@@ -19,11 +19,12 @@ from linescan_odometry.search import METRICS
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.subpixel import SubpixelRefiner
 from omni_analysis.displacement_errors import error_values
-from omni_analysis.twist_trials import batch_lines, poses_at
+from omni_analysis.line_trials import View
+from omni_analysis.twist_trials import batch_lines, cameras_over, poses_at
 from omni_analysis.view_grid import LENGTHS, SHAPES, as_map
 from omni_platform.sensors import LineSensor
 from omni_sim.ground_texture import GroundTexture
-from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
+from omni_sim.line_camera import LineCamera
 
 FloatArray = NDArray[np.float64]
 
@@ -96,10 +97,8 @@ class Shifts:
 
 def overlap(sensor: LineSensor, trial: Sideways) -> float:
     """Return the share of its field of view that two consecutive lines have in common, 0..1."""
-    step = trial.speed / sensor.line_rate
-    along = max(0.0, 1.0 - abs(step * math.cos(trial.angle)) / sensor.length)
-    across = max(0.0, 1.0 - abs(step * math.sin(trial.angle)) / sensor.width)
-    return along * across
+    view = View(sensor.pixels, sensor.length, sensor.width, sensor.line_rate)
+    return view.overlap(trial.speed, trial.angle)
 
 
 def shape_grid(pixels: int = 1024, line_rate: float = 2500.0) -> dict[str, LineSensor]:
@@ -137,9 +136,7 @@ class Eyes:
             ConfigurationError: a field of view does not fit the ground.
         """
         self._size = texture.size
-        exposure = CameraConfiguration(noise=noise)
-        array = LineCameraArray(sensors, texture, exposure, np.random.SeedSequence(seed), threads=1)
-        self._cameras = array.cameras
+        self._cameras = cameras_over(texture, sensors, noise, seed).cameras
 
     def read(
         self, name: str, trial: Sideways, configuration: OdometryConfiguration, batches: int

@@ -21,6 +21,7 @@ from omni_analysis.figure_style import (
     SKY,
     TITLE_SIZE,
     VERMILLION,
+    draw_title,
     style_axes,
 )
 from omni_analysis.wheel_trials import ForceTrace, Outcome
@@ -88,11 +89,8 @@ def draw_forces(traces: Mapping[str, Mapping[str, ForceTrace]]) -> Figure:
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     panels = figure.subplots(2, len(traces), sharex=True, squeeze=False)
-    figure.suptitle(
-        "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
+    draw_title(
+        figure, "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight"
     )
     for column, (title, wheels) in enumerate(traces.items()):
         reference = next(iter(wheels.values())).force.mean(axis=0)
@@ -125,12 +123,7 @@ def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> 
     """
     figure = Figure(figsize=(13.0, 7.0), layout="constrained")
     panels = figure.subplots(len(motions), 3, sharex="col", squeeze=False)
-    figure.suptitle(
-        "Motion on both wheels; bands span the start angles of the wheels",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
-    )
+    draw_title(figure, "Motion on both wheels; bands span the start angles of the wheels")
     for row, (title, trials) in enumerate(motions.items()):
         for trial, column, entry, scale in (
             ("brake", 0, 3, 1.0),
@@ -178,11 +171,8 @@ def draw_differences(
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     panels = figure.subplots(2, len(differences), sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(
-        "Individual rollers against the single roller, in the mean over the wheel angles",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
+    draw_title(
+        figure, "Individual rollers against the single roller, in the mean over the wheel angles"
     )
     for column, (title, kinds) in enumerate(differences.items()):
         for row, kind in enumerate(("motion", "force")):

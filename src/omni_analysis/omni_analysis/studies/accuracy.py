@@ -16,19 +16,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.odometry import OdometryConfiguration
-from linescan_odometry.search import METRICS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLACK,
-    BLUE,
-    GREEN,
     GREY,
     LABEL_SIZE,
-    ORANGE,
-    PURPLE,
-    SKY,
-    TITLE_SIZE,
-    VERMILLION,
+    WHEEL_COLOURS,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -44,6 +38,7 @@ from omni_analysis.line_trials import (
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_metric_option, add_seed_option, check_seed
 from omni_platform.configuration import ConfigurationError
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
@@ -58,7 +53,6 @@ _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
 _FARTHEST = 0.25  # displacement over length
 _LARGEST_LOCKING = 0.02  # px
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,12 +104,7 @@ class Case:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the distance, the number of pairs and the seed."""
-    parser.add_argument(
-        "--metric",
-        default="pearson",
-        choices=tuple(METRICS),
-        help="distance between lines (default: %(default)s)",
-    )
+    add_metric_option(parser)
     parser.add_argument(
         "--peak-recovery",
         type=int,
@@ -130,17 +119,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="pairs of lines for each resolution, noise and ground (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
-    )
+    add_seed_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
     """Match pairs of lines of every case; write figure, data and metrics."""
     if not 2 * _FRACTIONS <= options.pairs <= 100_000:
         raise ConfigurationError("--pairs", f"{options.pairs} must be in {2 * _FRACTIONS} to 1e5")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     if not 0 <= options.peak_recovery <= 16:
         raise ConfigurationError("--peak-recovery", f"{options.peak_recovery} must be in 0 to 16")
     cases = [
@@ -305,16 +291,14 @@ def _findings(cases: list[Case], metrics: dict[str, Metric]) -> tuple[str, ...]:
 def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 7.2), layout="constrained")
     panels = figure.subplots(2, len(_VIEWS), sharey="row", squeeze=False)
-    figure.suptitle(
+    draw_title(
+        figure,
         "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
         "2 grey levels, and the fitted pull",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]
-        for kind, colour in zip(_GROUNDS, _COLOURS, strict=False):
+        for kind, colour in zip(_GROUNDS, WHEEL_COLOURS, strict=False):
             own = [case for case in cases if (case.pixels, case.ground) == (pixels, kind)]
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
             over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=colour, label=kind)

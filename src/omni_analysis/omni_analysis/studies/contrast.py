@@ -18,14 +18,10 @@ from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import (
     BLUE,
-    GREEN,
     GREY,
     LABEL_SIZE,
-    ORANGE,
-    PURPLE,
-    SKY,
-    TITLE_SIZE,
-    VERMILLION,
+    WHEEL_COLOURS,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -51,7 +47,6 @@ _SHAPES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0)
 _NARROW, _WIDE = 0.2, 1.0  # of the two pairs of lines that are drawn
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
 _ENOUGH = 0.6  # overlap
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,12 +196,10 @@ def _draw(found: dict[str, list[Trial]], options: argparse.Namespace) -> Figure:
     figure = Figure(figsize=(13.0, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, 2)
     kind = next(iter(found))
-    figure.suptitle(
+    draw_title(
+        figure,
         f"Wider views see less contrast and share more of it (Figure 69; lines of {kind} without "
         "noise)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     for row, (shape, name) in enumerate(((_WIDE, "a"), (_NARROW, "b"))):
         view = _view(shape)
@@ -232,7 +225,7 @@ def _draw(found: dict[str, list[Trial]], options: argparse.Namespace) -> Figure:
         if row == 0:
             axes.legend(frameon=False, loc="upper right", ncols=2)
     contrast, correlation = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
-    for (name, trials), colour in zip(found.items(), _COLOURS, strict=False):
+    for (name, trials), colour in zip(found.items(), WHEEL_COLOURS, strict=False):
         shapes = [100.0 * trial.shape for trial in trials]
         contrast.loglog(shapes, [t.contrast for t in trials], "o-", color=colour, label=name)
         correlation.semilogx(shapes, [t.correlation for t in trials], "o-", color=colour)

@@ -23,8 +23,8 @@ from omni_analysis.figure_style import (
     BLUE,
     GREY,
     LABEL_SIZE,
-    TITLE_SIZE,
     VERMILLION,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -176,12 +176,10 @@ def _findings(kinds: list[str], metrics: Mapping[str, Metric]) -> tuple[str, ...
 def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
     figure = Figure(figsize=(11.0, 2.5 * len(curves) + 0.8), layout="constrained")
     panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
-    figure.suptitle(
+    draw_title(
+        figure,
         f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
         "true displacement dashed, other places in grey",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     for axes, (kind, every) in zip(panels, curves.items(), strict=True):
         for curve in every[1:4]:

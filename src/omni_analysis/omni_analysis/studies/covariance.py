@@ -26,7 +26,7 @@ from omni_analysis.figure_style import (
     LABEL_SIZE,
     ORANGE,
     PALE,
-    TITLE_SIZE,
+    draw_title,
     save_figure,
     style_axes,
 )
@@ -34,6 +34,7 @@ from omni_analysis.line_trials import ground
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_noise_option, add_seed_option, check_seed
 from omni_analysis.twist_trials import TwistTrial, cameras_over, drive
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
@@ -114,16 +115,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"random places and directions, with {_BATCHES} batches of 10 ms from each, for each "
         "camera, ground and motion (default: %(default)s)",
     )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of places and noise (default: 1)"
-    )
+    add_noise_option(parser)
+    add_seed_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
@@ -132,8 +125,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 10000")
     if not 0.0 <= options.noise <= 50.0:
         raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 50 grey levels")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     cases = [case for kind in _GROUNDS for name in _CAMERAS for case in _drive(name, kind, options)]
     files = (
         save_figure(_draw(cases), folder / "covariance.png"),
@@ -222,11 +214,9 @@ def _row(case: Case) -> tuple[str | float, ...]:
 def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 4.8), layout="constrained")
     panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
-    figure.suptitle(
+    draw_title(
+        figure,
         "Error squared of the twist over what its covariance lets expect; bars: standard error",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):

@@ -15,14 +15,13 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_table import write_surfaces
+from omni_analysis.study_table import surface_metrics, write_surfaces
 from omni_analysis.texture_figures import draw_error_surfaces
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_analysis.texture_trials import Shifts, Sideways, look_at_shapes
 from omni_analysis.view_grid import as_map
 
 _SPEED = 12.0  # [m/s]
-_OVERLAP = 0.6
 _NOISES = (0.0, 1.0, 5.0)  # [grey levels]
 
 
@@ -42,15 +41,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             trial = Sideways(_SPEED, noise=noise, runs=options.runs, seed=options.seed)
             found, overlap = look_at_shapes(texture, trial)
             surfaces[ground, f"{noise:g}"] = found
-            enough = [f for f, o in zip(found, overlap.flat, strict=True) if o >= _OVERLAP]
-            case = f"{ground}_noise_{noise:g}"
-            metrics |= {
-                f"mean_error.{case}": Metric(float(np.mean([f.mean_error for f in enough])), "px"),
-                f"wrong_share.{case}": Metric(float(np.mean([f.wrong_share for f in enough])), "1"),
-                f"flagged_share.{case}": Metric(
-                    float(np.mean([f.flagged_share for f in enough])), "1"
-                ),
-            }
+            metrics |= surface_metrics(f"{ground}_noise_{noise:g}", found, overlap)
     rows = [
         {
             f"noise of {noise:g} grey levels": as_map(

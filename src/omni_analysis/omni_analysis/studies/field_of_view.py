@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
-from omni_analysis.line_study_options import add_line_options, grounds_of
+from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
-from omni_analysis.line_trials import Matches, Motion, ground, measure
+from omni_analysis.line_trials import Matches, Motion
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
@@ -45,17 +45,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     """Move over the grounds; write figure, data and metrics."""
     motions = sideways_motions()
     overlap = np.array([motion.overlap for motion in motions])
-    found = {
-        kind: measure(
-            motions,
-            ground(kind, options.texels),
-            options.pairs,
-            options.noise,
-            options.seed,
-            options.metric,
-        )
-        for kind in grounds_of(options)
-    }
+    found = measure_on(grounds_of(options), motions, options)
     metrics: dict[str, Metric] = {}
     for kind, matches in found.items():
         right = np.array([float(np.mean(m.right)) for m in matches])
@@ -145,11 +135,9 @@ def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     rows = math.ceil(len(found) / columns)
     figure = Figure(figsize=(4.2 * columns + 1.3, 4.0 * rows + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(
+    draw_title(
+        figure,
         "Moving sideways by 4.8 mm a line: mean error, and lines of equal overlap (Figures 63, 64)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     overlap = as_map([motion.overlap for motion in motions])
     for axes, (kind, matches) in zip(panels.flat, found.items(), strict=False):

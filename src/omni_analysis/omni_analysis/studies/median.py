@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
-from omni_analysis.line_study_options import add_line_options, grounds_of
+from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
-from omni_analysis.line_trials import Matches, Motion, ground, measure
+from omni_analysis.line_trials import Matches, Motion
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
@@ -45,17 +45,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     if options.pairs < _GROUP:
         raise ConfigurationError("--pairs", f"{options.pairs} are less than a group of {_GROUP}")
     motions = sideways_motions()
-    found = {
-        kind: measure(
-            motions,
-            ground(kind, options.texels),
-            options.pairs,
-            options.noise,
-            options.seed,
-            options.metric,
-        )
-        for kind in kinds
-    }
+    found = measure_on(kinds, motions, options)
     metrics: dict[str, Metric] = {}
     findings = []
     for kind, matches in found.items():
@@ -109,12 +99,10 @@ def _filtered_mean(matches: Matches) -> float:
 def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     figure = Figure(figsize=(10.0, 4.2 * len(found) + 0.6), layout="constrained")
     panels = figure.subplots(len(found), 2, sharex=True, sharey=True, squeeze=False)
-    figure.suptitle(
+    draw_title(
+        figure,
         "Mean error of single pairs (left) and of medians of 10 (right), moving sideways "
         "(Figure 71)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     overlap = as_map([motion.overlap for motion in motions])
     lengths, shapes = [1e3 * x for x in LENGTHS], [100.0 * y for y in SHAPES]

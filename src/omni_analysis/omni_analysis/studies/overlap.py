@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 
 from omni_analysis.displacement_errors import ERROR_COLUMNS
 from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, TITLE_SIZE, save_figure
-from omni_analysis.line_study_options import add_line_options, grounds_of
+from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
 from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
-from omni_analysis.line_trials import Matches, Motion, View, ground, measure
+from omni_analysis.line_trials import Matches, Motion, View
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
 from omni_analysis.study_data import write_table
@@ -40,17 +40,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         for speed in _SPEEDS
         for length in _LENGTHS
     ]
-    found = {
-        kind: measure(
-            motions,
-            ground(kind, options.texels),
-            options.pairs,
-            options.noise,
-            options.seed,
-            options.metric,
-        )
-        for kind in grounds_of(options)
-    }
+    found = measure_on(grounds_of(options), motions, options)
     metrics: dict[str, Metric] = {}
     for kind, matches in found.items():
         # At the limit itself the rounding decides whether a shift can be found.
@@ -126,11 +116,9 @@ def _rmse(matches: list[Matches]) -> float:
 def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
     figure = Figure(figsize=(5.5 * len(found) + 1.5, 5.6), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-    figure.suptitle(
+    draw_title(
+        figure,
         "Moving straight: mean error, and lines of equal overlap; shifts end at 50 % (Figure 62)",
-        fontsize=TITLE_SIZE,
-        x=0.01,
-        ha="left",
     )
     shape = (len(_SPEEDS), len(_LENGTHS))
     overlap = np.array([motion.overlap for motion in motions]).reshape(shape)

@@ -30,6 +30,7 @@ from omni_analysis.robustness import (
 )
 from omni_analysis.robustness_figures import draw_distributions, draw_runs
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_options import check_seed
 from omni_platform.configuration import ConfigurationError
 
 _MOST_RUNS = 10_000_000
@@ -71,8 +72,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     """Run the campaign and write tables, figures and cases to replay."""
     if not 1 <= options.runs <= _MOST_RUNS:
         raise ConfigurationError("--runs", f"{options.runs} must be in 1 to {_MOST_RUNS}")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     if options.workers is not None and not 1 <= options.workers <= 1024:
         raise ConfigurationError("--workers", f"{options.workers} must be in 1 to 1024")
     if options.workers is not None and options.scheduler is not None:

@@ -8,7 +8,6 @@ one, and once that of a wheel whose omega R is 1 % too small, because it brakes 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,8 +18,16 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.sideslip_figures import draw_sideslip
-from omni_analysis.sideslip_trials import Angles, RollingWheel, camera_at_a_wheel
+from omni_analysis.sideslip_trials import (
+    Angles,
+    FloatArray,
+    RollingWheel,
+    camera_at_a_wheel,
+    root_mean_square,
+)
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_noise_option, check_noise
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
@@ -46,19 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a file of config/sensors/ whose first camera is used; may be repeated (default: "
         f"{', '.join(_SENSORS)})",
     )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
+    add_noise_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
-    if not 0.0 <= options.noise <= 100.0:
-        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 100")
+    check_noise(options)
     grounds = grounds_of(options, library)
     cameras = {name: _camera(library, name) for name in options.sensors or _SENSORS}
     trials: dict[Case, list[Angles]] = {}
@@ -192,22 +192,22 @@ def _write(trials: Mapping[Case, Sequence[Angles]], path: Path) -> Path:
         "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
         "rms_error_deg", "stated_deviation_deg", "measured_share",
     )  # fmt: skip
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for (ground, name), found in trials.items():
-            for angles in found:
-                for truth, error, deviation in zip(
-                    angles.truth, angles.error, angles.deviation, strict=True
-                ):
-                    seen = np.isfinite(error)
-                    numbers = [math.nan] * 3
-                    if seen.any():
-                        numbers = [
-                            math.degrees(float(np.mean(error[seen]))),
-                            math.degrees(math.sqrt(float(np.mean(error[seen] ** 2)))),
-                            math.degrees(math.sqrt(float(np.mean(deviation[seen] ** 2)))),
-                        ]
-                    row = (angles.speed, angles.overlap, math.degrees(truth), *numbers, seen.mean())
-                    writer.writerow((ground, name, *(f"{value:.6g}" for value in row)))
-    return path
+    rows: Iterator[tuple[str | float, ...]] = (
+        (ground, name, angles.speed, angles.overlap, *_row(*values))
+        for (ground, name), found in trials.items()
+        for angles in found
+        for values in zip(angles.truth, angles.error, angles.deviation, strict=True)
+    )
+    return write_table(path, header, rows, digits=6)
+
+
+def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float, ...]:
+    """Return an angle, mean and RMS of its errors, their stated deviation [deg], and the share."""
+    seen = np.isfinite(error)
+    return (
+        math.degrees(truth),
+        math.degrees(float(np.mean(error[seen]))) if seen.any() else math.nan,
+        math.degrees(root_mean_square(error)),
+        math.degrees(root_mean_square(deviation[seen])),
+        float(np.mean(seen)),
+    )

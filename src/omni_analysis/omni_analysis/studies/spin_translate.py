@@ -10,7 +10,6 @@ is configured: the forklift with its load at the front left.
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
 import math
 from pathlib import Path
@@ -24,6 +23,7 @@ from omni_analysis.metrics import Metric
 from omni_analysis.run_figures import scene_of
 from omni_analysis.spin_translate_figures import draw_commands, draw_snapshots
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
 from omni_analysis.tracking import Tracking
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle_configuration import VehicleConfiguration
@@ -202,8 +202,4 @@ def _write(tracking: Tracking, path: Path) -> Path:
             tracking.wheel_speed,
         )
     )
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows([f"{value:.9g}" for value in row] for row in table.tolist())
-    return path
+    return write_table(path, header, table.tolist())

@@ -19,7 +19,8 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_table import write_surfaces
+from omni_analysis.study_options import add_noise_option
+from omni_analysis.study_table import surface_metrics, write_surfaces
 from omni_analysis.texture_figures import draw_error_surfaces
 from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_analysis.texture_trials import Eyes, Shifts, Sideways, look_at_shapes
@@ -27,7 +28,6 @@ from omni_analysis.view_grid import as_map
 from omni_sim.ground_texture import GroundTexture
 
 _SPEED = 12.0  # [m/s]
-_OVERLAP = 0.6
 _EXPERIMENT = "straight_line"  # lends its odometry
 _BATCHES = 40
 _TOLERANCE = 0.01  # of the speed, beyond which a velocity is wrong
@@ -39,13 +39,7 @@ _TITLES = {"parallel": "moving parallel to x (the grain)", "across": "moving alo
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare ground, noise and seed."""
     add_texture_options(parser, ("wood",), runs=2)
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
-        metavar="LEVELS",
-        help="standard deviation in grey levels (default: %(default)s)",
-    )
+    add_noise_option(parser)
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
@@ -61,16 +55,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             )
             found, overlap = look_at_shapes(texture, trial)
             surfaces[ground, direction] = found
-            enough = [f for f, o in zip(found, overlap.flat, strict=True) if o >= _OVERLAP]
             case = f"{ground}_{direction}"
             metrics |= _odometry(texture, trial, library, case)
-            metrics |= {
-                f"mean_error.{case}": Metric(float(np.mean([f.mean_error for f in enough])), "px"),
-                f"wrong_share.{case}": Metric(float(np.mean([f.wrong_share for f in enough])), "1"),
-                f"flagged_share.{case}": Metric(
-                    float(np.mean([f.flagged_share for f in enough])), "1"
-                ),
-            }
+            metrics |= surface_metrics(case, found, overlap)
     rows = [
         {_TITLES[d]: as_map([f.mean_error for f in surfaces[ground, d]]) for d in _AXES}
         for ground in grounds

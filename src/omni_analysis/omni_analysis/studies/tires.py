@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from omni_analysis.experiment import ExperimentLibrary
 from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
 from omni_platform.configuration import ConfigurationError
 from omni_sim.characteristic import TMeasy
 from omni_sim.tire import Tire, TireConfiguration
@@ -27,8 +27,6 @@ _TIRES = (_TABLE_1, "linear", "magic_formula")
 _SLOPE = 0.05  # of the parked vehicle [1]
 # Limits of the project: share of a stopping distance [1], creep in a minute [m].
 _LARGEST_CHANGE, _LARGEST_CREEP = 0.01, 1e-3
-
-Rows = Iterable[tuple[object, ...]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,17 +112,17 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
     overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
     parabola = tire_figures.interpolation_curve(table, overload)
     return [
-        _write(
+        write_table(
             folder / "figure_4.csv",
             ("slip", "force_N"),
-            ((s, model.force(s, table.nominal_load_1)) for s in slips),
+            ((s, float(model.force(s, table.nominal_load_1))) for s in slips),
         ),
-        _write(
+        write_table(
             folder / "figure_5.csv",
             ("load_N", "slip", "force_N"),
-            ((load, s, model.force(s, load)) for load in loads for s in slips),
+            ((load, s, float(model.force(s, load))) for load in loads for s in slips),
         ),
-        _write(
+        write_table(
             folder / "figure_6.csv",
             ("load_N", "parabola_N", "used_N", "overloaded"),
             (
@@ -132,26 +130,17 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
                 for load, value in zip(overload, parabola, strict=True)
             ),
         ),
-        _write(
+        write_table(
             folder / "models.csv",
             ("tire", "model", "load_N", "slip", "force_N"),
             (
-                (name, tire.configuration.model, load, s, tire.force(s, load))
+                (name, tire.configuration.model, load, s, float(tire.force(s, load)))
                 for name, tire in tires.items()
                 for load in loads
                 for s in slips
             ),
         ),
     ]
-
-
-def _write(path: Path, header: tuple[str, ...], rows: Rows) -> Path:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for row in rows:
-            writer.writerow(x if isinstance(x, str | int) else f"{float(x):.9g}" for x in row)  # type: ignore[arg-type]
-    return path
 
 
 def _characteristic_metrics(table: TMeasyConfiguration) -> dict[str, Metric]:

@@ -9,7 +9,6 @@ study also refines the step, parks on a slope and after a stop, and measures wha
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +19,8 @@ from omni_analysis.figure_style import save_figure
 from omni_analysis.metrics import Metric
 from omni_analysis.simulation_cost import real_time_factor
 from omni_analysis.studies import StudyResult
+from omni_analysis.study_data import write_table
+from omni_analysis.study_options import add_seed_option, check_seed
 from omni_analysis.wheel_figures import draw_contact, draw_differences, draw_forces, draw_motions
 from omni_analysis.wheel_trials import (
     CONTACT,
@@ -67,17 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="start angles of the wheels to average over (default: 16)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, metavar="N", help="of the start angles (default: 1)"
-    )
+    add_seed_option(parser, "the start angles")
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
     """Compare the wheels and write figures, data and metrics."""
     if not 2 <= options.starts <= 1000:
         raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 1000")
-    if options.seed < 0:
-        raise ConfigurationError("--seed", f"{options.seed} must not be negative")
+    check_seed(options)
     vehicles = {
         name: library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
         for name, vehicle in _PLATFORMS.items()
@@ -225,13 +223,17 @@ def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
 
 def _write(singles: dict[str, dict[str, Outcome]], rollers: Outcomes, path: Path) -> Path:
     """Write one row per vehicle, trial and number of rollers."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["vehicle", "trial", "rollers", "motion_difference", "force_difference"])
-        for name, trials in rollers.items():
-            for key, by_count in trials.items():
-                for count, result in by_count.items():
-                    single = singles[name][key]
-                    numbers = motion_difference(result, single), force_difference(result, single)
-                    writer.writerow([name, key, count, *(f"{value:.6g}" for value in numbers)])
-    return path
+    header = ("vehicle", "trial", "rollers", "motion_difference", "force_difference")
+    rows = (
+        (
+            name,
+            key,
+            count,
+            motion_difference(result, singles[name][key]),
+            force_difference(result, singles[name][key]),
+        )
+        for name, trials in rollers.items()
+        for key, by_count in trials.items()
+        for count, result in by_count.items()
+    )
+    return write_table(path, header, rows, digits=6)
