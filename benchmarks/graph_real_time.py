@@ -13,10 +13,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_analysis.closed_loop import run_closed_loop
-from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.closed_loop import run_closed_loop
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_bringup.cli import workspace
-from omni_bringup.run_variant import run_variant
+from omni_bringup.graph.run_variant import run_variant
 from omni_sim.simulator import Simulator
 
 

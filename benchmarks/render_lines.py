@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.sensors import LineSensor
-from omni_sim.footprint_reference import integrate_exactly
-from omni_sim.ground_texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
-from omni_sim.line_camera import CameraConfiguration, LineCameraArray
-from omni_sim.texture_cache import TextureCache
+from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.footprint.reference import integrate_exactly
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
 
 HEADINGS_DEG = (0, 0.05, 1, 5, 20, 33, 45, 90, 133, 200, 300)
 SENSORS = {

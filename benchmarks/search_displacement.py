@@ -31,9 +31,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
+from linescan_odometry.matching.search import METRICS, make_search
+from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
-from linescan_odometry.search import METRICS, make_search
-from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
 
 cv2: Any

@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 from omni_platform.configuration import from_mapping
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
 
 CONFIG = Path(__file__).parents[1] / "config"
 STEPS = 20

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from omni_process import WORKSPACE, omni
 
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,13 +16,21 @@ MAY_USE = {
     "omni_sim": {"omni_platform", "omni_ros"},
     "linescan_odometry": {"omni_platform", "omni_ros"},
     "omni_brake_assist": {"omni_platform", "omni_ros"},
-    "omni_analysis": {"omni_platform", "omni_sim", "linescan_odometry", "omni_brake_assist"},
+    "omni_recording": {"omni_platform", "omni_ros"},
+    "omni_analysis": {
+        "omni_platform",
+        "omni_sim",
+        "linescan_odometry",
+        "omni_brake_assist",
+        "omni_recording",
+    },
     "omni_bringup": {
         "omni_platform",
         "omni_ros",
         "omni_sim",
         "linescan_odometry",
         "omni_brake_assist",
+        "omni_recording",
         "omni_analysis",
     },
 }
@@ -71,7 +79,7 @@ def test_cores_know_no_ros_and_no_clock(path: Path) -> None:
     ros = {name for name in imported(path) if name == "rclpy" or name.endswith("_msgs")}
     assert not ros
     # Measuring what a simulation costs takes a clock.
-    if package_of(path) != "omni_bringup" and path.stem != "simulation_cost":
+    if package_of(path) != "omni_bringup" and path.stem != "cost":
         assert not {"time", "datetime", "logging"} & set(imported(path))
 
 

@@ -18,10 +18,10 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_bringup import graph
-from omni_bringup.process_group import process_group
-from omni_bringup.ros_domain import reserved_domain
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.qos import RELIABLE

@@ -190,7 +190,7 @@ def test_a_killed_recorder_ends_the_run_and_the_rest_is_told(tmp_path: Path) -> 
         text=True,
     )
     wait_until(lambda: recorded_bytes(folder) > 1_000_000)
-    for pid in processes_of("omni_bringup", process.pid):
+    for pid in processes_of("omni_recording", process.pid):
         os.kill(pid, signal.SIGKILL)
     _, words = process.communicate(timeout=RUN_TIMEOUT)
     assert process.returncode == 1

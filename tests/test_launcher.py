@@ -539,24 +539,51 @@ def test_kernels_are_kept_until_something_they_use_changes(tmp_path: Path) -> No
     files = {
         "a/a/__init__.py": "",
         "a/a/kernel.py": "from numba import njit\nfrom b.shared import factor\n",
-        "a/a/node.py": "from a import kernel\n",
+        "a/a/node.py": "from a import kernel\nimport b.plugins\n",
         "b/b/__init__.py": "",
         "b/b/shared.py": "from . import constants\nfactor = constants.FACTOR\n",
         "b/b/constants.py": "FACTOR = 1\n",
-        "b/b/other.py": "",
+        "b/b/plugins/__init__.py": "import pkgutil\npkgutil.iter_modules(__path__)\n",
+        "b/b/plugins/one.py": "",
+    }
+    users = {
+        "a/a/__init__.py": {"a", "a.kernel", "a.node"},
+        "a/a/kernel.py": {"a.kernel", "a.node"},
+        "a/a/node.py": {"a.node"},
+        "b/b/__init__.py": {
+            *("a.kernel", "a.node", "b", "b.shared", "b.constants", "b.plugins", "b.plugins.one"),
+        },
+        "b/b/shared.py": {"a.kernel", "a.node", "b.shared"},
+        "b/b/constants.py": {"a.kernel", "a.node", "b.shared", "b.constants"},
+        "b/b/plugins/__init__.py": {"a.node", "b.plugins", "b.plugins.one"},
+        "b/b/plugins/one.py": {"a.node", "b.plugins", "b.plugins.one"},
     }
     for name, text in files.items():
         path = tmp_path / "src" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    before = omni.kernel_digest(tmp_path, "")
-    assert omni.kernel_digest(tmp_path, "another processor") != before
+    before = omni.module_digests(tmp_path)
     for name, text in files.items():
         path = tmp_path / "src" / name
         path.write_text(text + "# edited\n")
-        uses = name not in ("a/a/node.py", "b/b/other.py")
-        assert (omni.kernel_digest(tmp_path, "") != before) == uses, name
+        after = omni.module_digests(tmp_path)
+        assert {module for module in after if after[module] != before[module]} == users[name], name
         path.write_text(text)
+
+
+def test_installed_modules_bear_times_that_follow_from_what_they_use(tmp_path: Path) -> None:
+    source, installed = tmp_path / "src" / "a" / "a", tmp_path / "library" / "a"
+    for folder in (source, installed):
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").write_text("")
+        (folder / "kernel.py").write_text("from a import shared\n")
+        (folder / "shared.py").write_text("factor = 1\n")
+    times = []
+    for text in ("factor = 1\n", "factor = 2\n", "factor = 1\n"):
+        (source / "shared.py").write_text(text)
+        omni.stamp_modules(tmp_path, tmp_path / "library")
+        times.append(os.stat(installed / "kernel.py").st_mtime)
+    assert times[0] == times[2] != times[1]
 
 
 @pytest.mark.parametrize("name", ["wheels", "sourced-ros"])

@@ -14,10 +14,10 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from sensor_msgs.msg import Image
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_bringup import graph
-from omni_bringup.process_group import process_group
-from omni_bringup.ros_domain import reserved_domain
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
 from omni_ros.environment import node_environment
 from omni_ros.messages import header, to_nanoseconds
 from omni_ros.qos import RELIABLE

@@ -19,7 +19,7 @@ from omni_process import (
     wait_until,
 )
 
-from omni_analysis.bag_reader import read_run
+from omni_analysis.loop.recorded_run import read_run
 
 REAL_TIME = ["run", "--variant", "assisted", "--real-time", "--json"]
 

@@ -34,8 +34,8 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
 
-from omni_analysis.bag_folder import bag_messages, open_bag
-from omni_bringup.ros_domain import reserved_domain
+from omni_bringup.graph.domain import reserved_domain
+from omni_recording.folder import bag_messages, open_bag
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE, node_environment
 from omni_ros.qos import RELIABLE
 
@@ -128,7 +128,7 @@ def command(scratch: Path, parameters: Mapping[str, object]) -> list[str]:
     path = scratch / "recorder.yaml"
     path.write_text(yaml.safe_dump({"recorder": {"ros__parameters": dict(parameters)}}))
     # It reports on standard output here.
-    module = ["env", f"{REPORT_VARIABLE}=1", sys.executable, "-m", "omni_bringup.recorder_node"]
+    module = ["env", f"{REPORT_VARIABLE}=1", sys.executable, "-m", "omni_recording.recorder_node"]
     return [*module, "--ros-args", "--params-file", str(path)]
 
 

@@ -21,8 +21,8 @@ from omni_process import (
 )
 from rosbags.highlevel import AnyReader
 
-from omni_analysis.bag_comparison import compare_topics
-from omni_analysis.bag_reader import read_run
+from omni_analysis.loop.recorded_run import read_run
+from omni_recording.compare import compare_topics
 
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 NODES = ["--nodes", "linescan_odometry", "brake_assist"]
@@ -69,7 +69,7 @@ def test_a_killed_recording_is_recovered_replayed_and_reported(tmp_path: Path) -
     )
     try:
         wait_until(lambda: recorded_bytes(folder) > 4_000_000)
-        (recorder,) = processes_of("omni_bringup", process.pid)
+        (recorder,) = processes_of("omni_recording", process.pid)
         os.kill(recorder, signal.SIGKILL)
         _, words = process.communicate(timeout=RUN_TIMEOUT)
     finally:

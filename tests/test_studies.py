@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 from omni_process import omni
 
-from omni_analysis.bag_reader import read_run
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.fast_loop import run_fast_loop
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.recorded_run import read_run
 
 if TYPE_CHECKING:
     from conftest import RunExperiment

@@ -14,7 +14,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
-    package_data={name: ["py.typed", "drive_page/*"]},
+    package_data={name: ["py.typed", "drive/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
@@ -23,10 +23,9 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "driver = omni_bringup.driver_node:main",
+            "driver = omni_bringup.drive.driver_node:main",
             "omni = omni_bringup.cli:main",
-            "player = omni_bringup.player_node:main",
-            "recorder = omni_bringup.recorder_node:main",
+            "player = omni_bringup.replay.player_node:main",
         ]
     },
 )

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Mapping
 
 from linescan_odometry.kinematics import KinematicsConfiguration
-from linescan_odometry.search import METRICS
+from linescan_odometry.matching.search import METRICS
+from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.sideslip import SideslipWheel, check_axis
-from linescan_odometry.subpixel import FEWEST_PIXELS
 from linescan_odometry.twist import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor

@@ -23,8 +23,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from linescan_odometry.matching.pearson import PearsonSearch
 from linescan_odometry.measurements import Lines
-from linescan_odometry.pearson import PearsonSearch
 
 _GROUPS = 128  # of pixels that are compared: their noise is less than that of pixels
 _SAME_PLACE = 0.5  # correlation of the differences from which on two lines show the same place

@@ -14,7 +14,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.covers import Covers
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
     FloatArray,
@@ -23,6 +22,7 @@ from linescan_odometry.measurements import (
     SensorReading,
     TwistEstimate,
 )
+from linescan_odometry.occlusion import Covers
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist import TwistSolver
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.flat_field import FlatField
+from linescan_odometry.matching.median import average, mark_inliers
+from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
+from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import FloatArray, LineBatch, Lines, SensorReading
-from linescan_odometry.median import average, mark_inliers
 from linescan_odometry.plausibility import Plausibility
-from linescan_odometry.search import METRICS, ShiftSearch, make_search
-from linescan_odometry.subpixel import SubpixelRefiner
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3

@@ -5,7 +5,7 @@ to the left positive. With its velocity v_f along its rolling direction the angl
 
     alpha = -arctan(v_s / |v_f|).
 
-It is positive where the wheel slides to the right, and the lateral force of the tyre, which opposes
+It is positive where the wheel slides to the right, and the lateral force of the tire, which opposes
 the slide, then points to the left, so that angle and force have the same sign. The absolute value
 makes this hold for a wheel that rolls backwards too.
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial import distance
 from scipy.stats import rankdata
 
-from linescan_odometry.search import METRICS, ShiftSearch, make_search
-from linescan_odometry.subpixel import SubpixelRefiner
+from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
+from linescan_odometry.matching.subpixel import SubpixelRefiner
 
 Expose = Callable[..., Any]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from linescan_odometry.mean_variance import mean_variance
-from linescan_odometry.subpixel import SubpixelRefiner
+from linescan_odometry.matching.mean_variance import mean_variance
+from linescan_odometry.matching.subpixel import SubpixelRefiner
 
 Expose = Callable[..., Any]
 FloatArray = NDArray[np.float64]

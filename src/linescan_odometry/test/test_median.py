@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from linescan_odometry.median import average, mark_inliers
+from linescan_odometry.matching.median import average, mark_inliers
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import correlation
 
-from linescan_odometry.search import METRICS
+from linescan_odometry.matching.search import METRICS
 
 Expose = Callable[..., Any]
 

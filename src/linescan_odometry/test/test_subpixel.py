@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from linescan_odometry.subpixel import SubpixelRefiner
+from linescan_odometry.matching.subpixel import SubpixelRefiner
 
 Expose = Callable[..., Any]
 Profile = Callable[..., NDArray[np.float64]]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_analysis.run_history import RunHistory
+from omni_analysis.loop.history import RunHistory
 
 PERIOD_NS = 10_000_000
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")

@@ -12,9 +12,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from omni_analysis.bag_reader import BagError, read_run
-from omni_analysis.metrics import run_metrics
-from omni_analysis.run_history import RunHistory, first_difference
+from omni_analysis.loop.history import RunHistory, first_difference
+from omni_analysis.loop.metrics import run_metrics
+from omni_analysis.loop.recorded_run import BagError, read_run
 
 MakeHistory = Callable[..., RunHistory]
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -22,11 +22,11 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from omni_analysis.bag_check import check_bag
-from omni_analysis.bag_error import BagError
-from omni_analysis.bag_export import FORMATS, ExportError, export_bag
-from omni_analysis.bag_folder import bag_files, bag_messages, bag_summary, open_bag
-from omni_analysis.mcap_records import LARGEST_RECORD, MAGIC
+from omni_recording.check import check_bag
+from omni_recording.error import BagError
+from omni_recording.export import FORMATS, ExportError, export_bag
+from omni_recording.folder import bag_files, bag_messages, bag_summary, open_bag
+from omni_recording.mcap import LARGEST_RECORD, MAGIC
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINTS, IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"

@@ -14,9 +14,9 @@ from linescan_odometry.odometry import (
     OdometryConfiguration,
     TwistEstimate,
 )
-from omni_analysis.classical_placements import tangential
-from omni_analysis.line_trials import Lines, ground
-from omni_analysis.twist_trials import cameras_over, poses_at, rendered
+from omni_analysis.line_trials.trials import Lines, ground
+from omni_analysis.line_trials.twist_trials import cameras_over, poses_at, rendered
+from omni_analysis.placement.classical import tangential
 from omni_platform.sensors import LineSensor
 
 RATE = 2500.0

@@ -8,8 +8,8 @@ import math
 import pytest
 from rich.console import Console
 
-from omni_analysis.comparison_table import comparison_table
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.comparison_table import comparison_table
+from omni_analysis.loop.metrics import Metric
 
 METRICS = {
     "unassisted": {

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.experiment_study import ExperimentRuns, largest_error, run_experiment
+from omni_analysis.braking.study import ExperimentRuns, largest_error, run_experiment
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult, load_study, straight_line
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary, parse_override
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary, parse_override
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.closed_loop import run_closed_loop
-from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.fast_loop import run_fast_loop
-from omni_analysis.metrics import run_metrics
-from omni_analysis.run_history import first_difference
+from omni_analysis.loop.closed_loop import run_closed_loop
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.history import first_difference
+from omni_analysis.loop.metrics import run_metrics
 from omni_brake_assist.decision import AssistState
 from omni_platform.configuration import ConfigurationError
 

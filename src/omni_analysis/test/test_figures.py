@@ -22,13 +22,13 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.run_figures import scene_of
-from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import GroundPatch, Scene, overlap, placed, rectangle
-from omni_analysis.time_series import time_series
-from omni_analysis.top_view import top_view
+from omni_analysis.figures.run_figures import scene_of
+from omni_analysis.figures.scene import GroundPatch, Scene, overlap, placed, rectangle
+from omni_analysis.figures.style import save_figure
+from omni_analysis.figures.time_series import time_series
+from omni_analysis.figures.top_view import top_view
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.history import RunHistory
 from omni_platform.geometry import WheelMount
 
 FloatArray = NDArray[np.float64]
@@ -349,7 +349,8 @@ def test_patches_are_where_they_are_said_to_be() -> None:
 
 def test_reading_and_measuring_load_no_drawing_library() -> None:
     code = (
-        "import sys, omni_analysis.metrics, omni_analysis.bag_reader, omni_analysis.scene;"
+        "import sys, omni_analysis.loop.metrics, omni_analysis.loop.recorded_run;"
+        "import omni_analysis.figures.scene;"
         "print(sorted({'matplotlib', 'rich', 'rosbags', 'mcap', 'rclpy'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.ground_choice import ground_overrides, prepare_grounds
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
 from omni_platform.configuration import ConfigurationError
-from omni_sim.texture_cache import TextureCache
+from omni_sim.texture.cache import TextureCache
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 CACHE = TextureCache(Path("/nowhere"))  # pictures are not cached

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from omni_analysis import table_2
-from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.identification import (
+from omni_analysis.identification import table_2
+from omni_analysis.identification.files import write_files
+from omni_analysis.identification.identification import (
     QUANTITIES,
     configure,
     cost,
@@ -21,8 +21,8 @@ from omni_analysis.identification import (
     rounded,
     search,
 )
-from omni_analysis.identified_files import write_files
-from omni_analysis.sensitivity import Sensitivity, sensitivities
+from omni_analysis.identification.sensitivity import Sensitivity, sensitivities
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 MIDDLE = rounded([(quantity.low + quantity.high) / 2.0 for quantity in QUANTITIES])

@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from omni_analysis import line_trials, view_grid
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.line_trials import Matches, View
+from omni_analysis.line_trials.trials import Matches, View, view_grid
+from omni_analysis.line_trials.trials import trials as line_trials
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import (
     StudyResult,
     accuracy,
@@ -26,7 +26,7 @@ from omni_analysis.studies import (
     study_names,
 )
 from omni_platform.configuration import ConfigurationError
-from omni_sim.ground_texture import GroundTexture
+from omni_sim.texture.texture import GroundTexture
 
 CONFIG = Path(__file__).parents[3] / "config"
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from omni_analysis.metrics import Metric, RestCriterion, results_document, run_metrics
-from omni_analysis.run_history import RunHistory
+from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.metrics import Metric, RestCriterion, results_document, run_metrics
 
 MakeHistory = Callable[..., RunHistory]
 PERIOD = 0.01
@@ -76,7 +76,7 @@ def test_lateral_deviation_is_the_largest_not_the_last(make_history: MakeHistory
     assert metrics["lateral_deviation"].value == pytest.approx(0.3, rel=1e-3)
 
 
-def test_rocking_on_the_tyres_does_not_delay_the_stop(make_history: MakeHistory) -> None:
+def test_rocking_on_the_tires_does_not_delay_the_stop(make_history: MakeHistory) -> None:
     run = make_history(rest=1.0)
     after = np.maximum(run.time - 2.5, 0.0)
     twist = run.twist.copy()

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.fast_loop import run_fast_loop
-from omni_analysis.feedback_comparison import odometry_lag
-from omni_analysis.run_history import RunHistory
+from omni_analysis.braking.feedback_comparison import odometry_lag
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.history import RunHistory
 from omni_analysis.studies import load_study
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from linescan_odometry.twist import TwistSolver
-from omni_analysis.classical_placements import ring
-from omni_analysis.line_trials import View
-from omni_analysis.placed_sensors import named
-from omni_analysis.placement_error import (
+from omni_analysis.line_trials.trials import View
+from omni_analysis.placement.classical import ring
+from omni_analysis.placement.error import (
     ConditionNumber,
     MeanError,
     MotionMix,
@@ -21,7 +20,8 @@ from omni_analysis.placement_error import (
     gyration,
     poses_of,
 )
-from omni_analysis.sensor_error import SensorError
+from omni_analysis.placement.sensor_error import SensorError
+from omni_analysis.placement.sensors import named
 from omni_platform.sensors import sensor_matrix
 
 VIEW = View()

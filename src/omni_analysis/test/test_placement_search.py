@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.classical_placements import classical
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.judged_placement import judge, singularity
-from omni_analysis.line_trials import View
-from omni_analysis.mounting_area import BoolArray, FloatArray, MountingArea
-from omni_analysis.placed_sensors import named
-from omni_analysis.placement_error import (
+from omni_analysis.figures.scene import Scene, overlap
+from omni_analysis.line_trials.trials import View
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.placement.classical import classical
+from omni_analysis.placement.error import (
     ConditionNumber,
     MeanError,
     MotionMix,
@@ -24,9 +22,11 @@ from omni_analysis.placement_error import (
     gyration,
     poses_of,
 )
-from omni_analysis.placement_search import NoRoomError, search
-from omni_analysis.scene import Scene, overlap
-from omni_analysis.sensor_error import SensorError
+from omni_analysis.placement.judged import judge, singularity
+from omni_analysis.placement.mounting_area import BoolArray, FloatArray, MountingArea
+from omni_analysis.placement.search import NoRoomError, search
+from omni_analysis.placement.sensor_error import SensorError
+from omni_analysis.placement.sensors import named
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 VIEW = View()

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.line_trials import View, ground
-from omni_analysis.mounting_area import MountingArea
-from omni_analysis.placed_sensors import named, placed_sensor
-from omni_analysis.placement_error import MeanError, MotionMix, gyration, poses_of
-from omni_analysis.placement_search import search
-from omni_analysis.placement_trials import drive_mix
-from omni_analysis.scene import Scene
-from omni_analysis.sensor_error import measure_sensor_error
+from omni_analysis.figures.scene import Scene
+from omni_analysis.line_trials.trials import View, ground
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.placement.error import MeanError, MotionMix, gyration, poses_of
+from omni_analysis.placement.mounting_area import MountingArea
+from omni_analysis.placement.search import search
+from omni_analysis.placement.sensor_error import measure_sensor_error
+from omni_analysis.placement.sensors import named, placed_sensor
+from omni_analysis.placement.trials import drive_mix
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 VIEW = View(256, 0.05, 0.02, 1000.0)

@@ -15,10 +15,10 @@ from linescan_odometry.two_sensors import (
     SensorDisplacement,
     two_sensor_displacement,
 )
-from omni_analysis.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
-from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
-from omni_sim.line_camera import LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 BATCH, BATCHES = 25, 4

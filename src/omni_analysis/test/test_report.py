@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.metrics import run_metrics
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.metrics import run_metrics
 from omni_analysis.report.derived import flat_ground_loads, rim_slips
 from omni_analysis.report.document import report_document
 from omni_analysis.report.page import report_page
 from omni_analysis.report.recording import ReportedRun, read_configuration, run_names
-from omni_analysis.run_history import RunHistory
 from omni_platform.kinematics import PlatformKinematics
-from omni_sim.loads import GRAVITY, MassProperties
 from omni_sim.simulator import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties
 
 MakeHistory = Callable[..., RunHistory]
 WORKSPACE = Path(__file__).resolve().parents[3]

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
-from omni_analysis import campaign
-from omni_analysis.campaign import ResultTable, connected, run_campaign, run_chunk
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.fast_loop import run_fast_loop
-from omni_analysis.random_braking import RandomBraking, draw, experiment_file
-from omni_analysis.robustness import Outcome, compare, energy_rise, outcome, violations
+from omni_analysis.campaign.distribute import ResultTable, connected, run_campaign, run_chunk
+from omni_analysis.campaign.distribute import distribute as campaign
+from omni_analysis.campaign.random_braking import RandomBraking, draw, experiment_file
+from omni_analysis.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import load_study
 from omni_platform.configuration import ConfigurationError
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_analysis.run_history import (
+from omni_analysis.loop.history import (
     RunHistory,
     continuous_yaw,
     first_difference,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from omni_analysis.line_trials import View, ground
-from omni_analysis.sensor_error import measure_sensor_error
+from omni_analysis.line_trials.trials import View, ground
+from omni_analysis.placement.sensor_error import measure_sensor_error
 from omni_platform.configuration import ConfigurationError
 
 VIEW = View(256, 0.05, 0.02, 1000.0)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.sideslip_trials import Angles
+from omni_analysis.line_trials.sideslip_trials import Angles
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult, load_study
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor

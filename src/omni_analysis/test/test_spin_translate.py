@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import load_study
 from omni_analysis.studies.spin_translate import SpinTranslate, track
 from omni_platform.configuration import ConfigurationError
-from omni_sim.loads import MassConfiguration
-from omni_sim.tire import TireConfiguration
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassConfiguration
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")
 MANEUVER = SpinTranslate(speed=1.0, amplitude=0.8, period=5.0, yaw_rate=0.6)
@@ -71,7 +71,7 @@ def test_three_wheel_commands_are_those_of_equation_34() -> None:
 
 
 @pytest.mark.parametrize("name", ["mecanum_forklift", "three_wheel_robot"])
-def test_error_is_the_slip_that_the_tyres_need(name: str) -> None:
+def test_error_is_the_slip_that_the_tires_need(name: str) -> None:
     soft = vehicle(name)
     curve = soft.tire.tmeasy.x
     hard_curve = dataclasses.replace(

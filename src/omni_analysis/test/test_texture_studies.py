@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, overlap
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import load_study
-from omni_analysis.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
-from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 SENSOR = LineSensor(

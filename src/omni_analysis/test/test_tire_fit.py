@@ -1,4 +1,4 @@
-"""Fitting tyres: parameters and standard errors come back, poor data are refused with reason."""
+"""Fitting tires: parameters and standard errors come back, poor data are refused with reason."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_analysis.tire_data import FloatArray, TireData, TireDataError, read_tire_data
-from omni_analysis.tire_fit import fit_tire
-from omni_analysis.tire_fit_figure import fit_figure
+from omni_analysis.tires.data import FloatArray, TireData, TireDataError, read_tire_data
+from omni_analysis.tires.fit import fit_tire
+from omni_analysis.tires.fit_figure import fit_figure
 from omni_platform.configuration import from_mapping
-from omni_sim.tire import Tire, TireConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
 
 MODELS = ("linear", "magic_formula", "tmeasy")
 LOADS = (1500.0, 3000.0, 4500.0, 6000.0)
@@ -86,7 +86,7 @@ def test_slip_of_one_sign_and_loads_in_between_suffice() -> None:
 def test_a_curve_that_never_falls_puts_the_shape_on_its_bound() -> None:
     data = measure(TireConfiguration(), rows=800, slips=(-4.0, 4.0))
     noise = np.random.default_rng(3).normal(0.0, 20.0, 800)
-    # The Magic Formula with C = 1, which is below what a tyre with a peak has.
+    # The Magic Formula with C = 1, which is below what a tire with a peak has.
     force = 0.9 * data.load * np.sin(np.arctan(15.0 / 0.9 * data.slip)) + noise
     fit = fit_tire(TireData(data.slip, data.load, force), "magic_formula")
     assert [key for key, at in zip(fit.keys, fit.at_bound, strict=True) if at] == ["shape"]

@@ -1,4 +1,4 @@
-"""The study of tyres: what it writes, what it measures, and trials that can fail."""
+"""The study of tires: what it writes, what it measures, and trials that can fail."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis import tire_trials
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import load_study
+from omni_analysis.tires import trials as tire_trials
 from omni_platform.configuration import ConfigurationError
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.fast_loop import run_fast_loop
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult, load_study
-from omni_analysis.tuning import (
+from omni_analysis.tuning.trials import (
     OFF,
     BrakeLag,
     Setting,

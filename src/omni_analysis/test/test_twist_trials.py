@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from linescan_odometry.measurements import LineBatch
-from omni_analysis.classical_placements import tangential
-from omni_analysis.line_trials import ground
-from omni_analysis.twist_trials import cameras_over, poses_at, rendered
+from omni_analysis.line_trials.trials import ground
+from omni_analysis.line_trials.twist_trials import cameras_over, poses_at, rendered
+from omni_analysis.placement.classical import tangential
 from omni_platform.sensors import LineSensor
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import wheels
-from omni_analysis.wheel_trials import (
+from omni_analysis.wheels.trials import (
     ROLLERS,
     SINGLE,
     TRIALS,
@@ -24,8 +24,8 @@ from omni_analysis.wheel_trials import (
     with_wheels,
 )
 from omni_platform.configuration import ConfigurationError
-from omni_sim.loads import GRAVITY, MassProperties
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties
 
 CONFIG = Path(__file__).parents[3] / "config"
 

@@ -7,7 +7,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
-from omni_bringup.launch_plan import ARGUMENTS, DRIVE, planned_nodes
+from omni_bringup.graph.launch_plan import ARGUMENTS, DRIVE, planned_nodes
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -14,13 +14,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from omni_analysis.override_option import add_override_option
-from omni_bringup.bag_command import add_arguments as add_bag_arguments
-from omni_bringup.design_sensors_command import add_arguments as add_design_arguments
-from omni_bringup.drive_command import add_arguments as add_drive_arguments
+from omni_analysis.loop.override_option import add_override_option
+from omni_bringup.commands.bag import add_arguments as add_bag_arguments
+from omni_bringup.commands.design_sensors import add_arguments as add_design_arguments
+from omni_bringup.commands.drive import add_arguments as add_drive_arguments
+from omni_bringup.commands.replay import add_arguments as add_replay_arguments
+from omni_bringup.commands.report import add_arguments as add_report_arguments
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_TERMINATED
-from omni_bringup.replay_command import add_arguments as add_replay_arguments
-from omni_bringup.report_command import add_arguments as add_report_arguments
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -49,35 +49,35 @@ def workspace() -> Path:
 def _run(options: argparse.Namespace) -> int:  # noqa: PLR0911
     # Imported late: help and a mistyped option answer at once.
     if options.command == "study":
-        from omni_bringup.study_command import study
+        from omni_bringup.commands.study import study
 
         return study(options, workspace())
     if options.command == "fit-tire":
-        from omni_bringup.fit_tire_command import fit_tire_command
+        from omni_bringup.commands.fit_tire import fit_tire_command
 
         return fit_tire_command(options, workspace())
     if options.command == "design-sensors":
-        from omni_bringup.design_sensors_command import design_sensors
+        from omni_bringup.commands.design_sensors import design_sensors
 
         return design_sensors(options, workspace())
     if options.command == "bag":
-        from omni_bringup.bag_command import bag
+        from omni_bringup.commands.bag import bag
 
         return bag(options)
     if options.command == "replay":
-        from omni_bringup.replay_command import replay
+        from omni_bringup.commands.replay import replay
 
         return replay(options, workspace())
     if options.command == "report":
-        from omni_bringup.report_command import report
+        from omni_bringup.commands.report import report
 
         return report(options)
     if options.command == "drive":
-        from omni_bringup.drive_command import drive
+        from omni_bringup.commands.drive import drive
 
         _clean_up_on_signals()
         return drive(options, workspace())
-    from omni_bringup.run_command import run
+    from omni_bringup.commands.run import run
 
     _clean_up_on_signals()
     return run(options, workspace())
@@ -176,7 +176,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_studies(
         commands.add_parser("study", help="compute figures and numbers that answer one question")
     )
-    _add_fit_tire(commands.add_parser("fit-tire", help="fit a tyre model to measured forces"))
+    _add_fit_tire(commands.add_parser("fit-tire", help="fit a tire model to measured forces"))
     add_design_arguments(
         commands.add_parser(
             "design-sensors",
@@ -233,7 +233,7 @@ def _add_studies(parser: argparse.ArgumentParser) -> None:
 
 def _add_fit_tire(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Estimate the parameters of a tyre model from measured forces, and write a tyre that a "
+        "Estimate the parameters of a tire model from measured forces, and write a tire that a "
         "vehicle can use and a figure of data against curve."
     )
     parser.add_argument(
@@ -246,13 +246,13 @@ def _add_fit_tire(parser: argparse.ArgumentParser) -> None:
         "--model",
         default="tmeasy",
         metavar="NAME",
-        help="tyre model, such as tmeasy, linear, magic_formula (default: %(default)s)",
+        help="tire model, such as tmeasy, linear, magic_formula (default: %(default)s)",
     )
     parser.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder of the tyre and the figure (default: results/fit-tire/DATA)",
+        help="folder of the tire and the figure (default: results/fit-tire/DATA)",
     )
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
 

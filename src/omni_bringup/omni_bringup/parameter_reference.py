@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_analysis.experiment import ExperimentConfiguration
+from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_platform.configuration import (
     Configuration,

@@ -15,13 +15,13 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from omni_analysis.bag_check import check_bag
-from omni_analysis.bag_error import BagError
-from omni_bringup.bag_recovery import Recovery, recover
 from omni_bringup.cli import main
-from omni_bringup.message_definitions import find_message_definition
-from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic
-from omni_bringup.rosbag2_writer import RecordingError, Rosbag2Writer
+from omni_recording.check import check_bag
+from omni_recording.definitions import find_message_definition
+from omni_recording.error import BagError
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.recover import Recovery, recover
+from omni_recording.write import RecordingError, Rosbag2Writer
 
 CLOCK, INFO = "/clock", "/line_scan/front/camera_info"
 TOPICS = (

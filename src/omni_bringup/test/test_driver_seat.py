@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from omni_bringup.drive_server import PageError, parse_demand
-from omni_bringup.driver_seat import REST, DriverSeat
+from omni_bringup.drive.seat import REST, DriverSeat
+from omni_bringup.drive.server import PageError, parse_demand
 
 FORWARD = (3.0, 0.0, 0.0)
 LEFT = (0.0, 1.0, 0.0)

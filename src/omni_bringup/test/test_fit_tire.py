@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.cli import main
-from omni_sim.tire import Tire, TireConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
 
 CONFIG = Path(__file__).parents[3] / "config"
 

@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 import yaml
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_bringup import graph, launch_plan
-from omni_bringup.drive_command import drive_nodes
-from omni_bringup.launch_plan import ARGUMENTS, planned_nodes
-from omni_bringup.process_group import NodeProcess
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.commands.drive import drive_nodes
+from omni_bringup.graph import launch_plan
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.launch_plan import ARGUMENTS, planned_nodes
+from omni_bringup.graph.process_group import NodeProcess
 from omni_platform.configuration import ConfigurationError
 
 PACKAGE = Path(__file__).parents[1]
@@ -59,7 +60,7 @@ def test_every_mode_has_a_file_of_sound_python(mode: str) -> None:
     imported = {
         alias.name
         for node in tree.body
-        if isinstance(node, ast.ImportFrom) and node.module == "omni_bringup.launch_plan"
+        if isinstance(node, ast.ImportFrom) and node.module == "omni_bringup.graph.launch_plan"
         for alias in node.names
     }
     assert imported == {"ARGUMENTS", "planned_nodes", mode.upper()}

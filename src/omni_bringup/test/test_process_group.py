@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from omni_bringup.process_group import (
+from omni_bringup.graph.process_group import (
     NodeProcess,
     ProcessError,
     ProcessGroup,
@@ -63,7 +63,7 @@ def test_what_is_not_there_is_named(prefix: Path, package: str, executable: str)
 def test_stubborn_processes_are_killed_and_gone(
     prefix: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("omni_bringup.process_group._STOP_TIMEOUT", 0.2)
+    monkeypatch.setattr("omni_bringup.graph.process_group._STOP_TIMEOUT", 0.2)
     body = (
         "import signal, time\n"
         "from omni_ros.report import report\n"

@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from omni_analysis.bag_comparison import compare_topics
-from omni_analysis.bag_folder import bag_messages, open_bag
-from omni_analysis.mcap_records import RecordedChannel, RecordedMessage
-from omni_analysis.message_decoder import MessageDecoder
-from omni_analysis.message_order import in_rounds, in_time_order
 from omni_bringup.cli import main
-from omni_bringup.message_definitions import find_message_definition
-from omni_bringup.rosbag2_metadata import RecordedQos, RecordedTopic
-from omni_bringup.rosbag2_writer import Rosbag2Writer
+from omni_recording.compare import compare_topics
+from omni_recording.decode import MessageDecoder
+from omni_recording.definitions import find_message_definition
+from omni_recording.folder import bag_messages, open_bag
+from omni_recording.mcap import RecordedChannel, RecordedMessage
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.order import in_rounds, in_time_order
+from omni_recording.write import Rosbag2Writer
 
 WORKSPACE = Path(__file__).resolve().parents[3]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"

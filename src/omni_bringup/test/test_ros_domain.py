@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from omni_bringup.ros_domain import NoFreeDomainError, reserved_domain
+from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
 from omni_platform.configuration import ConfigurationError
 from omni_ros.environment import node_environment
 

@@ -1,1 +1,1 @@
-"""Tyre, wheel, vehicle, ground and line-camera simulation and its ROS node."""
+"""Tire, wheel, vehicle, ground and line-camera simulation and its ROS node."""

@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
-from omni_sim.camera_optics import check_exposure
-from omni_sim.friction import FrictionMap, FrictionPatch
-from omni_sim.ground_elevation import ElevationConfiguration
-from omni_sim.ground_texture import TextureConfiguration
-from omni_sim.line_camera import CameraConfiguration, LineCameraArray
-from omni_sim.line_clock import LineClock
-from omni_sim.maneuver import Driver, ManeuverConfiguration, ScriptedDriver
-from omni_sim.overload import Overload, OverloadWatch
-from omni_sim.pose_interpolation import interpolate_poses, interpolate_velocities
-from omni_sim.texture_cache import TextureCache
-from omni_sim.vehicle_configuration import VehicleConfiguration
-from omni_sim.vehicle_factory import build_vehicle
+from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.camera.clock import LineClock
+from omni_sim.camera.optics import check_exposure
+from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
+from omni_sim.driver.scripted import Driver, ManeuverConfiguration, ScriptedDriver
+from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import TextureConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.factory import build_vehicle
+from omni_sim.vehicle.overload import Overload, OverloadWatch
 from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
 
 __all__ = [
@@ -58,7 +58,7 @@ class GroundConfiguration(Configuration):
     )
     friction: float = parameter(
         1.0,
-        description="Friction factor mu/mu_0 of the ground, relative to the tyre's own data",
+        description="Friction factor mu/mu_0 of the ground, relative to the tire's own data",
         minimum=0.0,
         maximum=2.0,
     )
@@ -222,7 +222,7 @@ class Simulator:
         configuration: everything that it depends on.
         vehicle: the vehicle, to look into.
         control_period_ns: time that one `advance` takes [ns].
-        overloaded: whether a wheel carried more than its tyre model covers in the last period.
+        overloaded: whether a wheel carried more than its tire model covers in the last period.
         tipping: whether the vehicle would have tipped over in the last period.
     """
 
@@ -331,7 +331,7 @@ class Simulator:
 
     @property
     def overload(self) -> Overload | None:
-        """Overload of the tyre model since the start of the run, None if there was none."""
+        """Overload of the tire model since the start of the run, None if there was none."""
         return self._overload_watch.overload
 
     @property

@@ -41,7 +41,7 @@ from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 from omni_ros.startup import StartupConfiguration
-from omni_sim.manual_driver import DemandInbox, ManualDriver, ManualDriverConfiguration
+from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import camera_info, ground_truth, scene_markers
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration

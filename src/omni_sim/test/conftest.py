@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from omni_platform.configuration import from_mapping
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 # The first example compiles the kernels; how long an example takes is no property of the code.
 hypothesis.settings.register_profile("omni_sim", deadline=None)

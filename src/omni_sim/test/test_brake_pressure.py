@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_sim.brake_pressure import brake_torques, build_brake_pressure
-from omni_sim.loads import MassConfiguration
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure
 
 FloatArray = NDArray[np.float64]
 

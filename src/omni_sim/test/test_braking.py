@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from omni_sim.friction import FrictionMap, FrictionPatch
-from omni_sim.loads import MassConfiguration
-from omni_sim.vehicle import StepLog, Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassConfiguration
+from omni_sim.vehicle.vehicle import StepLog, Vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def test_no_pattern_of_brakes_adds_energy_or_breaks_the_friction_limit(
     brake_at_random(vehicle, seed, 150)
 
 
-# The hardest tyre swings a wheel through 0.5 rad in a step; there the wheels' coupling over the
+# The hardest tire swings a wheel through 0.5 rad in a step; there the wheels' coupling over the
 # body, which lags by a step, may leave a share of 1e-7 of the energy.
 @pytest.mark.parametrize(
     ("stiffness", "damping", "tolerance"), [(2.0e7, 1.0e5, 1e-9), (1.0e8, 1.0e6, 1e-6)]

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_platform.sensors import LineSensor
-from omni_sim.footprint_reference import integrate_exactly
-from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
-from omni_sim.line_camera import CameraConfiguration, LineCamera, LineCameraArray
+from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
+from omni_sim.camera.footprint.reference import integrate_exactly
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 SIZE = 0.05
 CORK = generate_texture(TextureConfiguration(size=SIZE, texels=1024))

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.characteristic import TMeasy
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire.characteristic import TMeasy
+from omni_sim.tire.tmeasy import TMeasyConfiguration
 
 TIRE = TMeasy(TMeasyConfiguration())
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.characteristic import TMeasy
-from omni_sim.combined_slip import combined_forces, slip_norms
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire.characteristic import TMeasy
+from omni_sim.tire.combined_slip import combined_forces, slip_norms
+from omni_sim.tire.tmeasy import TMeasyConfiguration
 
 TABLE_1 = TMeasyConfiguration()
 TIRE = TMeasy(TABLE_1)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.contact import road_plane, static_contact_offset, wheel_contact
+from omni_sim.vehicle.road_plane import road_plane, static_contact_offset, wheel_contact
 
 ANGLES = st.floats(-math.pi, math.pi)
 GRADES = st.floats(-0.5, 0.5)
@@ -101,6 +101,6 @@ def test_static_contact_point_is_the_centre_of_pressure(
     )
 
 
-def test_static_contact_point_of_a_tyre_on_its_edge_is_refused() -> None:
+def test_static_contact_point_of_a_tire_on_its_edge_is_refused() -> None:
     with pytest.raises(ValueError, match="whole width"):
         static_contact_offset(0.3, 0.1, 0.01)

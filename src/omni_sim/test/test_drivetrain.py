@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.characteristic import TMeasy
-from omni_sim.drivetrain import WheelStep, wheel_step
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire.characteristic import TMeasy
+from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.wheel.drivetrain import WheelStep, wheel_step
 
 TIRE = TMeasy(TMeasyConfiguration())
 INERTIA, LEVER, C, D, DT = 0.8, -0.14, 2.0e5, 5000.0, 0.0005
@@ -67,7 +67,7 @@ def test_brake_holds_the_wheel_at_exactly_zero_against_the_tire() -> None:
             0.0, brake=500.0, hub_velocity=0.01, deflection=deflection, sliding=slides
         )
         assert omega == 0.0
-        # The brake carries what the tyre turns the wheel with.
+        # The brake carries what the tire turns the wheel with.
         assert torque == pytest.approx(LEVER * force)
     assert abs(force) > 300.0
 

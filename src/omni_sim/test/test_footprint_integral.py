@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_sim.footprint_integral import integrate_lines
-from omni_sim.footprint_reference import integrate_exactly
-from omni_sim.ground_texture import GroundTexture, TextureConfiguration, generate_texture
-from omni_sim.padded_texture import PaddedTexture
+from omni_sim.camera.footprint.integral import integrate_lines
+from omni_sim.camera.footprint.padding import PaddedTexture
+from omni_sim.camera.footprint.reference import integrate_exactly
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 SIZE = 0.05
 TEXELS = 1024

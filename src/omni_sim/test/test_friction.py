@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from omni_sim.friction import FrictionMap, FrictionPatch
+from omni_sim.ground.friction import FrictionMap, FrictionPatch
 
 
 def test_patch_counts_inside_and_the_base_outside() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omni_platform.configuration import ConfigurationError
-from omni_sim.ground_elevation import (
+from omni_sim.ground.elevation import (
     BumpConfiguration,
     ElevationConfiguration,
     WaveConfiguration,

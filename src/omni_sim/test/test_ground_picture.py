@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from omni_platform.configuration import ConfigurationError
-from omni_sim.ground_picture import read_picture
-from omni_sim.ground_texture import PICTURE, TextureConfiguration, generate_texture
-from omni_sim.texture_cache import TextureCache
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.picture import read_picture
+from omni_sim.texture.texture import PICTURE, TextureConfiguration, generate_texture
 
 DPI = 520.0
 CORK = generate_texture(TextureConfiguration(size=0.05, texels=1024)).grey[:700, :900].copy()

@@ -11,14 +11,14 @@ import yaml
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError, from_mapping
-from omni_sim import texture_cache
-from omni_sim.ground_texture import (
+from omni_sim.texture import cache as texture_cache
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import (
     KINDS,
     GroundTexture,
     TextureConfiguration,
     generate_texture,
 )
-from omni_sim.texture_cache import TextureCache
 
 SIZE = 0.05
 

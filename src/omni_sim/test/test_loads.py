@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from omni_sim.loads import (
+from omni_sim.vehicle.loads import (
     MassConfiguration,
     MassProperties,
     load_plane,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.maneuver import ManeuverConfiguration, ScriptedDriver
+from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 
 SECOND = 1_000_000_000
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.maneuver import ManeuverConfiguration
-from omni_sim.manual_driver import DemandInbox, ManualDriver, ManualDriverConfiguration
+from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
+from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import (
     SimulationConfiguration,
     Simulator,

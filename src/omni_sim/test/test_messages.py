@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omni_platform.sensors import LineSensor
-from omni_sim.friction import FrictionPatch
+from omni_sim.ground.friction import FrictionPatch
 from omni_sim.messages import camera_info, ground_truth, scene_markers
 from omni_sim.simulator import (
     GroundConfiguration,
@@ -17,7 +17,7 @@ from omni_sim.simulator import (
     Simulator,
     SimulatorConfiguration,
 )
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Overload of the tyre model: told with wheel, load and time, and only where it happens."""
+"""Overload of the tire model: told with wheel, load and time, and only where it happens."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from omni_sim.maneuver import ManeuverConfiguration
-from omni_sim.overload import OverloadWatch
+from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.overload import OverloadWatch
 
 
 def simulate(vehicle: VehicleConfiguration, periods: int) -> tuple[Simulator, list[bool]]:

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.ground_elevation import ElevationConfiguration
-from omni_sim.loads import GRAVITY, MassConfiguration
-from omni_sim.passive_losses import PassiveLossConfiguration, passive_force
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_sim.wheel.passive_losses import PassiveLossConfiguration, passive_force
 
 ON, OFF, NO_COMMAND = np.ones(4), np.zeros(4), np.zeros(3)
 

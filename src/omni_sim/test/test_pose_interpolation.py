@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from omni_sim.pose_interpolation import interpolate_poses
+from omni_sim.camera.poses import interpolate_poses
 
 FloatArray = NDArray[np.float64]
 STEP_NS = 500_000

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
-from omni_sim.roller_geometry import RollerGeometry, nearest_roller, roller_contact
+from omni_sim.wheel.roller_geometry import RollerGeometry, nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
 

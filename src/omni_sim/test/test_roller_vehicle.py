@@ -11,14 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
-from omni_sim.loads import GRAVITY
-from omni_sim.roller_configuration import RollerConfiguration
-from omni_sim.roller_vehicle import RollerVehicle
 from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
-from omni_sim.tire_models import MODELS
-from omni_sim.vehicle import Vehicle, VehicleInputError
-from omni_sim.vehicle_configuration import VehicleConfiguration
-from omni_sim.vehicle_factory import build_vehicle
+from omni_sim.tire.models import MODELS
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.factory import build_vehicle
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.roller_vehicle import RollerVehicle
+from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
+from omni_sim.wheel.roller_configuration import RollerConfiguration
 
 FloatArray = NDArray[np.float64]
 
@@ -230,7 +230,7 @@ def test_parked_vehicle_does_not_creep_on_a_slope_whatever_roller_it_stands_on(
     angle = math.radians(direction_deg)
     weight = vehicle.masses.mass * GRAVITY
     vehicle.push(0.05 * weight * np.array([math.cos(angle), math.sin(angle)]))
-    vehicle.advance(8000, 1.0, full(vehicle), NO_COMMAND)  # the tyres give way a little
+    vehicle.advance(8000, 1.0, full(vehicle), NO_COMMAND)  # the tires give way a little
     settled = vehicle.pose
     vehicle.advance(MINUTE, 1.0, full(vehicle), NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
@@ -261,7 +261,7 @@ def test_speed_passes_smoothly_through_zero(
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))
     np.testing.assert_allclose(speeds[100:], commands[100:], atol=0.04)
-    # A tyre that chattered would jump by its grip of 3000 N.
+    # A tire that chattered would jump by its grip of 3000 N.
     assert np.max(np.abs(np.diff(np.concatenate(forces)[2000:], axis=0))) < 150.0
 
 

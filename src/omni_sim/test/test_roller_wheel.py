@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.characteristic import TMeasy, steady_force
-from omni_sim.combined_slip import combined_curve, slip_norms
-from omni_sim.roller_wheel import load_share, roller_step
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire.characteristic import TMeasy, steady_force
+from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.wheel.roller import load_share, roller_step
 
 LOAD = 3000.0
 HELD = 1e30  # inertia of a wheel or a roller whose speed is given [kg m^2]

@@ -13,8 +13,7 @@ import yaml
 
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_platform.sensors import LineSensor
-from omni_sim.ground_texture import TextureConfiguration
-from omni_sim.line_camera import LineCameraArray
+from omni_sim.camera.camera import LineCameraArray
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import (
     CameraConfiguration,
@@ -26,7 +25,8 @@ from omni_sim.simulator import (
     VehicleConfiguration,
     VelocitySensorConfiguration,
 )
-from omni_sim.texture_cache import TextureCache
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import TextureConfiguration
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 SMALL_GROUND = GroundConfiguration(texture=TextureConfiguration(kind="cork", size=0.1, texels=1024))

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from omni_sim.loads import GRAVITY
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.vehicle import Vehicle
 
 ON, NO_COMMAND = np.ones(4), np.zeros(3)
 MINUTE = 120_000
@@ -29,7 +29,7 @@ def test_vehicle_parked_on_a_slope_does_not_creep(
     weight = vehicle.masses.mass * GRAVITY
     angle = math.radians(direction_deg)
     vehicle.push(0.05 * weight * np.array([math.cos(angle), math.sin(angle)]))
-    vehicle.advance(8000, 1.0, ON, NO_COMMAND)  # the tyres give way a little
+    vehicle.advance(8000, 1.0, ON, NO_COMMAND)  # the tires give way a little
     settled = vehicle.pose
     vehicle.advance(MINUTE, 1.0, ON, NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
@@ -76,7 +76,7 @@ def test_speed_passes_smoothly_through_zero(
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))
     np.testing.assert_allclose(speeds[200:], commands[200:], atol=0.03)
-    # Some 350 N accelerate the vehicle; a tyre that chattered would jump by its grip of 3000 N.
+    # Some 350 N accelerate the vehicle; a tire that chattered would jump by its grip of 3000 N.
     assert np.max(np.abs(np.diff(np.concatenate(forces)[4000:], axis=0))) < 40.0
 
 

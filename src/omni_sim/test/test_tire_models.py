@@ -1,4 +1,4 @@
-"""Every tyre model: closed forms, the shape that the interface promises, the contact equation."""
+"""Every tire model: closed forms, the shape that the interface promises, the contact equation."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 import omni_sim
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire import Tire, TireConfiguration
-from omni_sim.tire_model import contact_friction, curve_at, force_at
-from omni_sim.tire_models import MODELS, magic_formula
+from omni_sim.tire.model import contact_friction, curve_at, force_at
+from omni_sim.tire.models import MODELS, magic_formula
+from omni_sim.tire.tire import Tire, TireConfiguration
 
 FloatArray = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def test_derivative_is_that_of_the_force(
 ) -> None:
     tire = TIRES[name]
     curve = curve_at(tire.configuration.kernel_parameters, load, friction)
-    assume(abs(slip - curve.peak_slip) > 1e-4)  # the linear tyre has a corner there
+    assume(abs(slip - curve.peak_slip) > 1e-4)  # the linear tire has a corner there
     h = 1e-6
     low = max(slip - h, 0.0)
     difference = (force_at(curve, slip + h)[0] - force_at(curve, low)[0]) / (slip + h - low)
@@ -232,7 +232,7 @@ def test_a_fourth_model_is_one_file(tmp_path: Path) -> None:
     (models / "twice.py").write_text(text.replace("peak_force = ", "peak_force = 2.0 * "))
     program = """
 from omni_platform.configuration import from_mapping
-from omni_sim.tire import Tire, TireConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
 print(*(float(Tire(from_mapping(TireConfiguration, {"model": name})).force(9.0, 1000.0))
         for name in ("linear", "twice")))
 """

@@ -1,4 +1,4 @@
-"""Whole vehicles on each tyre of config/tires: convergence, rest, zero crossing, passivity."""
+"""Whole vehicles on each tire of config/tires: convergence, rest, zero crossing, passivity."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import yaml
 from numpy.typing import NDArray
 
 from omni_platform.configuration import from_mapping
-from omni_sim.friction import FrictionMap, FrictionPatch
-from omni_sim.loads import GRAVITY, MassConfiguration
-from omni_sim.tire import Tire, TireConfiguration
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def test_halving_the_step_changes_the_stopping_distance_by_less_than_one_per_cen
 def test_parked_on_a_slope_nothing_creeps(direction: float, vehicle: VehicleConfiguration) -> None:
     parked = Vehicle(vehicle)
     parked.push(parked.masses.mass * GRAVITY * math.sin(math.atan(0.05)) * heading(direction))
-    # The tyres give way by the weight's component over their stiffness, and then hold.
+    # The tires give way by the weight's component over their stiffness, and then hold.
     settled = brake(parked, 2.0)[-1]
     assert np.hypot(*settled[:2]) < 2e-3
     end = parked.advance(MINUTE, 1.0, np.ones(len(vehicle.wheels)), np.zeros(3))[-1]
@@ -88,7 +88,7 @@ def test_a_vehicle_that_stopped_stays_stopped(pedal: float, vehicle: VehicleConf
     for direction in (0.0, 90.0, 200.0):
         stopped = Vehicle(vehicle, twist=(*3.0 * heading(direction), 0.3))
         brake(stopped, 4.0)
-        # With the pedal up, the drive holds it at a command of zero; the wound-up tyres relax.
+        # With the pedal up, the drive holds it at a command of zero; the wound-up tires relax.
         stopped.advance(MINUTE // 3, pedal, np.ones(len(vehicle.wheels)), np.zeros(3))
         before = stopped.pose
         stopped.advance(MINUTE, pedal, np.ones(len(vehicle.wheels)), np.zeros(3))

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.characteristic import TMeasy
-from omni_sim.tmeasy import TMeasyConfiguration
+from omni_sim.tire.characteristic import TMeasy
+from omni_sim.tire.tmeasy import TMeasyConfiguration
 
 TABLE_1 = TMeasyConfiguration()
 

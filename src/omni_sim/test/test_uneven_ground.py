@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from omni_platform.configuration import from_mapping
-from omni_sim.ground_elevation import (
+from omni_sim.ground.elevation import (
     BumpConfiguration,
     ElevationConfiguration,
     WaveConfiguration,
 )
-from omni_sim.loads import GRAVITY
 from omni_sim.messages import ground_truth
 from omni_sim.simulator import (
     GroundConfiguration,
@@ -25,9 +24,10 @@ from omni_sim.simulator import (
     Simulator,
     SimulatorConfiguration,
 )
-from omni_sim.uneven_ground import frame_turn, level, orientation
-from omni_sim.vehicle import Vehicle
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.uneven_ground import frame_turn, level, orientation
+from omni_sim.vehicle.vehicle import Vehicle
 
 ON, OFF, NO_COMMAND = np.ones(4), np.zeros(4), np.zeros(3)
 TILTS = st.floats(-0.4, 0.4)
@@ -102,7 +102,7 @@ def test_vehicle_parked_on_an_incline_does_not_creep(
     uphill_deg: float, forklift: VehicleConfiguration
 ) -> None:
     vehicle = Vehicle(forklift, elevation=slope(0.05, uphill_deg))
-    vehicle.advance(8000, 1.0, ON, NO_COMMAND)  # the tyres give way by 1 to 2 mm
+    vehicle.advance(8000, 1.0, ON, NO_COMMAND)  # the tires give way by 1 to 2 mm
     settled = vehicle.pose
     vehicle.advance(120_000, 1.0, ON, NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5

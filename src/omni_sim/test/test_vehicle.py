@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
-from omni_sim.friction import FrictionMap, FrictionPatch
-from omni_sim.loads import GRAVITY, MassConfiguration
-from omni_sim.vehicle import StepLog, Vehicle, VehicleInputError
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
+from omni_sim.vehicle.vehicle import StepLog, Vehicle, VehicleInputError
 
 FloatArray = NDArray[np.float64]
 

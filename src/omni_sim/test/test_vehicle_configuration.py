@@ -10,9 +10,9 @@ import pytest
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics, UnusablePlatformError
-from omni_sim.loads import MassConfiguration, MassProperties
-from omni_sim.tire import TireConfiguration
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassConfiguration, MassProperties
 
 
 def test_forklift_is_a_mecanum_platform_in_the_order_of_equation_35(

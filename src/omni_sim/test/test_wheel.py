@@ -1,4 +1,4 @@
-"""First-order tyre dynamics (4) on the slip of the contact patch (20), sticking and sliding."""
+"""First-order tire dynamics (4) on the slip of the contact patch (20), sticking and sliding."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.characteristic import TMeasy, steady_force
-from omni_sim.tmeasy import TMeasyConfiguration
-from omni_sim.wheel import contact_friction, tire_force
+from omni_sim.tire.characteristic import TMeasy, steady_force
+from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.wheel.single import contact_friction, tire_force
 
 TIRE = TMeasy(TMeasyConfiguration())
 CURVE = TIRE.curve(3000.0)

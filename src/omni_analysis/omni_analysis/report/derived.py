@@ -1,7 +1,7 @@
 """What a report shows of the wheels although no topic carries it: slips and loads.
 
 Both follow from the recorded true motion and the vehicle's configuration. The slip is that of the
-rim against the ground; the simulator's is that of the contact patch, which the tyre's spring
+rim against the ground; the simulator's is that of the contact patch, which the tire's spring
 lets move for some milliseconds after a brake changes. The loads are those of a flat ground.
 """
 
@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.run_history import RunHistory
+from omni_analysis.loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry, cross
-from omni_sim.ground_elevation import ElevationConfiguration
-from omni_sim.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.simulator import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
 
 FloatArray = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_analysis.comparison_table import metric_label, metric_number
-from omni_analysis.figure_style import time_label
+from omni_analysis.figures.comparison_table import metric_label, metric_number
+from omni_analysis.figures.run_figures import scene_of
+from omni_analysis.figures.scene import Scene
+from omni_analysis.figures.style import time_label
+from omni_analysis.loop.history import RunHistory
 from omni_analysis.report.derived import flat_ground_loads, is_flat, rim_slips
 from omni_analysis.report.recording import ReportedRun
-from omni_analysis.run_figures import scene_of
-from omni_analysis.run_history import RunHistory
-from omni_analysis.scene import Scene
 from omni_platform.geometry import PlatformGeometry
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; of a longer run every n-th stamp is shown

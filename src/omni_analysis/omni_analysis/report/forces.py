@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.bag_error import BagError
-from omni_analysis.bag_folder import bag_messages, open_bag
-from omni_analysis.message_decoder import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording.error import BagError
+from omni_recording.folder import bag_messages, open_bag
 
 FloatArray = NDArray[np.float64]
 

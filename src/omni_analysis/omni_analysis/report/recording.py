@@ -9,13 +9,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from omni_analysis.bag_folder import read_plain_yaml
-from omni_analysis.bag_reader import read_run
-from omni_analysis.experiment import ExperimentConfiguration
-from omni_analysis.metrics import Metric, run_metrics
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.recorded_run import read_run
 from omni_analysis.report.forces import WheelForces, read_wheel_forces
-from omni_analysis.run_history import RunHistory
 from omni_platform.configuration import from_mapping
+from omni_recording.folder import read_plain_yaml
 
 CONFIGURATION = "configuration.yaml"
 

@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.metrics import Metric
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
 
 Report = Callable[[float, str], None]
 """Takes the share done, 0..1, and a few words about it."""

@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import (
+from omni_analysis.figures.style import (
     BLACK,
     GREY,
     LABEL_SIZE,
@@ -26,7 +25,7 @@ from omni_analysis.figure_style import (
     save_figure,
     style_axes,
 )
-from omni_analysis.line_trials import (
+from omni_analysis.line_trials.trials import (
     FloatArray,
     View,
     camera,
@@ -35,10 +34,11 @@ from omni_analysis.line_trials import (
     ground,
     match,
 )
-from omni_analysis.metrics import Metric
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.studies import add_metric_option, add_seed_option, check_seed
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.study_options import add_metric_option, add_seed_option, check_seed
 from omni_platform.configuration import ConfigurationError
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).

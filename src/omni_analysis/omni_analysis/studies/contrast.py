@@ -14,9 +14,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_analysis.displacement_errors import ERROR_COLUMNS
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import (
+from omni_analysis.figures.style import (
     BLUE,
     GREY,
     LABEL_SIZE,
@@ -25,8 +23,8 @@ from omni_analysis.figure_style import (
     save_figure,
     style_axes,
 )
-from omni_analysis.line_study_options import add_line_options, grounds_of
-from omni_analysis.line_trials import (
+from omni_analysis.line_trials.errors import ERROR_COLUMNS
+from omni_analysis.line_trials.trials import (
     FloatArray,
     Motion,
     View,
@@ -37,9 +35,11 @@ from omni_analysis.line_trials import (
     match,
     path,
 )
-from omni_analysis.metrics import Metric
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.lines import add_line_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
 
 _LENGTH = 0.05  # m
 # The widest is half of the ground's period: a view of all of it would see the same again.

@@ -18,8 +18,7 @@ from scipy.signal import find_peaks
 from scipy.spatial import distance
 from scipy.stats import rankdata
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import (
+from omni_analysis.figures.style import (
     BLUE,
     GREY,
     LABEL_SIZE,
@@ -28,11 +27,12 @@ from omni_analysis.figure_style import (
     save_figure,
     style_axes,
 )
-from omni_analysis.line_study_options import add_line_options, grounds_of
-from omni_analysis.line_trials import FloatArray, View, camera, ground, path
-from omni_analysis.metrics import Metric
+from omni_analysis.line_trials.trials import FloatArray, View, camera, ground, path
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.lines import add_line_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
 
 _VIEW = View()
 _SPEED, _ANGLE = 20.0, math.radians(45.0)

@@ -17,9 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_analysis.classical_placements import tangential
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import (
+from omni_analysis.figures.style import (
     BLUE,
     GREEN,
     GREY,
@@ -30,12 +28,14 @@ from omni_analysis.figure_style import (
     save_figure,
     style_axes,
 )
-from omni_analysis.line_trials import ground
-from omni_analysis.metrics import Metric
+from omni_analysis.line_trials.trials import ground
+from omni_analysis.line_trials.twist_trials import TwistTrial, cameras_over, drive
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.studies import add_noise_option, add_seed_option, check_seed
+from omni_analysis.placement.classical import tangential
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.study_options import add_noise_option, add_seed_option, check_seed
-from omni_analysis.twist_trials import TwistTrial, cameras_over, drive
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.tables import surface_metrics, write_surfaces
+from omni_analysis.line_trials.texture_figures import draw_error_surfaces
+from omni_analysis.line_trials.texture_trials import Shifts, Sideways, look_at_shapes
+from omni_analysis.line_trials.view_grid import as_map
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.textures import add_texture_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_table import surface_metrics, write_surfaces
-from omni_analysis.texture_figures import draw_error_surfaces
-from omni_analysis.texture_options import add_texture_options, grounds_of
-from omni_analysis.texture_trials import Shifts, Sideways, look_at_shapes
-from omni_analysis.view_grid import as_map
 
 _SPEED = 12.0  # [m/s]
 _NOISES = (0.0, 1.0, 5.0)  # [grey levels]

@@ -12,16 +12,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_analysis.displacement_errors import ERROR_COLUMNS
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import LABEL_SIZE, draw_title, save_figure
-from omni_analysis.line_study_options import add_line_options, grounds_of, measure_on
-from omni_analysis.line_trial_figures import add_error_scale, draw_error_map
-from omni_analysis.line_trials import Matches, Motion
-from omni_analysis.metrics import Metric
-from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.view_grid import (
+from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.line_trials.errors import ERROR_COLUMNS
+from omni_analysis.line_trials.figures import add_error_scale, draw_error_map
+from omni_analysis.line_trials.trials import Matches, Motion
+from omni_analysis.line_trials.view_grid import (
     LENGTHS,
     SHAPES,
     as_map,
@@ -30,6 +25,11 @@ from omni_analysis.view_grid import (
     needed_overlap,
     sideways_motions,
 )
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.lines import add_line_options, grounds_of, measure_on
+from omni_analysis.studies import StudyResult
 
 _CLAIM = 0.6  # overlap that is said to be enough
 _GROUP = 10  # n of the median

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from omni_analysis import experiment_study
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.experiment_study import (
+from omni_analysis.braking import study as experiment_study
+from omni_analysis.braking.study import (
     path_columns,
     write_figure,
     write_velocities_and_errors,
 )
-from omni_analysis.overlay_view import overlay_view
+from omni_analysis.figures.overlay import overlay_view
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult
 
 _INTERVAL = 1.0  # between snapshots [s]

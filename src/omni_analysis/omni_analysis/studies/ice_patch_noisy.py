@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from omni_analysis import braking_figures, experiment_study
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.experiment_study import ExperimentRuns, path_columns, write_figure
-from omni_analysis.overlay_view import overlay_view
+from omni_analysis.braking import figures as braking_figures
+from omni_analysis.braking import study as experiment_study
+from omni_analysis.braking.study import ExperimentRuns, path_columns, write_figure
+from omni_analysis.figures.overlay import overlay_view
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult
 
 _CLEAN, _NOISY = "assisted", "noisy"

@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from omni_analysis import experiment_study, feedback_figures
-from omni_analysis.data_table import write_table
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.feedback_comparison import (
+from omni_analysis.braking import feedback_figures
+from omni_analysis.braking import study as experiment_study
+from omni_analysis.braking.feedback_comparison import (
     EXPERIMENTS,
     Comparison,
     compare,
     odometry_lag,
     turned,
 )
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult
 
 _DIFFERENCES = {

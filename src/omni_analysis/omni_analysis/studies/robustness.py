@@ -13,13 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.campaign import ResultTable, connected, interruptible, run_campaign, run_chunk
-from omni_analysis.data_table import write_table
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
-from omni_analysis.random_braking import VEHICLES, RandomBraking, experiment_file
-from omni_analysis.robustness import (
+from omni_analysis.campaign.distribute import (
+    ResultTable,
+    connected,
+    interruptible,
+    run_campaign,
+    run_chunk,
+)
+from omni_analysis.campaign.figures import draw_distributions, draw_runs
+from omni_analysis.campaign.random_braking import VEHICLES, RandomBraking, experiment_file
+from omni_analysis.campaign.robustness import (
     CAUSES,
     DISTANCE_FACTOR,
     ENERGY_LIMIT,
@@ -28,9 +31,12 @@ from omni_analysis.robustness import (
     SHORTEST_DISTANCE,
     Outcome,
 )
-from omni_analysis.robustness_figures import draw_distributions, draw_runs
+from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.studies import check_seed
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_options import check_seed
 from omni_platform.configuration import ConfigurationError
 
 _MOST_RUNS = 10_000_000

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.displacement_errors import ERROR_COLUMNS
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.errors import ERROR_COLUMNS
+from omni_analysis.line_trials.texture_figures import draw_speed_limits
+from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, overlap
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.textures import add_texture_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.texture_figures import draw_speed_limits
-from omni_analysis.texture_options import add_texture_options, grounds_of
-from omni_analysis.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_platform.sensors import LineSensor
 
 FloatArray = NDArray[np.float64]

@@ -14,21 +14,21 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
-from omni_analysis.sideslip_figures import draw_sideslip
-from omni_analysis.sideslip_trials import (
+from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.sideslip_figures import draw_sideslip
+from omni_analysis.line_trials.sideslip_trials import (
     Angles,
     FloatArray,
     RollingWheel,
     camera_at_a_wheel,
     root_mean_square,
 )
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.studies import add_noise_option, check_noise
+from omni_analysis.options.textures import add_texture_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.study_options import add_noise_option, check_noise
-from omni_analysis.texture_options import add_texture_options, grounds_of
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 

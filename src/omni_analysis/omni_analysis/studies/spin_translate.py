@@ -3,7 +3,7 @@
 The validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal velocity
 along y and a constant yaw rate, turned into wheel speeds by Eqs. (34) and (35). The commands come
 from the reference alone, without any feedback of position or heading, so the tracking error is
-what the tyres' slip adds up to. The vehicle starts in motion, rolling perfectly, and drives as it
+what the tires' slip adds up to. The vehicle starts in motion, rolling perfectly, and drives as it
 is configured: the forklift with its load at the front left.
 """
 
@@ -17,17 +17,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
-from omni_analysis.run_figures import scene_of
-from omni_analysis.spin_translate_figures import draw_commands, draw_snapshots
+from omni_analysis.figures.run_figures import scene_of
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.tracking import Tracking
+from omni_analysis.wheels.spin_translate_figures import draw_commands, draw_snapshots
+from omni_analysis.wheels.tracking import Tracking
 from omni_platform.configuration import ConfigurationError
-from omni_sim.vehicle_configuration import VehicleConfiguration
-from omni_sim.vehicle_factory import build_vehicle
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.factory import build_vehicle
 
 FloatArray = NDArray[np.float64]
 

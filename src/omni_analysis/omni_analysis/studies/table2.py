@@ -11,21 +11,21 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from omni_analysis import table_2
-from omni_analysis.data_table import write_table
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.identification import (
+from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.style import save_figure
+from omni_analysis.identification import table_2
+from omni_analysis.identification.figures import sensitivity_map, trade_off
+from omni_analysis.identification.files import write_files
+from omni_analysis.identification.identification import (
     GENERATIONS,
     configure,
     measure,
     parameters_of,
     search,
 )
-from omni_analysis.identified_files import write_files
-from omni_analysis.sensitivity import Sensitivity, sensitivities
+from omni_analysis.identification.sensitivity import Sensitivity, sensitivities
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult
-from omni_analysis.table_2_figures import sensitivity_map, trade_off
 
 _EXPERIMENT = "turn_while_translate"
 

@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.tables import surface_metrics, write_surfaces
+from omni_analysis.line_trials.texture_figures import draw_error_surfaces
+from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, look_at_shapes
+from omni_analysis.line_trials.view_grid import as_map
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.studies import add_noise_option
+from omni_analysis.options.textures import add_texture_options, grounds_of
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_options import add_noise_option
-from omni_analysis.study_table import surface_metrics, write_surfaces
-from omni_analysis.texture_figures import draw_error_surfaces
-from omni_analysis.texture_options import add_texture_options, grounds_of
-from omni_analysis.texture_trials import Eyes, Shifts, Sideways, look_at_shapes
-from omni_analysis.view_grid import as_map
-from omni_sim.ground_texture import GroundTexture
+from omni_sim.texture.texture import GroundTexture
 
 _SPEED = 12.0  # [m/s]
 _EXPERIMENT = "straight_line"  # lends its odometry

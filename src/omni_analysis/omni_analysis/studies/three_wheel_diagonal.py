@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from omni_analysis import experiment_study
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.experiment_study import write_top_view, write_velocities_and_errors
+from omni_analysis.braking import study as experiment_study
+from omni_analysis.braking.study import write_top_view, write_velocities_and_errors
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult
 
 

@@ -1,4 +1,4 @@
-"""Draw the tyre models (Figures 4 to 6) and check vehicles on them: convergence, rest, zero."""
+"""Draw the tire models (Figures 4 to 6) and check vehicles on them: convergence, rest, zero."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_analysis import tire_figures, tire_trials
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
+from omni_analysis.tires import figures as tire_figures
+from omni_analysis.tires import trials as tire_trials
 from omni_platform.configuration import ConfigurationError
-from omni_sim.characteristic import TMeasy
-from omni_sim.tire import Tire, TireConfiguration
-from omni_sim.tmeasy import TMeasyConfiguration
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.tire.characteristic import TMeasy
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 _EXPERIMENT = "straight_line"  # lends its vehicle
 _TABLE_1 = "rill_table_1"
@@ -30,7 +31,7 @@ _LARGEST_CHANGE, _LARGEST_CREEP = 0.01, 1e-3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the tyres and the vehicle."""
+    """Declare the tires and the vehicle."""
     parser.add_argument(
         "--tire",
         action="append",
@@ -47,13 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
-    """Draw the characteristics, and try each tyre under the vehicle."""
+    """Draw the characteristics, and try each tire under the vehicle."""
     table = _vehicle(library, options.vehicle, _TABLE_1).tire.tmeasy
     vehicles = {}
     for name in options.tire or _TIRES:
         case = Path(name).stem
         if case in vehicles:
-            raise ConfigurationError("--tire", f"two of the tyres are called {case!r}")
+            raise ConfigurationError("--tire", f"two of the tires are called {case!r}")
         vehicles[case] = _vehicle(library, options.vehicle, name)
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
     files = [*_figures(table, tires, folder), *_data(table, tires, folder)]
@@ -75,7 +76,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         }
         findings.append(
             f"{name}: halving the step changes a stopping distance by {100.0 * change:.2g} %. "
-            f"Parked on {100.0 * _SLOPE:g} %, the tyres give way by {1e3 * give:.2g} mm and the "
+            f"Parked on {100.0 * _SLOPE:g} %, the tires give way by {1e3 * give:.2g} mm and the "
             f"vehicle then moves {1e3 * creep:.1g} mm in a minute."
         )
     return StudyResult(metrics, tuple(files), tuple(findings))

@@ -1,7 +1,7 @@
 """Orientation kept against distance paid: which setting of the brake assistant suits a vehicle.
 
 Every weighting and k is tried with every dwell time, with the brakes that the vehicle has and with
-slower ones, and judged by the worst of several situations (`omni_analysis.tuning`).
+slower ones, and judged by the worst of several situations (`omni_analysis.tuning.trials`).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis import tuning_figures
-from omni_analysis.data_table import write_table
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
-from omni_analysis.override_option import add_override_option
+from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.loop.override_option import add_override_option
 from omni_analysis.studies import StudyResult
-from omni_analysis.tuning import (
+from omni_analysis.tuning import figures as tuning_figures
+from omni_analysis.tuning.trials import (
     OFF,
     BrakeLag,
     Setting,

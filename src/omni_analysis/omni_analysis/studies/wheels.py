@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.experiment import ExperimentLibrary
-from omni_analysis.figure_style import save_figure
-from omni_analysis.metrics import Metric
-from omni_analysis.simulation_cost import real_time_factor
+from omni_analysis.figures.style import save_figure
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.metrics import Metric
+from omni_analysis.options.data import write_table
+from omni_analysis.options.studies import add_seed_option, check_seed
 from omni_analysis.studies import StudyResult
-from omni_analysis.study_data import write_table
-from omni_analysis.study_options import add_seed_option, check_seed
-from omni_analysis.wheel_figures import draw_contact, draw_differences, draw_forces, draw_motions
-from omni_analysis.wheel_trials import (
+from omni_analysis.wheels.cost import real_time_factor
+from omni_analysis.wheels.figures import draw_contact, draw_differences, draw_forces, draw_motions
+from omni_analysis.wheels.trials import (
     CONTACT,
     ROLLERS,
     SINGLE,
@@ -39,8 +39,8 @@ from omni_analysis.wheel_trials import (
     with_wheels,
 )
 from omni_platform.configuration import ConfigurationError
-from omni_sim.vehicle import DEFAULT_PHYSICS_STEP
-from omni_sim.vehicle_configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {"mecanum": "Mecanum forklift", "three_wheel": "Three-wheeled robot, rollers at 0 deg"}

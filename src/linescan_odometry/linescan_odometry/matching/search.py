@@ -1,0 +1,69 @@
+"""Full search for the integer shift between consecutive lines, by metrics chosen by name.
+
+A search compares each line with the one before it at every shift up to the limit. At a shift s
+only the overlapping part counts: pixel i of the newer line against pixel i + s of the older one,
+``n - |s|`` pixels in all. A positive shift means that the sensor moved along its +axis, so that
+ground features moved towards smaller pixel indices (sections 4.3.2 and 4.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.matching.direct import DirectSearch
+from linescan_odometry.matching.pearson import PearsonSearch
+from linescan_odometry.measurements import Lines
+
+
+class ShiftSearch(Protocol):
+    """Finds integer shifts between the consecutive rows of an array of lines."""
+
+    def match(
+        self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
+    ) -> None:
+        """Compare every line with the one before it.
+
+        Args:
+            lines: m + 1 lines of n pixels, oldest first, C-contiguous, shape (m + 1, n).
+            shift: receives the best shift of each pair [px], shape (m,).
+            similarity: receives Pearson's correlation at that shift whatever the metric, so that
+                thresholds mean the same for all, shape (m,); -1 where it is not defined (a
+                constant line).
+        """
+
+    def reset(self) -> None:
+        """Forget all lines so far: the next one does not follow them."""
+
+
+METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {
+    "pearson": PearsonSearch,  # Eq. (81)
+    "euclidean": partial(DirectSearch, "euclidean"),  # Eq. (79)
+    "squared_euclidean": partial(DirectSearch, "squared_euclidean"),
+    "manhattan": partial(DirectSearch, "manhattan"),  # Eq. (80)
+    "spearman": partial(DirectSearch, "spearman"),
+    "cosine": partial(DirectSearch, "cosine"),  # Eq. (83)
+}
+"""Full searches by the name of their metric; each is made for n pixels and a shift limit [px]."""
+
+
+def make_search(
+    metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
+) -> ShiftSearch:
+    """Return a search that follows the motion from pair to pair, or the full one.
+
+    Args:
+        metric: one of `METRICS`.
+        pixels: n of a line.
+        limit: largest shift [px].
+        window: half width of the search around the displacement before [px]; 0 for the full
+            search always.
+        prior_weight: relative increase of the distance at `limit` from the one before [1].
+    """
+    if window > 0 or prior_weight > 0.0:
+        return DirectSearch(metric, pixels, limit, window, prior_weight)
+    return METRICS[metric](pixels, limit)

@@ -1,0 +1,354 @@
+"""Sub-pixel refinement of a shift by Gauss-Newton steps on smoothed lines, with its variance.
+
+Around the integer shift s the two lines are resampled by one FIR filter each that smooths with a
+Gaussian, shifts by half of the fraction f (the older line forwards, the newer one backwards) and,
+in its second form, differentiates. Both lines thus pass through the same filter, which is what
+keeps the estimate from being pulled towards whole pixels. Means and contrasts are equalised, so
+that a change of brightness does not matter. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the
+filtered derivatives p of the new and q of the old line and ``g = (p + q) / 2 = de/df`` a step is
+
+    f <- f - sum(e g) / sum(p q).
+
+The noise of the two lines is independent, so ``sum(p q)`` is the gradient energy of the texture
+alone, where ``sum(g^2)`` would count noise as texture. The variance is that of the last step.
+Were e white noise, it would be the Cramer-Rao bound times the loss by smoothing; but e is
+correlated along the line, by the filter and, moving sideways, by texture that enters and leaves.
+Hence e g is summed over blocks longer than that, ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
+
+The width of the Gaussian is a compromise. A wide one wastes what fine texture says, and sampled at
+whole pixels a narrow one is no longer the derivative of itself, which pulls displacements towards
+whole pixels: by 6 thousandths of a pixel at a sigma of 0.7 px, by less than 1 at 0.8 px.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from linescan_odometry.matching.mean_variance import mean_variance
+from linescan_odometry.matching.smoothed_peak import smoothed_peak
+from linescan_odometry.measurements import Lines
+
+FEWEST_PIXELS = 32
+"""Smallest overlap of two lines that can be refined [px]."""
+
+_RADIUS = 4  # [px] of the FIR filter: 4.1 sigma at the largest shift
+_TAPS = 2 * _RADIUS + 1
+_STEPS = 2
+_FEWEST_TERMS = 16  # of an overlap [px]
+_FEWEST_BLOCKS = 16  # of a long overlap; rounding their length down makes no more than 32
+_GROUND_BLOCKS = 32  # of ground in a line
+_FARTHEST = 1.0  # [px] from the integer peak; beyond, it was no peak
+
+# The sums below may be reordered for speed. A kernel that allows this must not be called by
+# another one: what is inlined into the caller may be rounded differently before and after the
+# compiled code has gone through the cache, and runs would not repeat to the last bit.
+_REORDER = {"reassoc", "contract", "nsz"}
+
+
+def kernel_sigma(pixels: int) -> float:
+    """Return the standard deviation of the smoothing kernel [px] for lines of n pixels."""
+    return 0.85 if pixels > 335 else 0.8
+
+
+def _block_length(length: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the lengths of the blocks [px]: whole vectors of the processor where they are long."""
+    block = np.maximum(4, length // _FEWEST_BLOCKS)
+    whole: NDArray[np.int64] = np.where(block > 16, block - block % 16, block)
+    return whole
+
+
+class SubpixelRefiner:
+    """Refines the integer shifts of consecutive lines; holds the working memory."""
+
+    def __init__(self, pixels: int, recovery: int = 0) -> None:
+        """Prepare for one sensor.
+
+        Args:
+            pixels: n of a line.
+            recovery: how far from the integer shift the peak is looked for on smoothed lines
+                where the refinement leaves it [px]; 0 for nowhere.
+        """
+        self._pixels = pixels
+        self._recovery = recovery
+        self._sigma = kernel_sigma(pixels)
+        self._ground_block = max(4, pixels // _GROUND_BLOCKS)
+        self._shift = np.empty(0, np.int64)  # of the pairs refined last, with recovered peaks
+        self._make_room(0)
+
+    def refine(
+        self,
+        lines: Lines,
+        shift: NDArray[np.int64],
+        displacement: NDArray[np.float64],
+        variance: NDArray[np.float64],
+    ) -> None:
+        """Refine the shift of every line against the one before it.
+
+        Args:
+            lines: m + 1 lines of n pixels, oldest first, shape (m + 1, n).
+            shift: integer shifts [px], shape (m,).
+            displacement: receives shift plus fraction [px], shape (m,).
+            variance: receives the variance of the displacement [px^2], shape (m,); infinite
+                where the lines have no gradient or the refinement left the peak by a pixel.
+        """
+        pairs = len(shift)
+        if len(self._filters) < pairs:
+            self._make_room(pairs)
+        self._shift = shift.copy()
+        _centre(lines, self._centred)
+        self._refine(slice(0, pairs), displacement, variance)
+        if self._recovery == 0:
+            return
+        for pair in np.flatnonzero(np.isinf(variance)):
+            old, new = lines[pair], lines[pair + 1]
+            peak = smoothed_peak(old, new, int(shift[pair]), self._recovery)
+            if peak != shift[pair]:
+                self._shift[pair] = peak
+                self._refine(slice(pair, pair + 1), displacement, variance)
+
+    def mean_variance(
+        self, displacement: NDArray[np.float64], weight: NDArray[np.float64]
+    ) -> float:
+        """Return the variance of a weighted mean of the displacements refined last [px^2].
+
+        Args:
+            displacement: as refined [px], shape (m,).
+            weight: of each in the mean, zero for those left out, sum 1, shape (m,).
+        """
+        length, block, number, lead, parts = np.empty((5, len(weight)), np.int64)
+        block[:] = self._ground_block
+        _lay_out(
+            self._pixels, self._shift, displacement, weight, length, block, number, lead, parts
+        )
+        _filter_and_sum(self._centred, self._shift, self._filters, lead, block, self._sums)
+        return mean_variance(self._sums, length, parts, number, weight)
+
+    def _make_room(self, pairs: int) -> None:
+        self._centred = np.empty((pairs + 1, self._pixels), np.float32)
+        self._filters = np.empty((pairs, 4, _TAPS), np.float32)
+        parts = max(self._pixels // self._ground_block, 2 * _FEWEST_BLOCKS)
+        self._sums = np.empty((pairs, parts + 2, 4))
+
+    def _refine(
+        self,
+        chosen: slice,
+        displacement: NDArray[np.float64],
+        variance: NDArray[np.float64],
+    ) -> None:
+        """Take the steps of some consecutive pairs."""
+        shift, filters, sums = self._shift[chosen], self._filters[chosen], self._sums[chosen]
+        centred = self._centred[chosen.start : chosen.stop + 1]
+        displacement, variance = displacement[chosen], variance[chosen]
+        displacement[:] = shift
+        length = self._pixels - abs(shift) - 2 * _RADIUS
+        for step in range(_STEPS):
+            final = step == _STEPS - 1  # only the variance needs the blocks
+            block = _block_length(length) if final else length
+            _make_filters(centred, shift, displacement, self._sigma, filters)
+            _filter_and_sum(centred, shift, filters, block, block, sums)
+            _step(length, block, shift, sums, final, displacement, variance)
+
+
+@njit(cache=True, nogil=True)
+def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
+    """Copy lines less their means, rounded down."""
+    for row in range(lines.shape[0]):
+        line = lines[row]
+        out = centred[row]
+        total = np.int64(0)
+        for i in range(line.shape[0]):
+            total += np.int64(line[i])
+        mean = np.int32(total // line.shape[0])
+        for i in range(line.shape[0]):
+            out[i] = np.float32(np.int32(line[i]) - mean)
+
+
+@njit(cache=True, nogil=True)
+def _lay_out(
+    pixels: int,
+    shift: NDArray[np.int64],
+    displacement: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    length: NDArray[np.int64],
+    block: NDArray[np.int64],
+    number: NDArray[np.int64],
+    lead: NDArray[np.int64],
+    parts: NDArray[np.int64],
+) -> None:
+    """Cut each overlap where the blocks of the ground begin, as seen from the first line.
+
+    Args:
+        pixels: of a line.
+        shift: integer shifts of m pairs [px].
+        displacement: refined [px].
+        weight: in the mean; pairs with none moved as the mean.
+        length: receives the lengths of the overlaps [px].
+        block: of the blocks [px].
+        number: receives the numbers of the blocks in which the overlaps begin.
+        lead: receives how much of these blocks is seen [px].
+        parts: receives the numbers of blocks that the overlaps touch.
+    """
+    mean = 0.0
+    for pair in range(len(shift)):
+        mean += weight[pair] * displacement[pair]
+    path = 0.0
+    for pair in range(len(shift)):
+        path += displacement[pair] if weight[pair] != 0.0 else mean
+        ground = math.floor(path + 0.5) + max(0, -shift[pair])
+        length[pair] = pixels - abs(shift[pair]) - 2 * _RADIUS
+        number[pair] = ground // block[pair]
+        lead[pair] = (number[pair] + 1) * block[pair] - ground
+        parts[pair] = 1 + max(0, length[pair] - lead[pair] + block[pair] - 1) // block[pair]
+
+
+@njit(cache=True, nogil=True)
+def _contrast(part: NDArray[np.float32]) -> float:
+    """Return 1 over the standard deviation of part of a line, 0 where it has none.
+
+    The grey levels are whole numbers, so that the sums are exact and every order gives the same.
+    """
+    total = np.int64(0)
+    squares = np.int64(0)
+    for i in range(part.shape[0]):
+        value = np.int64(part[i])
+        total += value
+        squares += value * value
+    variance = np.float64(part.shape[0] * squares - total * total)
+    return part.shape[0] / math.sqrt(variance) if variance > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _make_filters(
+    centred: NDArray[np.float32],
+    shift: NDArray[np.int64],
+    displacement: NDArray[np.float64],
+    sigma: float,
+    filters: NDArray[np.float32],
+) -> None:
+    """Write the filters of each pair: smoothing and slope of the new line, then of the old one.
+
+    They hold the equalisation of contrast; `filters[pair, 0]` has the sign of its part in e.
+    """
+    pixels = centred.shape[1]
+    for pair in range(shift.shape[0]):
+        s = shift[pair]
+        overlap = pixels - abs(s)
+        x, y = max(0, -s), max(0, s)
+        half = 0.5 * (displacement[pair] - s)
+        for side in range(2):
+            if side == 0:
+                gain, offset = _contrast(centred[pair + 1, x : x + overlap]), -half
+            else:
+                gain, offset = _contrast(centred[pair, y : y + overlap]), half
+            norm = gain / (sigma * math.sqrt(2.0 * math.pi))
+            for k in range(_TAPS):
+                u = (k - _RADIUS - offset) / sigma
+                weight = norm * math.exp(-0.5 * u * u)
+                filters[pair, 2 * side, k] = weight if side else -weight
+                filters[pair, 2 * side + 1, k] = weight * u / sigma
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _filter_and_sum(
+    centred: NDArray[np.float32],
+    shift: NDArray[np.int64],
+    filters: NDArray[np.float32],
+    lead: NDArray[np.int64],
+    block: NDArray[np.int64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Sum e, p + q, e (p + q) and p q over parts of each overlap.
+
+    The first part is `lead` long, the others `block`, the last one what is left [px].
+    """
+    pixels = centred.shape[1]
+    for pair in range(shift.shape[0]):
+        s = shift[pair]
+        count = pixels - abs(s) - 2 * _RADIUS
+        first = 0
+        end = min(lead[pair], count)
+        part = 0
+        u0, u1, u2, u3, u4, u5, u6, u7, u8 = filters[pair, 0]
+        v0, v1, v2, v3, v4, v5, v6, v7, v8 = filters[pair, 1]
+        w0, w1, w2, w3, w4, w5, w6, w7, w8 = filters[pair, 2]
+        z0, z1, z2, z3, z4, z5, z6, z7, z8 = filters[pair, 3]
+        while first < count:
+            n = end - first
+            x = centred[pair + 1, max(0, -s) + first :]
+            y = centred[pair, max(0, s) + first :]
+            # Slices, because an index i + k would be checked for wrap-around at every access.
+            x0, x1, x2, x3, x4 = x[0:n], x[1 : n + 1], x[2 : n + 2], x[3 : n + 3], x[4 : n + 4]
+            x5, x6, x7, x8 = x[5 : n + 5], x[6 : n + 6], x[7 : n + 7], x[8 : n + 8]
+            y0, y1, y2, y3, y4 = y[0:n], y[1 : n + 1], y[2 : n + 2], y[3 : n + 3], y[4 : n + 4]
+            y5, y6, y7, y8 = y[5 : n + 5], y[6 : n + 6], y[7 : n + 7], y[8 : n + 8]
+            s_e, s_g, s_eg, s_pq = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+            for i in range(n):
+                e = (
+                    u0 * x0[i] + u1 * x1[i] + u2 * x2[i] + u3 * x3[i] + u4 * x4[i]
+                    + u5 * x5[i] + u6 * x6[i] + u7 * x7[i] + u8 * x8[i]
+                    + w0 * y0[i] + w1 * y1[i] + w2 * y2[i] + w3 * y3[i] + w4 * y4[i]
+                    + w5 * y5[i] + w6 * y6[i] + w7 * y7[i] + w8 * y8[i]
+                )  # fmt: skip
+                p = (
+                    v0 * x0[i] + v1 * x1[i] + v2 * x2[i] + v3 * x3[i] + v4 * x4[i]
+                    + v5 * x5[i] + v6 * x6[i] + v7 * x7[i] + v8 * x8[i]
+                )  # fmt: skip
+                q = (
+                    z0 * y0[i] + z1 * y1[i] + z2 * y2[i] + z3 * y3[i] + z4 * y4[i]
+                    + z5 * y5[i] + z6 * y6[i] + z7 * y7[i] + z8 * y8[i]
+                )  # fmt: skip
+                s_e += e
+                s_g += p + q
+                s_eg += e * (p + q)
+                s_pq += p * q
+            sums[pair, part, 0] = s_e
+            sums[pair, part, 1] = s_g
+            sums[pair, part, 2] = s_eg
+            sums[pair, part, 3] = s_pq
+            part += 1
+            first = end
+            end = min(end + block[pair], count)
+
+
+@njit(cache=True, nogil=True)
+def _step(
+    length: NDArray[np.int64],
+    block: NDArray[np.int64],
+    shift: NDArray[np.int64],
+    sums: NDArray[np.float64],
+    final: bool,
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> None:
+    """Take one Gauss-Newton step for each pair, and with the last one its variance."""
+    for pair in range(shift.shape[0]):
+        count = length[pair]
+        parts = -(-count // block[pair])
+        e, eg, pq = 0.0, 0.0, 0.0
+        for part in range(parts):
+            e += sums[pair, part, 0]
+            eg += 0.5 * sums[pair, part, 2]
+            pq += sums[pair, part, 3]
+        e /= count
+        for part in range(parts):
+            eg -= 0.5 * e * sums[pair, part, 1]
+        displaced = displacement[pair]
+        lost = final and variance[pair] == math.inf  # at the step before
+        step = -eg / pq if pq > 0.0 and count >= _FEWEST_TERMS else math.inf
+        if lost or abs(displaced + step - shift[pair]) > _FARTHEST:
+            displacement[pair] = shift[pair]
+            variance[pair] = math.inf
+            continue
+        displacement[pair] = displaced + step
+        variance[pair] = 0.0
+        if final:
+            spread = 0.0
+            for part in range(parts):
+                rest = 0.5 * (sums[pair, part, 2] - e * sums[pair, part, 1])
+                rest += step * sums[pair, part, 3]
+                spread += rest * rest
+            variance[pair] = spread / (pq * pq) * parts / (parts - 1.0)

@@ -1,0 +1,166 @@
+"""What the studies of section 3.6 share: run every variant in one process, then figures and data.
+
+A figure of the dissertation comes as ``figure_<number>.png`` with ``figure_<number>.csv`` beside
+it, which holds what the figure shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from omni_analysis.braking import figures as braking_figures
+from omni_analysis.figures.data_table import history_columns, write_table
+from omni_analysis.figures.run_figures import scene_of
+from omni_analysis.figures.scene import Scene
+from omni_analysis.figures.style import save_figure
+from omni_analysis.figures.top_view import top_view
+from omni_analysis.loop.closed_loop import run_closed_loop
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.override_option import add_override_option
+
+FloatArray = NDArray[np.float64]
+
+_QUANTITIES = (
+    "orientation_change",
+    "stopping_distance",
+    "lateral_deviation",
+    "stopping_time",
+    "peak_yaw_rate",
+    "brake_switchings",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class ExperimentRuns:
+    """All variants of an experiment, run to their end.
+
+    Attributes:
+        configurations: by variant.
+        histories: likewise.
+        feedback: twists that the assistant was told [m/s, m/s, rad/s], (T, 3), likewise.
+    """
+
+    configurations: Mapping[str, ExperimentConfiguration]
+    histories: Mapping[str, RunHistory]
+    feedback: Mapping[str, FloatArray]
+
+    @property
+    def scene(self) -> Scene:
+        """Vehicle and ground, which all variants share."""
+        return scene_of(next(iter(self.configurations.values())))
+
+    @property
+    def metrics(self) -> dict[str, Metric]:
+        """How every variant stopped and its largest error, by ``<quantity>.<variant>``."""
+        by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
+        metrics = {
+            f"{quantity}.{name}": by_variant[name][quantity]
+            for quantity in _QUANTITIES
+            for name in by_variant
+        }
+        for name, history in self.histories.items():
+            metrics[f"largest_error.{name}"] = Metric(largest_error(history), "m/s")
+        return metrics
+
+
+def largest_error(history: RunHistory) -> float:
+    """Return the largest magnitude of any ``s_i`` while braking [m/s]."""
+    return float(np.max(np.abs(history.error[history.brake_start :])))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of a study of one experiment."""
+    add_override_option(parser)
+
+
+def run_experiment(
+    library: ExperimentLibrary, experiment: str, overrides: list[str]
+) -> ExperimentRuns:
+    """Run every variant of an experiment in one process.
+
+    On the velocity sensor that is the fast loop; on optical feedback the loop with its cameras.
+
+    Args:
+        library: where the experiment is.
+        experiment: its name.
+        overrides: ``dotted.key=value`` texts, laid over every variant.
+
+    Raises:
+        ConfigurationError: a name, key or value does not fit.
+    """
+    configurations = {
+        variant: library.load(experiment, variant, overrides)
+        for variant in library.variants(experiment)
+    }
+    histories, feedback = {}, {}
+    for variant, configuration in configurations.items():
+        if configuration.feedback == "velocity_sensor":
+            run = run_fast_loop(configuration)
+            histories[variant], feedback[variant] = run.history(), run.feedback
+        else:
+            histories[variant] = run_closed_loop(configuration)
+            feedback[variant] = histories[variant].estimate
+    return ExperimentRuns(configurations, histories, feedback)
+
+
+def write_figure(
+    figure: Figure, columns: Mapping[str, Any], folder: Path, number: int
+) -> list[Path]:
+    """Write one figure of the dissertation and the data that it shows.
+
+    Args:
+        figure: as drawn.
+        columns: its data by ``name [unit]``.
+        folder: where both go.
+        number: in the dissertation.
+    """
+    stem = f"figure_{number}"
+    return [
+        save_figure(figure, folder / f"{stem}.png"),
+        write_table(columns, folder / f"{stem}.csv"),
+    ]
+
+
+def write_velocities_and_errors(
+    runs: ExperimentRuns, variant: str, folder: Path, number: int, *, errors: bool = True
+) -> list[Path]:
+    """Write a figure of velocity components and errors of one variant, with its data."""
+    history = runs.histories[variant]
+    first = runs.configurations[variant].description
+    figure = braking_figures.velocities_and_errors(history, f"{first}: {variant}", errors=errors)
+    return write_figure(figure, history_columns(history, errors=errors), folder, number)
+
+
+def write_top_view(
+    runs: ExperimentRuns, variants: list[str], folder: Path, number: int
+) -> list[Path]:
+    """Write a figure of snapshots from above, with the paths as its data."""
+    histories = {variant: runs.histories[variant] for variant in variants}
+    title = runs.configurations[variants[0]].description
+    figure = top_view(runs.scene, histories, title=title)
+    return write_figure(figure, path_columns(histories), folder, number)
+
+
+def path_columns(histories: Mapping[str, RunHistory]) -> dict[str, Any]:
+    """Return the poses of all variants over time, below one another."""
+    names = [name for name, history in histories.items() for _ in history.stamp_ns]
+    pose = np.concatenate([history.pose for history in histories.values()])
+    return {
+        "variant": names,
+        "time [s]": np.concatenate([history.time for history in histories.values()]),
+        "x [m]": pose[:, 0],
+        "y [m]": pose[:, 1],
+        "yaw [deg]": pose[:, 2] * (180.0 / math.pi),
+    }

@@ -1,0 +1,1 @@
+"""What figures of runs share, and the two that every run leaves."""

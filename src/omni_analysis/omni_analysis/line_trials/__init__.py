@@ -1,0 +1,1 @@
+"""Trials of line cameras over grounds, their errors and figures."""

@@ -1,0 +1,171 @@
+"""Trials of the sideslip meter: a wheel that rolls straight on at an angle over rendered ground."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import LineBatch
+from linescan_odometry.sideslip import SideslipWheel
+from linescan_odometry.sideslip_meter import SideslipConfiguration, SideslipMeter
+from omni_analysis.line_trials.twist_trials import batch_lines, cameras_over
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
+
+FloatArray = NDArray[np.float64]
+
+_WHEEL, _CAMERA = "wheel", "camera"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Angles:
+    """What a camera made of some angles at one speed.
+
+    Attributes:
+        speed: of the wheel over ground [m/s].
+        overlap: of consecutive lines across the camera's axis at angle 0, 0..1.
+        truth: sideslip angles [rad], shape (A,).
+        angle: that were measured, NaN where there is none [rad], shape (A, batches).
+        deviation: that the meter states, NaN where there is none [rad], shape (A, batches).
+        sideways: velocity that was measured, NaN where there is none [m/s], shape (A, batches).
+    """
+
+    speed: float
+    overlap: float
+    truth: FloatArray
+    angle: FloatArray
+    deviation: FloatArray
+    sideways: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured less true angle, NaN where not measured [rad], shape (A, batches)."""
+        return self.angle - self.truth[:, None]
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the batches that gave an angle, 0..1."""
+        return float(np.mean(np.isfinite(self.angle)))
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of the errors [rad], NaN if nothing was measured."""
+        return root_mean_square(self.error)
+
+    @property
+    def bias(self) -> float:
+        """RMS over the angles of what all batches at an angle have in common [rad].
+
+        The scatter within an angle, as far as it is in the mean, is taken off; NaN if there are
+        fewer than two batches anywhere.
+        """
+        count = np.count_nonzero(np.isfinite(self.error), axis=1)
+        error = self.error[count > 1]
+        if not len(error):
+            return math.nan
+        scatter = np.nanvar(error, axis=1, ddof=1) / count[count > 1]
+        return math.sqrt(max(0.0, float(np.mean(np.nanmean(error, axis=1) ** 2 - scatter))))
+
+    def rms_error_with(self, wheel_speed: float) -> float:
+        """Return the RMS error [rad] if the forward velocity is wrong.
+
+        Args:
+            wheel_speed: over the true forward velocity, such as 0.99 for a wheel that slips.
+        """
+        forward = wheel_speed * self.speed * np.cos(self.truth)
+        return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the RMS of the values that are finite, NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
+
+
+def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
+    """Move a camera to the contact of a wheel, along its axis of rotation.
+
+    Args:
+        name: of the camera.
+        sensor: what it sees; its place and heading are replaced.
+
+    Raises:
+        ConfigurationError: its lines are too short or too rare to measure anything.
+    """
+    return SideslipConfiguration(
+        sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},
+        sideslip={_WHEEL: SideslipWheel(sensor=name, x=0.0, y=0.0)},
+    )
+
+
+class RollingWheel:
+    """A wheel with a camera along its axis of rotation, over one ground."""
+
+    def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
+        """Place the camera.
+
+        Args:
+            sensor: what it sees; its place and heading are the wheel's.
+            texture: the ground.
+            noise: standard deviation [grey levels].
+            seed: of the noise.
+        """
+        self._configuration = camera_at_a_wheel(_CAMERA, sensor)
+        self._sensor = self._configuration.sensors[_CAMERA]
+        self._size = texture.size
+        self._eyes = cameras_over(texture, {_CAMERA: self._sensor}, noise, seed)
+
+    def measure(
+        self,
+        speed: float,
+        angles: FloatArray,
+        places: int,
+        batches: int,
+        generator: np.random.Generator,
+    ) -> Angles:
+        """Roll at every angle from random places; the forward velocity is the true one.
+
+        Args:
+            speed: of the wheel over ground [m/s].
+            angles: of sideslip [rad], shape (A,).
+            places: random ones for each angle.
+            batches: of 10 ms from each.
+            generator: draws the places.
+        """
+        found = np.full((3, len(angles), places * batches), math.nan)
+        for i, angle in enumerate(angles):
+            forward = speed * math.cos(angle)
+            for place in range(places):
+                meter = SideslipMeter(self._configuration, _WHEEL)
+                lines = self._lines(speed, angle, batches, generator)
+                for batch, stamped in enumerate(lines):
+                    estimate = meter.update(stamped, forward)
+                    if estimate.measured:
+                        column = place * batches + batch
+                        found[:, i, column] = estimate.angle, estimate.deviation, estimate.sideways
+        overlap = max(0.0, 1.0 - speed / self._sensor.line_rate / self._sensor.width)
+        return Angles(speed, overlap, np.array(angles), found[0], found[1], found[2])
+
+    def _lines(
+        self, speed: float, angle: float, batches: int, generator: np.random.Generator
+    ) -> list[LineBatch]:
+        rate = self._sensor.line_rate
+        count = batch_lines(rate)
+        travelled = speed / rate * np.arange(count * batches)
+        start = generator.uniform(0.0, self._size, 2)
+        # A positive angle is a slide to the right, -y.
+        poses = np.column_stack(
+            (
+                start[0] + travelled * math.cos(angle),
+                start[1] - travelled * math.sin(angle),
+                np.zeros(len(travelled)),
+            )
+        )
+        lines = self._eyes.render({_CAMERA: poses})[_CAMERA]
+        return [
+            LineBatch(round((end - 1) * 1e9 / rate), lines[end - count : end])
+            for end in range(count, len(lines) + 1, count)
+        ]

@@ -1,0 +1,1 @@
+"""An experiment and its closed loop in one process: run, history and metrics."""

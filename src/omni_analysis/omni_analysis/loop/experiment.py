@@ -1,0 +1,342 @@
+"""Experiments: one typed configuration for the whole loop, its variants, and overrides.
+
+An experiment file says only what differs from the defaults. Parts are named and found in
+``config/``: ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``; a
+vehicle names its tire in the same way. A variant and a ``--set`` override are laid over the result
+in turn, so that every value of the tree can be reached by its dotted key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.twist import check_placement
+from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    from_mapping,
+    join_key,
+    parameter,
+)
+from omni_platform.sensors import LineSensor
+from omni_sim.simulator import (
+    CameraConfiguration,
+    GroundConfiguration,
+    ManeuverConfiguration,
+    SimulationConfiguration,
+    SimulatorConfiguration,
+    VehicleConfiguration,
+    VelocitySensorConfiguration,
+)
+
+# Where the value of a dotted key may be the name of a file instead of a mapping.
+_PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_EXPERIMENTS = "experiments"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExperimentConfiguration(Configuration):
+    """Everything that one run of the loop depends on."""
+
+    description: str = parameter("", description="What the experiment shows")
+    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
+    feedback: str = parameter(
+        "optical",
+        description="What the brake assistant listens to: the line-scan odometry or the noisy "
+        "sampled velocity sensor (60), (61)",
+        choices=("optical", "velocity_sensor"),
+    )
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+    ground: GroundConfiguration = parameter(
+        default_factory=GroundConfiguration, description="Ground"
+    )
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+    camera: CameraConfiguration = parameter(
+        default_factory=CameraConfiguration, description="Exposure common to the line cameras"
+    )
+    maneuver: ManeuverConfiguration = parameter(
+        default_factory=ManeuverConfiguration, description="What the scripted driver does"
+    )
+    velocity_sensor: VelocitySensorConfiguration = parameter(
+        default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    )
+    simulation: SimulationConfiguration = parameter(
+        default_factory=SimulationConfiguration, description="Steps and end of the simulation"
+    )
+    odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
+    brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
+
+    def check_consistency(self) -> None:
+        """Refuse a loop in which a node would wait for what nobody sends.
+
+        Nodes must know the wheels and line cameras that there are. Their places may differ, which
+        misleads the nodes; their names say who is meant.
+
+        Raises:
+            ConfigurationError: names the wheel or camera, or the feedback.
+        """
+        _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
+        _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
+        if self.feedback == "optical" and not self.simulation.render_lines:
+            raise ConfigurationError(
+                "simulation.render_lines",
+                "must be true for optical feedback; feedback=velocity_sensor needs no lines",
+            )
+
+    def check_drivable(self) -> None:
+        """Refuse what cannot work with a simulated vehicle, which has no axle that grips sideways.
+
+        A recording may be of one that has, and be replayed with the same configuration.
+
+        Raises:
+            ConfigurationError: the odometry needs such an axle for its twist.
+        """
+        odometry = self.odometry
+        if self.feedback != "optical" or odometry.kinematics.axle is None:
+            return
+        try:
+            check_placement(odometry.sensors, odometry.minimum_lever)
+        except ConfigurationError:
+            raise ConfigurationError(
+                "odometry.kinematics.constraint",
+                "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
+                f"line camera; {', '.join(odometry.sensors)} must measure the twist by themselves",
+            ) from None
+
+    def simulator(self) -> SimulatorConfiguration:
+        """Return the part that the simulator is configured with."""
+        return SimulatorConfiguration(
+            seed=self.seed,
+            vehicle=self.vehicle,
+            ground=self.ground,
+            sensors=self.sensors,
+            camera=self.camera,
+            maneuver=self.maneuver,
+            velocity_sensor=self.velocity_sensor,
+            simulation=self.simulation,
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _VehicleAlone(Configuration):
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _SensorsAlone(Configuration):
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+
+
+class ExperimentLibrary:
+    """Reads experiments and their parts from a configuration folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def names(self) -> list[str]:
+        """Return the names of the experiments, sorted."""
+        return sorted(path.stem for path in (self._folder / _EXPERIMENTS).glob("*.yaml"))
+
+    def variants(self, experiment: str) -> list[str]:
+        """Return the names of an experiment's variants, in the order of its file."""
+        return list(_variants(self._read(_EXPERIMENTS, experiment, "experiment")))
+
+    def load(
+        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+    ) -> ExperimentConfiguration:
+        """Compose and check the configuration of one variant.
+
+        Args:
+            experiment: name of a file in ``experiments/``, or a path that ends in ``.yaml``.
+            variant: one of the experiment's variants.
+            overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+        Raises:
+            ConfigurationError: a name, key or value does not fit; the message names it.
+        """
+        document = self._read(_EXPERIMENTS, experiment, "experiment")
+        variants = _variants(document)
+        if variant not in variants:
+            raise ConfigurationError(
+                "variant",
+                f"{variant!r} is not a variant of {experiment}; known: {', '.join(variants)}",
+            )
+        tree = {key: value for key, value in document.items() if key != "variants"}
+        tree = self._resolve(tree)
+        changes = variants[variant] if variants[variant] is not None else {}
+        if not isinstance(changes, Mapping):
+            raise ConfigurationError(
+                join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
+            )
+        for layer in (changes, *(parse_override(text) for text in overrides)):
+            tree = _merge(tree, self._resolve(layer))
+        # The nodes are told where things are mounted, unless an experiment misleads them.
+        _tell(tree, "odometry", "sensors", tree.get("sensors"))
+        vehicle = tree.get("vehicle")
+        wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
+        _tell(tree, "brake_assist", "wheels", wheels)
+        return from_mapping(ExperimentConfiguration, tree)
+
+    def vehicle(self, name: str) -> VehicleConfiguration:
+        """Read a vehicle alone.
+
+        Args:
+            name: of a file in ``vehicles/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_VehicleAlone, self._resolve({"vehicle": name})).vehicle
+
+    def sensors(self, name: str) -> Mapping[str, LineSensor]:
+        """Read line cameras alone; whether their placement is singular is not asked.
+
+        Args:
+            name: of a file in ``sensors/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
+
+    def _resolve(self, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+        """Replace the names of parts by the parts."""
+        resolved: dict[str, Any] = {}
+        for key, value in tree.items():
+            path = join_key(prefix, str(key))
+            kind = _PARTS.get(path)
+            if kind is not None and isinstance(value, str):
+                part = self._read(kind, value, path)
+                resolved[key] = _Part(self._resolve(part, path))
+            elif isinstance(value, Mapping):
+                resolved[key] = self._resolve(value, path)
+            else:
+                resolved[key] = value
+        return resolved
+
+    def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
+        if name.endswith(".yaml"):
+            path = Path(name)
+        else:
+            path = self._folder / kind / f"{name}.yaml"
+            known = sorted(file.stem for file in (self._folder / kind).glob("*.yaml"))
+            if name not in known:
+                close = difflib.get_close_matches(name, known, n=1)
+                hint = f"did you mean {close[0]!r}? " if close else ""
+                raise ConfigurationError(
+                    key, f"{name!r} is not known; {hint}known: {', '.join(known)}"
+                )
+        try:
+            document = _load_yaml(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
+        except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
+            problem = " ".join(str(error).split())
+            raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
+        if not isinstance(document, dict):
+            raise ConfigurationError(key, f"{path} must contain a mapping of names to values")
+        return document
+
+
+def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
+    """Return the effective configuration that lies beside a recording, with overrides.
+
+    Args:
+        text: of a ``configuration.yaml`` as a run writes it.
+        overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+    Raises:
+        ConfigurationError: it is no such file, or a key or value does not fit.
+    """
+    try:
+        tree = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise ConfigurationError("configuration", f"is not valid YAML: {problem}") from None
+    if not isinstance(tree, dict):
+        raise ConfigurationError("configuration", "must contain a mapping of names to values")
+    for override in overrides:
+        tree = _merge(tree, parse_override(override))
+    return from_mapping(ExperimentConfiguration, tree)
+
+
+class _Part(dict[str, Any]):
+    """A part read by its name: it replaces what was there instead of being laid over it."""
+
+
+def parse_override(text: str) -> dict[str, Any]:
+    """Return ``vehicle.load.mass=400`` as nested mappings.
+
+    Raises:
+        ConfigurationError: there is no ``=``, no key, or the value is not YAML.
+    """
+    key, equals, value_text = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigurationError(
+            "--set", f"{text!r} must have the form key=value, such as vehicle.load.mass=400"
+        )
+    try:
+        value = _load_yaml(value_text)
+    except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
+        raise ConfigurationError(key, f"the value {value_text!r} is not valid YAML") from None
+    for part in reversed(parts):
+        value = {part: value}
+    return dict(value)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which 1e-3 is a number; YAML 1.1 takes it, without a point, for a text."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
+    list("-+.0123456789"),
+)
+
+
+def _load_yaml(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)
+
+
+def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    variants = document.get("variants")
+    if not isinstance(variants, Mapping) or not variants:
+        raise ConfigurationError("variants", "an experiment needs at least one named variant")
+    return variants
+
+
+def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
+    told = tree.get(node, {})
+    if isinstance(told, Mapping) and isinstance(truth, Mapping):
+        tree[node] = _merge({name: truth}, told)
+
+
+def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
+    if set(told) != set(true):
+        raise ConfigurationError(
+            key, f"names {', '.join(told)}, must name what there is: {', '.join(true)}"
+        )
+
+
+def _merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one tree over another; mappings merge, anything else replaces."""
+    merged = dict(base)
+    for key, value in layer.items():
+        below = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(below, Mapping) and type(value) is dict:
+            merged[key] = _merge(below, value)
+        else:
+            merged[key] = value
+    return merged

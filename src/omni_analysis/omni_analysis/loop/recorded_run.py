@@ -1,0 +1,201 @@
+"""A run read back from its rosbag2 folder, without ROS.
+
+Only the small topics are decoded, not the line batches, which make up nearly all of a bag.
+`ground_truth/odom` gives the control stamps; every other message belongs to the control stamp t_k
+with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its newest line, up to one line
+period older than the control stamp).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_analysis.loop.history import RunHistory
+from omni_recording.error import BagError
+
+__all__ = ["BagError", "read_run"]
+
+FloatArray = NDArray[np.float64]
+
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"
+_PEDAL, _ENABLE = "brake/pedal", "brake/enable"
+_ERROR, _ESTIMATE = "brake_assist/error", "odometry/twist"
+_DIAGNOSTICS = "diagnostics"
+_ASSISTANT = "brake_assist"  # the name of the status that the assistant reports
+_TYPES = {
+    _TRUTH: "nav_msgs/msg/Odometry",
+    _WHEELS: _JOINT_STATE,
+    _PEDAL: _JOINT_STATE,
+    _ENABLE: _JOINT_STATE,
+    _ERROR: _JOINT_STATE,
+    _ESTIMATE: "geometry_msgs/msg/TwistWithCovarianceStamped",
+    _DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+}
+# A run without odometry or without brake assistant is still a run: their values become NaN.
+_REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
+
+# Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
+_VARIANCES = [0, 7, 35]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Stream:
+    """Messages of one topic in the order of their stamps."""
+
+    stamp_ns: NDArray[np.int64]
+    messages: tuple[Any, ...]
+
+
+def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
+    """Read the history of a run from a rosbag2 folder.
+
+    Values without a message (no enable in the last period, say) are NaN.
+
+    Args:
+        bag_folder: folder with ``metadata.yaml`` and the recording.
+        namespace: namespace of the run's topics, root by default.
+
+    Raises:
+        BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
+    """
+    folder = Path(bag_folder)
+    streams = _read_streams(folder, namespace)
+    try:
+        return _to_history(streams)
+    except (ValueError, IndexError) as error:
+        raise BagError(folder, f"does not hold one run: {error}") from error
+
+
+def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
+    """Return the messages of the small topics by topic name below the namespace."""
+    from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+    from omni_recording.folder import bag_messages, bag_summary, open_bag
+
+    prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
+    names = {prefix + name: name for name in _TYPES} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
+    bag = open_bag(folder)
+    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
+    _require_topics(folder, {names[c.topic]: c.type_name for c in channels}, prefix)
+    decoder = MessageDecoder()
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    for recorded in bag_messages(bag):
+        name = names.get(recorded.channel.topic)
+        if name is None:
+            continue
+        _require_topics(folder, {name: recorded.channel.type_name}, prefix, required=())
+        try:
+            message = decoder.decode(recorded)
+        except DecodeError as error:
+            raise BagError(folder, f"{recorded.channel.topic}: {error}") from None
+        stamp_ns = header_stamp_ns(message)
+        if stamp_ns is None:
+            raise BagError(folder, f"{recorded.channel.topic} has no stamp")
+        messages.setdefault(name, []).append((stamp_ns, message))
+    for name in _REQUIRED:
+        if name not in messages:
+            raise BagError(folder, f"there is no message on {prefix}{name}")
+    return {name: _in_order(entries) for name, entries in messages.items()}
+
+
+def _require_topics(
+    folder: Path, types: Mapping[str, str], prefix: str, required: Sequence[str] = _REQUIRED
+) -> None:
+    missing = [prefix + name for name in required if name not in types]
+    if missing:
+        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
+    for name, kind in types.items():
+        if kind != _TYPES[name]:
+            raise BagError(folder, f"{prefix}{name} is of type {kind}, must be {_TYPES[name]}")
+
+
+def _in_order(entries: list[tuple[int, Any]]) -> _Stream:
+    entries.sort(key=lambda entry: entry[0])
+    stamps = np.array([stamp for stamp, _ in entries], dtype=np.int64)
+    return _Stream(stamps, tuple(message for _, message in entries))
+
+
+def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
+    truth = streams[_TRUTH]
+    stamps = truth.stamp_ns
+    if np.any(np.diff(stamps) == 0):
+        raise ValueError("stamps of the ground truth repeat, is it more than one run?")
+    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    wheels = len(wheel_names)
+
+    def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
+        return _sampled(stamps, streams.get(topic), width, values)
+
+    def by_wheel(topic: str, field: str) -> FloatArray:
+        return sampled(topic, wheels, lambda message: _ordered(message, field, wheel_names))
+
+    orientations = [message.pose.pose.orientation for message in truth.messages]
+    return RunHistory.from_quaternions(
+        wheel_names=wheel_names,
+        stamp_ns=stamps,
+        position=[(m.pose.pose.position.x, m.pose.pose.position.y) for m in truth.messages],
+        orientation=[(entry.z, entry.w) for entry in orientations],
+        twist=[_planar_twist(message.twist.twist) for message in truth.messages],
+        wheel_angle=by_wheel(_WHEELS, "position"),
+        wheel_speed=by_wheel(_WHEELS, "velocity"),
+        brake_torque=by_wheel(_WHEELS, "effort"),
+        enable=by_wheel(_ENABLE, "effort"),
+        error=by_wheel(_ERROR, "velocity"),
+        pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
+        estimate=sampled(_ESTIMATE, 3, lambda message: _planar_twist(message.twist.twist)),
+        estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
+        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS)),
+    )
+
+
+def _assist_states(stamps: NDArray[np.int64], stream: _Stream | None) -> list[str]:
+    """Return the assistant's state at each control stamp; it holds until the next report."""
+    states = [""] * len(stamps)
+    for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if status.name == _ASSISTANT and "state" in values:
+                first = int(np.searchsorted(stamps, stamp_ns, side="left"))
+                states[first:] = [values["state"]] * (len(stamps) - first)
+    return states
+
+
+def _sampled(
+    stamps: NDArray[np.int64],
+    stream: _Stream | None,
+    width: int,
+    values: Callable[[Any], Any],
+) -> FloatArray:
+    """Return one row of values per control stamp, NaN where there is no message."""
+    rows = np.full((len(stamps), width), np.nan)
+    if stream is None:
+        return rows
+    # t_{k-1} < stamp <= t_k; a later message of the same period replaces an earlier one.
+    places = np.searchsorted(stamps, stream.stamp_ns, side="left")
+    for place, message in zip(places.tolist(), stream.messages, strict=True):
+        if place < len(stamps):
+            rows[place] = values(message)
+    return rows
+
+
+def _ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
+    """Return a JointState field in the order of the wheels."""
+    values: FloatArray = getattr(message, field)
+    if list(message.name) == list(wheel_names):
+        if len(values) != len(wheel_names):
+            raise ValueError(f"{len(values)} values of {field} for {len(wheel_names)} wheels")
+        return values
+    if sorted(message.name) != sorted(wheel_names) or len(values) != len(wheel_names):
+        raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
+    order = [message.name.index(name) for name in wheel_names]
+    return values[order]
+
+
+def _planar_twist(twist: Any) -> tuple[float, float, float]:
+    return twist.linear.x, twist.linear.y, twist.angular.z

@@ -1,0 +1,1 @@
+"""Where line cameras measure the twist best."""

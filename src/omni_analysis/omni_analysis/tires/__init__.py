@@ -1,0 +1,1 @@
+"""Trials, fits and figures of tires."""

@@ -1,0 +1,126 @@
+"""What a vehicle must do on any tire: stop alike at any step, stand still, pass through zero.
+
+Each trial runs in one process without sensors, on even ground, in several directions of motion,
+and returns the worst of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
+
+FloatArray = NDArray[np.float64]
+
+_DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
+_STOPPING_SPEED = 4.0  # [m/s]
+_STOPPING_TIME = 4.0  # [s]
+_SETTLING_TIME = 2.0  # of the tires of a vehicle that is parked [s]
+_MINUTE = 60.0  # [s]
+_RAMP = 0.5  # from this speed to the opposite one [m/s, rad/s], in as many seconds times 4
+_PERIOD = 0.01  # of the drive's commands [s]
+
+
+def stopping_distance(vehicle: VehicleConfiguration, direction: float, step: float) -> float:
+    """Return the distance to rest with all brakes on, from 4 m/s [m].
+
+    Args:
+        vehicle: the vehicle.
+        direction: of its motion in the body frame [rad].
+        step: of the physics [s].
+    """
+    twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.0)
+    moving = Vehicle(vehicle, physics_step=step, twist=twist)
+    return float(np.hypot(*_brake(moving, _STOPPING_TIME)[-1, :2]))
+
+
+def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
+    """Return by which share halving the physics step changes a stopping distance [1]."""
+    changes = []
+    for direction in map(math.radians, _DIRECTIONS_DEG):
+        whole, half = (
+            stopping_distance(vehicle, direction, step)
+            for step in (DEFAULT_PHYSICS_STEP, 0.5 * DEFAULT_PHYSICS_STEP)
+        )
+        changes.append(abs(half / whole - 1.0))
+    return max(changes)
+
+
+def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, float]:
+    """Park a vehicle with its brakes on across and along a slope.
+
+    Args:
+        vehicle: the vehicle.
+        slope: rise over run [1].
+
+    Returns:
+        By how much its tires give way at first [m], and how far it moves in the minute after [m].
+    """
+    give, creep = [], []
+    for direction in map(math.radians, _DIRECTIONS_DEG):
+        parked = Vehicle(vehicle)
+        pull = parked.masses.mass * GRAVITY * math.sin(math.atan(slope))
+        parked.push((pull * math.cos(direction), pull * math.sin(direction)))
+        settled = _brake(parked, _SETTLING_TIME)[-1, :2]
+        minute = _brake(parked, _MINUTE)[:, :2]
+        give.append(np.linalg.norm(settled))
+        creep.append(np.max(np.linalg.norm(minute - settled, axis=1)))
+    return float(max(give)), float(max(creep))
+
+
+def creep_after_stop(vehicle: VehicleConfiguration) -> float:
+    """Return how far a vehicle that has braked to a stop moves in the minute after [m]."""
+    creep = []
+    for direction in map(math.radians, _DIRECTIONS_DEG):
+        twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.3)
+        moving = Vehicle(vehicle, twist=twist)
+        stop = _brake(moving, _STOPPING_TIME + _SETTLING_TIME)[-1, :2]
+        creep.append(np.max(np.linalg.norm(_brake(moving, _MINUTE)[:, :2] - stop, axis=1)))
+    return float(max(creep))
+
+
+def zero_crossing(vehicle: VehicleConfiguration, direction: FloatArray) -> FloatArray:
+    """Command a speed that falls evenly from 0.5 through zero to -0.5 m/s (or rad/s) in 2 s.
+
+    Args:
+        vehicle: the vehicle.
+        direction: unit body twist, shape (3,).
+
+    Returns:
+        Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
+    """
+    moving = Vehicle(vehicle, twist=_RAMP * direction)
+    enable = np.ones(len(vehicle.wheels))
+    periods = round(4.0 * _RAMP / _PERIOD)
+    steps = round(_PERIOD / moving.physics_step)
+    speed = [_RAMP]
+    for k in range(periods):
+        command = _RAMP * direction * (1.0 - 2.0 * (k + 1) / periods)
+        moving.advance(steps, 0.0, enable, command)
+        speed.append(float(moving.twist @ direction))
+    return np.array(speed)
+
+
+def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
+    """Return the largest change of acceleration from one period to the next near zero [1].
+
+    As a share of the commanded acceleration, over the second around the change of sign, in any
+    direction: a speed that sticks at zero and breaks loose would change it by about 1.
+    """
+    worst = []
+    for angle in map(math.radians, _DIRECTIONS_DEG):
+        speed = zero_crossing(vehicle, np.array([math.cos(angle), math.sin(angle), 0.0]))
+        acceleration = np.diff(speed) / _PERIOD
+        near = np.abs(np.arange(len(acceleration)) - len(acceleration) // 2) <= 25
+        worst.append(np.max(np.abs(np.diff(acceleration[near]))) / _RAMP)
+    return float(max(worst))
+
+
+def _brake(vehicle: Vehicle, seconds: float) -> FloatArray:
+    n = len(vehicle.wheel_names)
+    return vehicle.advance(round(seconds / vehicle.physics_step), 1.0, np.ones(n), np.zeros(3))

@@ -1,0 +1,1 @@
+"""Which setting of the brake assistant suits a vehicle."""

@@ -1,0 +1,1 @@
+"""Trials and figures that compare wheels, and what they cost."""

@@ -1,0 +1,245 @@
+"""Trials that two wheel models are compared in, and what is measured of them.
+
+The individual rollers of a wheel are met at any wheel angle, so every trial runs from several
+start angles of the wheels, drawn at random; forces and motions are compared in the mean over them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.factory import build_vehicle
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
+
+FloatArray = NDArray[np.float64]
+
+SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What a vehicle goes through.
+
+    Attributes:
+        title: for people.
+        twist: at the start, rolling [m/s, m/s, rad/s].
+        command: that the drive follows while the pedal is up [m/s, m/s, rad/s].
+        pedal: 0..1.
+        released: whether the brakes let the wheels go.
+        push: force at the centre of gravity, in weights of the vehicle, body frame at the start.
+        duration: [s].
+    """
+
+    title: str
+    twist: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    command: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pedal: float = 0.0
+    released: bool = False
+    push: tuple[float, float] = (0.0, 0.0)
+    duration: float = 2.0
+
+
+TRIALS = {
+    "drive": Trial("Drive forward to 2 m/s", command=(2.0, 0.0, 0.0), duration=1.5),
+    "drive_sideways": Trial("Drive sideways to 2 m/s", command=(0.0, 2.0, 0.0), duration=1.5),
+    "brake": Trial("Full braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=1.0),
+    "brake_gently": Trial(
+        "Gentle braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=0.15, duration=1.5
+    ),
+    "push": Trial(
+        "Pushed sideways, wheels free", pedal=0.1, released=True, push=(0.0, 0.15), duration=2.0
+    ),
+    "push_braked": Trial(
+        "Pushed sideways, wheels locked", pedal=1.0, push=(0.0, 1.5), duration=1.0
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a trial went, one row for each start.
+
+    Attributes:
+        time: of the samples [s], shape (T,).
+        motion: pose and velocity of base_link in the world, as `StepLog.trajectory`, (S, T, 6).
+        force: mean force of all wheels on the vehicle over the trial, in the world [N], (S, 2).
+        force_scale: mean magnitude of the wheels' force or of the push, if larger [N].
+    """
+
+    time: FloatArray
+    motion: FloatArray
+    force: FloatArray
+    force_scale: float
+
+
+def with_wheels(
+    configuration: VehicleConfiguration, model: str, rollers: int
+) -> VehicleConfiguration:
+    """Return a vehicle on other wheels.
+
+    Args:
+        configuration: the vehicle.
+        model: `SINGLE`, `CONTACT` or `ROLLERS`.
+        rollers: of each wheel.
+    """
+    return dataclasses.replace(
+        configuration,
+        wheel_model="rollers" if model == ROLLERS else "single",
+        contact="roller" if model == CONTACT else "ideal",
+        rollers=dataclasses.replace(configuration.rollers, count=rollers),
+    )
+
+
+def start(
+    configuration: VehicleConfiguration,
+    trial: Trial,
+    wheel_angle: FloatArray | float = 0.0,
+    physics_step: float = DEFAULT_PHYSICS_STEP,
+) -> Vehicle:
+    """Return the vehicle at the start of a trial.
+
+    Args:
+        configuration: the vehicle.
+        trial: what it will go through.
+        wheel_angle: [rad], a number or shape (N,).
+        physics_step: [s].
+    """
+    vehicle = build_vehicle(
+        configuration, physics_step=physics_step, twist=trial.twist, wheel_angle=wheel_angle
+    )
+    vehicle.push(np.array(trial.push) * vehicle.masses.mass * GRAVITY)
+    return vehicle
+
+
+def go(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
+    """Advance a vehicle through a trial for a time [s]; return its trajectory."""
+    enable = np.zeros if trial.released else np.ones
+    return vehicle.advance(
+        round(duration / vehicle.physics_step),
+        trial.pedal,
+        enable(len(vehicle.wheel_names)),
+        trial.command,
+    )
+
+
+def outcome(
+    configuration: VehicleConfiguration, trial: Trial, angles: FloatArray, thinning: int = 10
+) -> Outcome:
+    """Run a trial from several start angles of the wheels.
+
+    Args:
+        configuration: the vehicle.
+        trial: what it goes through.
+        angles: start angles of the wheels [rad], shape (S, N).
+        thinning: steps between two samples of the motion.
+    """
+    motion, force, scale = [], [], []
+    for start_angle in angles:
+        vehicle = start(configuration, trial, start_angle)
+        path = go(vehicle, trial, trial.duration)
+        # Of the centre of gravity: what the push does not explain, the wheels have done.
+        centre = vehicle.masses.centre
+        gained = _centre_velocity(path[-1], centre) - _centre_velocity(path[0], centre)
+        push = np.array(trial.push) * vehicle.masses.mass * GRAVITY
+        mean = vehicle.masses.mass * gained / trial.duration - push
+        motion.append(path[::thinning])
+        force.append(mean)
+        scale.append(max(float(np.linalg.norm(mean)), float(np.linalg.norm(push))))
+    step = DEFAULT_PHYSICS_STEP * thinning
+    return Outcome(
+        time=np.arange(len(motion[0]), dtype=np.float64) * step,
+        motion=np.array(motion),
+        force=np.array(force),
+        force_scale=float(np.mean(scale)),
+    )
+
+
+def _centre_velocity(row: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return the velocity of the centre of gravity [m/s] from a row of a trajectory."""
+    cos, sin = math.cos(row[2]), math.sin(row[2])
+    g_x, g_y = cos * centre[0] - sin * centre[1], sin * centre[0] + cos * centre[1]
+    return np.array([row[3] - row[5] * g_y, row[4] + row[5] * g_x])
+
+
+def motion_difference(one: Outcome, other: Outcome) -> float:
+    """Return by how much the mean final positions differ, as a share of the way [1]."""
+    a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def force_difference(one: Outcome, other: Outcome) -> float:
+    """Return by how much the mean forces differ, as a share of the larger of force and push [1]."""
+    difference = one.force.mean(axis=0) - other.force.mean(axis=0)
+    return float(np.linalg.norm(difference) / other.force_scale)
+
+
+def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
+    """Return random start angles over a whole turn [rad], shape (starts, wheels)."""
+    return np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (starts, wheels))
+
+
+def stopping_distance(configuration: VehicleConfiguration, physics_step: float) -> float:
+    """Return how far a vehicle slides, fully braked from 5 m/s [m]."""
+    trial = dataclasses.replace(TRIALS["brake"], duration=3.0)
+    path = go(start(configuration, trial, 0.1, physics_step), trial, trial.duration)
+    return float(np.linalg.norm(path[-1, :2]))
+
+
+def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
+    """Return how far a vehicle with its brakes on moves on a slope of 5 % in a minute [m]."""
+    trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
+    vehicle = start(configuration, trial, wheel_angle)
+    go(vehicle, trial, 3.0)  # the tires give way a little
+    path = go(vehicle, trial, 60.0)
+    return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
+
+
+def movement_after_stop(configuration: VehicleConfiguration) -> float:
+    """Return how far a vehicle moves in the minute after it stopped [m]."""
+    trial = TRIALS["brake"]
+    vehicle = start(configuration, trial, 0.1)
+    go(vehicle, trial, 4.0)
+    path = go(vehicle, trial, 60.0)
+    return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
+
+
+@dataclasses.dataclass(frozen=True)
+class ForceTrace:
+    """A wheel's force while it drives steadily against a push, over its wheel angle.
+
+    Attributes:
+        angle: of the wheel [rad], shape (T,).
+        force: of the wheel on the vehicle in the body frame [N], shape (T, 2).
+    """
+
+    angle: FloatArray
+    force: FloatArray
+
+
+def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -> ForceTrace:
+    """Return a wheel's force at 1 m/s against a push of a fifth of the weight.
+
+    Args:
+        configuration: the vehicle.
+        wheel: its index.
+        turns: angle to record [rad].
+    """
+    trial = Trial(
+        "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
+    )
+    vehicle = start(configuration, trial)
+    go(vehicle, trial, trial.duration)
+    step = vehicle.physics_step
+    first = vehicle.wheel_angle[wheel]
+    angle, force = [], []
+    while abs(vehicle.wheel_angle[wheel] - first) < turns:
+        go(vehicle, trial, step)
+        angle.append(vehicle.wheel_angle[wheel])
+        force.append(vehicle.wheel_force_body[wheel])
+    return ForceTrace(np.array(angle), np.array(force))

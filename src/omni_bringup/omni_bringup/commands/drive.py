@@ -1,0 +1,146 @@
+"""``./omni drive``: the loop in real time for a person at a page in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omni_analysis.loop.override_option import add_override_option
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+    from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
+
+
+_POLL = 0.05  # [s]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options to the parser of ``omni drive``."""
+    parser.add_argument(
+        "--vehicle", metavar="NAME", help="a file of config/vehicles/ (default: the experiment's)"
+    )
+    parser.add_argument(
+        "--experiment",
+        default="small_stop",
+        metavar="NAME",
+        help="where ground, sensors and nodes come from, as its last variant has them "
+        "(default: %(default)s)",
+    )
+    add_override_option(parser)
+    parser.add_argument(
+        "--max-speed",
+        type=float,
+        default=5.0,
+        metavar="M/S",
+        help="speed of a full stick (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--port", type=int, default=0, metavar="PORT", help="TCP port of the page (default: any)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="record the drive to this rosbag2 folder"
+    )
+
+
+def drive(options: argparse.Namespace, workspace: Path) -> int:
+    """Run the nodes until a signal ends the command or a node fails; return the exit code."""
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
+    from omni_bringup.graph.process_group import ProcessError, process_group
+    from omni_bringup.graph.run_variant import write_beside_bag
+    from omni_platform.configuration import ConfigurationError
+    from omni_ros.environment import node_environment
+
+    try:
+        configuration = _compose(ExperimentLibrary(workspace / "config"), options)
+        with (
+            reserved_domain() as domain,
+            tempfile.TemporaryDirectory(prefix="omni-") as scratch,
+            process_group(node_environment(domain)) as group,
+        ):
+            seat = {"max_speed": options.max_speed, "port": options.port}
+            folder = options.out and options.out.resolve()
+            for node in drive_nodes(configuration, Path(scratch), seat, folder):
+                group.start(node)
+            if folder is not None:
+                write_beside_bag(configuration, folder, group.running[0])
+            _follow(group, domain)
+    except (ConfigurationError, NoFreeDomainError) as error:
+        print(f"omni drive: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    except ProcessError as error:
+        print(f"omni drive: {error}", file=sys.stderr)
+    return EXIT_FAILED
+
+
+def _compose(library: ExperimentLibrary, options: argparse.Namespace) -> ExperimentConfiguration:
+    from omni_platform.configuration import ConfigurationError
+
+    if options.out is not None and options.out.exists():
+        raise ConfigurationError("--out", f"{options.out} exists; choose another")
+    vehicle = [f"vehicle={options.vehicle}"] if options.vehicle is not None else []
+    variant = library.variants(options.experiment)[-1]
+    configuration = library.load(options.experiment, variant, [*vehicle, *options.overrides])
+    configuration.check_drivable()
+    return configuration
+
+
+def drive_nodes(
+    configuration: ExperimentConfiguration,
+    scratch: Path,
+    seat: Mapping[str, Any],
+    folder: Path | None,
+) -> list[NodeProcess]:
+    """Return the nodes of a drive, in the order of their start.
+
+    Args:
+        configuration: the whole loop.
+        scratch: folder for the files of their parameters.
+        seat: parameters of the driver's node.
+        folder: rosbag2 folder to record to, if any.
+    """
+    from omni_bringup.graph import nodes as graph
+
+    nodes = []
+    if folder is not None:
+        topics = graph.recorded_topics(configuration)
+        topics[graph.APPLIED_COMMAND] = topics.pop(graph.COMMAND)
+        nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
+    listeners = 1 + len(nodes)  # besides the driver, who may come later
+    optical = configuration.feedback == "optical"
+    return [
+        *nodes,
+        graph.driver(configuration, scratch, seat),
+        graph.odometry(configuration, scratch, listeners=listeners + optical),
+        graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
+        graph.simulator(configuration, scratch, lockstep=False, driven=True, listeners=listeners),
+    ]
+
+
+def _follow(group: ProcessGroup, domain: int) -> None:
+    """Say where the page is once there is one, and watch over the nodes.
+
+    Raises:
+        ProcessError: a node has ended.
+    """
+    from omni_bringup.graph.process_group import wait_for
+
+    driver = next(process for process in group.running if process.node.name == "driver")
+    while True:
+        group.raise_if_ended()
+        for document in driver.new_reports():
+            # Standard output holds the address alone, for programs.
+            print(document["url"], flush=True)
+            print(
+                "omni drive: open this address in a browser of this machine; for cmd_vel: "
+                f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard; "
+                "Ctrl-C ends",
+                file=sys.stderr,
+            )
+        wait_for(driver, _POLL)

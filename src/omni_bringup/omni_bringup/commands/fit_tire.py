@@ -1,0 +1,127 @@
+"""``./omni fit-tire``: the parameters of a tire model from measured forces."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omni_analysis.figures.style import save_figure
+from omni_analysis.tires.data import TireData, TireDataError, read_tire_data
+from omni_analysis.tires.fit import TireFit, fit_tire
+from omni_analysis.tires.fit_figure import fit_figure
+from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_platform.configuration import (
+    Configuration,
+    declared_parameters,
+    is_configuration,
+    join_key,
+)
+from omni_sim.tire.models import MODELS
+
+
+def fit_tire_command(options: argparse.Namespace, workspace: Path) -> int:
+    """Fit a tire as the command line asks and return the exit code."""
+    name = options.data.stem
+    folder: Path = options.out or workspace / "results" / "fit-tire" / name
+    try:
+        if options.model not in MODELS:
+            raise TireDataError(f"--model {options.model!r} is not one of {', '.join(MODELS)}")
+        data = read_tire_data(options.data)
+        fit = fit_tire(data, options.model)
+    except TireDataError as error:
+        print(f"omni fit-tire: {options.data}: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    document = {"name": "fit-tire", "metrics": _entries(fit, options.model, data)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tire = (folder / f"{name}.yaml").resolve()
+        tire.write_text(_tire_file(fit, options.model, data, options.data.name), encoding="utf-8")
+        figure = fit_figure(data, fit, f"{options.data.name} and its {options.model}")
+        picture = save_figure(figure, folder.resolve() / f"{name}.png")
+        (folder / "summary.json").write_text(json.dumps(document, indent=2) + "\n")
+    except OSError as error:
+        print(f"omni fit-tire: cannot write {folder}: {error.strerror}", file=sys.stderr)
+        return EXIT_REFUSED
+    if options.json:
+        print(json.dumps(document, indent=2, allow_nan=False))
+    else:
+        _print(fit, options.model, data, (tire, picture))
+    return EXIT_OK
+
+
+def _units(model: str) -> dict[str, str]:
+    """Return the units of a model's parameters by dotted key."""
+
+    def walk(kind: type[Configuration], prefix: str) -> dict[str, str]:
+        units: dict[str, str] = {}
+        for name, inner, info in declared_parameters(kind):
+            key = join_key(prefix, name)
+            if is_configuration(inner):
+                units |= walk(inner, key)
+            else:
+                units[key] = info.unit or "1"
+        return units
+
+    return walk(MODELS[model].configuration, "")
+
+
+def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
+    units = _units(model)
+    entries: dict[str, Any] = {}
+    for key, value, error, fixed in _rows(fit):
+        entry: dict[str, Any] = {"value": value, "unit": units[key], "standard_error": error}
+        if fixed:
+            entry["note"] = "on its bound"
+        entries[f"{key.replace('.', '_')}.{model}"] = entry
+    entries[f"residual.{model}"] = {"value": fit.residual, "unit": "N"}
+    entries[f"rows.{model}"] = {"value": float(data.slip.size), "unit": "1"}
+    return entries
+
+
+def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
+    return [
+        (key, float(value), float(error), bool(fixed))
+        for key, value, error, fixed in zip(
+            fit.keys, fit.values, fit.standard_errors, fit.at_bound, strict=True
+        )
+    ]
+
+
+def _tire_file(fit: TireFit, model: str, data: TireData, source: str) -> str:
+    """Return the YAML that a vehicle names as its tire."""
+    lines = [
+        f"# {model} fitted to {data.slip.size} rows of {source}, loads from "
+        f"{data.load.min():g} to {data.load.max():g} N,",
+        f"# slips from {data.slip.min():g} to {data.slip.max():g}; differences {fit.residual:.3g} "
+        "N (standard deviation).",
+        "# Stiffness and damping are not in steady data: their defaults count unless set here.",
+        "# Values with their standard errors:",
+    ]
+    lines += [
+        f"#   {key} = {value:.6g} +- {error:.2g}{' (on its bound)' if fixed else ''}"
+        for key, value, error, fixed in _rows(fit)
+    ]
+    return "\n".join(lines) + "\n" + yaml.safe_dump(fit.mapping, sort_keys=False)
+
+
+def _print(fit: TireFit, model: str, data: TireData, files: tuple[Path, Path]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    units = _units(model)
+    console = Console()
+    table = Table("parameter", "unit", "value", "standard error", pad_edge=False)
+    for key, value, error, fixed in _rows(fit):
+        note = " (on its bound)" if fixed else ""
+        table.add_row(key, units[key], f"{value:.6g}", f"{error:.2g}{note}")
+    console.print(table)
+    console.print(f"{data.slip.size} rows, differences of {fit.residual:.3g} N", highlight=False)
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True, highlight=False)
+    use = f"use it: ./omni run --set vehicle.tire={files[0]}, or copy it into config/tires"
+    console.print(use, soft_wrap=True, highlight=False)

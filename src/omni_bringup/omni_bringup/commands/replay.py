@@ -1,0 +1,187 @@
+"""``./omni replay``: recorded inputs through the real nodes once more."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omni_analysis.loop.override_option import add_override_option
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from omni_recording.compare import TopicComparison
+
+
+# Rounding differs between processors; the values are in SI units and of the order of one.
+_TOLERANCE = 1e-6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options to the parser of ``omni replay``."""
+    parser.add_argument(
+        "bag", type=Path, metavar="BAG", help="rosbag2 folder, or a single .mcap file"
+    )
+    parser.add_argument(
+        "--nodes",
+        nargs="+",
+        default=["linescan_odometry"],
+        metavar="NODE",
+        help="nodes to run, of linescan_odometry and brake_assist (default: linescan_odometry)",
+    )
+    add_override_option(parser, "odometry.median_lines=5")
+    parser.add_argument(
+        "--experiment",
+        metavar="NAME",
+        help="take the configuration of this experiment's last variant, not the recorded one",
+    )
+    parser.add_argument(
+        "--rate",
+        type=_rate,
+        default=0.0,
+        metavar="R",
+        help="speed as a multiple of the recorded one (default: as fast as the nodes follow)",
+    )
+    parser.add_argument(
+        "--offline", action="store_true", help="in one process and without topics; --rate is void"
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="exit code 1 unless the results are those that were recorded, within --tolerance",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=_tolerance,
+        default=_TOLERANCE,
+        metavar="X",
+        help="largest difference of a value, in its SI unit (%(default)g)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new folder of the results (default: beside the recording, BAG_replayed_TIME)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def replay(options: argparse.Namespace, workspace: Path) -> int:
+    """Replay a recording as the command line asks and return the exit code."""
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_bringup.graph.domain import NoFreeDomainError
+    from omni_bringup.graph.process_group import ProcessError
+    from omni_bringup.graph.run_folder import write_configuration
+    from omni_bringup.replay.graph import replay_over_graph
+    from omni_bringup.replay.offline import replay_offline
+    from omni_bringup.replay.plan import check_inputs, replay_configuration, replay_plan
+    from omni_platform.configuration import ConfigurationError
+    from omni_recording.compare import compare_topics
+    from omni_recording.error import BagError
+    from omni_recording.folder import open_bag
+    from omni_recording.write import RecordingError
+
+    library = ExperimentLibrary(workspace / "config")
+    try:
+        bag = open_bag(options.bag)
+        configuration = replay_configuration(bag, library, options.experiment, options.overrides)
+        plan = replay_plan(configuration, options.nodes)
+        counts = check_inputs(bag, plan)
+        known = [topic for topic in plan.outputs if counts.get(topic)]
+        if options.check and len(known) < len(plan.outputs):
+            lacking = ", ".join(sorted(plan.outputs.keys() - known))
+            raise BagError(bag.path, f"holds nothing to compare the results with on {lacking}")
+        folder = _result_folder(options)
+    except (BagError, ConfigurationError) as error:
+        print(f"omni replay: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    try:
+        if options.offline:
+            replay_offline(bag, plan, folder)
+        else:
+            replay_over_graph(bag.path, plan, folder, options.rate)
+        write_configuration(configuration, folder)
+        comparisons = compare_topics(bag.path, folder, known)
+    except (BagError, ProcessError, NoFreeDomainError, RecordingError) as error:
+        print(f"omni replay: {error}", file=sys.stderr)
+        return EXIT_FAILED
+    except OSError as error:
+        print(f"omni replay: cannot write to {folder}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
+    _report(options, folder, comparisons.values())
+    agree = all(one.agrees(options.tolerance) for one in comparisons.values())
+    return EXIT_FAILED if options.check and not agree else EXIT_OK
+
+
+def _result_folder(options: argparse.Namespace) -> Path:
+    from omni_bringup.graph.run_folder import check_unused, time_in_name
+
+    if options.out is None:
+        path: Path = options.bag.absolute()
+        name = path.stem if path.is_file() else path.name
+        return path.with_name(f"{name}_replayed_{time_in_name()}")
+    folder: Path = options.out.absolute()
+    check_unused(folder)
+    return folder
+
+
+def _report(
+    options: argparse.Namespace, folder: Path, comparisons: Collection[TopicComparison]
+) -> None:
+    if options.json:
+        metrics: dict[str, Any] = {}
+        for one in comparisons:
+            counts = {
+                "recorded": one.first,
+                "replayed": one.second,
+                "identical": one.identical,
+                "unpaired": one.unpaired,
+                "different_texts": one.different_texts,
+            }
+            metrics |= {
+                f"{name}.{one.topic}": {"value": value, "unit": "1"}
+                for name, value in counts.items()
+            }
+            metrics[f"largest_difference.{one.topic}"] = {
+                "value": one.largest_difference,
+                "unit": "SI",
+                "limit": options.tolerance,
+            }
+        document = {"name": "replay", "metrics": metrics, "folder": str(folder)}
+        print(json.dumps(document, indent=2, allow_nan=False))
+        return
+    for one in comparisons:
+        print(f"{one.topic}: {_in_words(one, options.tolerance)}")
+    print(f"recorded in {folder}")
+
+
+def _in_words(one: TopicComparison, tolerance: float) -> str:
+    if one.identical == one.first == one.second:
+        return f"all {one.first} messages are identical to the recorded ones"
+    words = f"{one.identical} of {one.first} recorded messages are identical"
+    if one.unpaired:
+        words += f", {one.unpaired} have no partner of their stamp ({one.second} were replayed)"
+    if one.different_texts:
+        words += f", {one.different_texts} differ in more than numbers"
+    if one.worst:
+        words += f", the largest difference is {one.largest_difference:.3g} in {one.worst}"
+    verdict = "within" if one.agrees(tolerance) else "not within"
+    return f"{words}: {verdict} the tolerance of {tolerance:g}"
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise argparse.ArgumentTypeError("must be a number above 0")
+    return rate
+
+
+def _tolerance(text: str) -> float:
+    tolerance = float(text)
+    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+        raise argparse.ArgumentTypeError("must be a number of at least 0")
+    return tolerance

@@ -1,0 +1,91 @@
+"""``./omni report``: recordings as one HTML file for people."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from omni_analysis.report.recording import ReportedRun
+
+
+_SUFFIXES = (".html", ".htm")
+_LONGEST_TITLE = 200  # characters
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options to the parser of ``omni report``."""
+    parser.add_argument(
+        "bags",
+        type=Path,
+        nargs="+",
+        metavar="BAG",
+        help="rosbag2 folder, or a single .mcap file; several are laid over each other",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="the page (default: report.html beside the first recording)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def report(options: argparse.Namespace) -> int:
+    """Write the report that the command line asks for and return the exit code."""
+    from omni_analysis.loop.metrics import results_document
+    from omni_analysis.report.page import report_page
+    from omni_analysis.report.recording import read_reported_run, run_names
+    from omni_bringup.commands.bag import printable
+    from omni_recording.error import BagError
+
+    file: Path = options.out or options.bags[0].resolve().parent / "report.html"
+    try:
+        if file.suffix not in _SUFFIXES:
+            raise ValueError(f"--out: {file} must end in {' or '.join(_SUFFIXES)}")
+        names = run_names(options.bags)
+        runs = [
+            read_reported_run(path, name) for path, name in zip(options.bags, names, strict=True)
+        ]
+        page = report_page(_title(runs), runs)
+    except (BagError, ValueError) as error:
+        print(f"omni report: {printable(str(error))}", file=sys.stderr)
+        return EXIT_REFUSED
+    try:
+        _write(file, page)
+    except OSError as error:
+        print(f"omni report: cannot write {file}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
+    if options.json:
+        document = results_document("report", {run.name: run.metrics for run in runs})
+        print(json.dumps(document | {"file": str(file)}, indent=2, allow_nan=False))
+    else:
+        for run in runs:
+            for note in run.notes:
+                print(printable(f"{run.name}: {note}"))
+        print(f"report {file} ({file.stat().st_size / 1e6:.1f} MB)")
+    return EXIT_OK
+
+
+def _title(runs: Sequence[ReportedRun]) -> str:
+    """Return what the runs are about in their own words, if they say so."""
+    words = [run.configuration.description for run in runs if run.configuration is not None]
+    title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
+    return title[:_LONGEST_TITLE]
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    scratch = file.with_name(f".{file.name}.part")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        scratch.replace(file)
+    finally:
+        scratch.unlink(missing_ok=True)

@@ -1,0 +1,234 @@
+"""The driver's seat as a node: a person's page or `cmd_vel` in, demands on the vehicle out.
+
+The contract (topics, parameters, timeouts) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from omni_bringup.drive.seat import DriverSeat
+from omni_bringup.drive.server import DriveServer
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import WheelMount
+from omni_ros.environment import REPORT_VARIABLE
+from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import Spinner, run_process
+from omni_ros.qos import RELIABLE
+from omni_ros.report import report
+
+_POLL = 0.005  # [s] between two looks at the topics
+_DEMAND_PERIOD = 0.02  # [s]
+_STATE_PERIOD = 0.033  # [s] of what the page shows
+_ASSISTANT = "/brake_assist"
+_SWITCH = "enabled"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DriverConfiguration(Configuration):
+    """Parameters of the driver's seat."""
+
+    wheels: Mapping[str, WheelMount] = parameter(description="Wheels of the platform by name")
+    chassis_length: float = parameter(description="Length of the platform", unit="m", above=0.0)
+    chassis_width: float = parameter(description="Width of the platform", unit="m", above=0.0)
+    assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
+    max_speed: float = parameter(
+        5.0, description="Speed that a full stick means", unit="m/s", above=0.0, maximum=50.0
+    )
+    max_yaw_rate: float = parameter(
+        1.5, description="Yaw rate that a full stick means", unit="rad/s", above=0.0, maximum=12.0
+    )
+    page_timeout: float = parameter(
+        0.3,
+        description="Silence of the open page after which the vehicle brakes fully",
+        unit="s",
+        above=0.0,
+        maximum=5.0,
+    )
+    command_timeout: float = parameter(
+        1.0,
+        description="Silence of cmd_vel after which it no longer counts; longer than a keyboard "
+        "takes to repeat a key",
+        unit="s",
+        above=0.0,
+        maximum=5.0,
+    )
+    port: int = parameter(
+        0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
+    )
+
+
+class DriverNode(Node):
+    """Says what the person in the seat asks for, and shows what the vehicle does."""
+
+    def __init__(self) -> None:
+        super().__init__("driver")
+        configuration = declare_configuration(self, DriverConfiguration)
+        self._wheels = tuple(configuration.wheels)
+        self.seat = DriverSeat(configuration.page_timeout, configuration.command_timeout)
+        speed = configuration.max_speed
+        try:
+            self.server = DriveServer(
+                self.seat,
+                largest=(speed, speed, configuration.max_yaw_rate),
+                greeting={"vehicle": _drawing(configuration)},
+                switch_assist=self._switch_assist,
+                clock=time.monotonic,
+                port=configuration.port,
+            )
+        except OSError as error:
+            raise ConfigurationError("port", f"cannot be used: {error.strerror}") from None
+        self.state: dict[str, Any] = {"assist": configuration.assist}
+        self._pedal = self.create_publisher(JointState, "driver/pedal", RELIABLE)
+        self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", RELIABLE)
+        self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
+        self.heard = 0
+        self._listen(Twist, "cmd_vel", self._on_command)
+        self._listen(Odometry, "ground_truth/odom", self._on_truth)
+        self._listen(JointState, "brake/pedal", self._on_pedal)
+        self._listen(JointState, "brake/enable", self._on_enable)
+        self._listen(JointState, "brake_assist/error", self._on_error)
+        self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
+        self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
+        self._stamp_ns = 0
+
+    def _listen(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
+        def on_message(message: Any) -> None:
+            self.heard += 1
+            take(message)
+
+        self.create_subscription(kind, topic, on_message, RELIABLE)
+
+    def say_demand(self) -> None:
+        """Publish what holds now."""
+        demand = self.seat.demand(time.monotonic())
+        self.state["source"] = demand.source
+        pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
+        self._command.publish(planar_twist(self._stamp_ns, np.array(demand.twist)))
+        self._pedal.publish(pedal)
+
+    def _switch_assist(self, enabled: bool) -> None:
+        # Nothing is lost where the assistant is not there yet: the page shows what holds.
+        if self._assist.service_is_ready() and enabled != self.state["assist"]:
+            given = Parameter(_SWITCH, value=enabled).to_parameter_msg()
+            self._assist.call_async(SetParameters.Request(parameters=[given]))
+
+    def _on_command(self, message: Twist) -> None:
+        twist = (message.linear.x, message.linear.y, message.angular.z)
+        self.seat.take_command(twist, time.monotonic())
+
+    def _on_truth(self, message: Odometry) -> None:
+        self._stamp_ns = to_nanoseconds(message.header.stamp)
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        twist = message.twist.twist
+        yaw = math.atan2(
+            2.0 * (turn.w * turn.z + turn.x * turn.y),
+            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
+        )
+        self.state["time"] = self._stamp_ns / 1e9
+        self.state["pose"] = [place.x, place.y, yaw]
+        self.state["twist"] = [twist.linear.x, twist.linear.y, twist.angular.z]
+
+    def _on_pedal(self, message: JointState) -> None:
+        self.state["pedal"] = float(message.position[0])
+
+    def _on_enable(self, message: JointState) -> None:
+        self.state["enable"] = self._by_wheel(message.name, message.effort)
+
+    def _on_error(self, message: JointState) -> None:
+        self.state["error"] = self._by_wheel(message.name, message.velocity)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == _ASSISTANT.removeprefix("/"):
+                self.state["assist_state"] = next(
+                    (entry.value for entry in status.values if entry.key == "state"), ""
+                )
+                self.state["assist_reason"] = status.message
+
+    def _on_parameters(self, message: ParameterEvent) -> None:
+        if message.node == _ASSISTANT:
+            for given in message.changed_parameters:
+                if given.name == _SWITCH:
+                    self.state["assist"] = given.value.bool_value
+
+    def _by_wheel(self, names: list[str], values: Any) -> list[float]:
+        found = dict(zip(names, values, strict=False))
+        return [float(found.get(name, 0.0)) for name in self._wheels]
+
+
+def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
+    """Return what the page needs to draw the vehicle."""
+    return {
+        "length": configuration.chassis_length,
+        "width": configuration.chassis_width,
+        "wheels": [
+            {
+                "name": name.replace("_", " "),
+                "x": wheel.x,
+                "y": wheel.y,
+                "heading": math.radians(wheel.heading_deg),
+                "roller": math.radians(wheel.roller_angle_deg),
+                "radius": wheel.radius,
+            }
+            for name, wheel in configuration.wheels.items()
+        ],
+    }
+
+
+def _take_in(node: DriverNode, spinner: Spinner) -> None:
+    """Run the callbacks of all that has arrived; one call serves one topic."""
+    before = -1
+    while node.heard != before:
+        before = node.heard
+        spinner.spin_once(0.0)
+
+
+async def _drive(node: DriverNode, spinner: Spinner) -> None:
+    async with node.server.running():
+        report({"url": node.server.url})
+        if REPORT_VARIABLE not in os.environ:  # nobody reads reports, as under ros2 launch
+            node.get_logger().info(f"the page is at {node.server.url}")
+        demand_due = state_due = 0.0
+        while not spinner.stop:
+            _take_in(node, spinner)
+            now = time.monotonic()
+            if now >= demand_due:
+                node.say_demand()
+                demand_due = now + _DEMAND_PERIOD
+            if now >= state_due:
+                node.server.show(node.state)
+                state_due = now + _STATE_PERIOD
+            await asyncio.sleep(_POLL)
+
+
+def drive(node: DriverNode, spinner: Spinner) -> None:
+    """Serve the page and say the demands until a signal asks to stop."""
+    asyncio.run(_drive(node, spinner))
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    sys.exit(run_process(DriverNode, drive))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""The page that a person drives with: files over HTTP, demands and state over a WebSocket.
+
+Only this machine reaches it, and of its users only who knows the random token in the address:
+another page in the same browser knows no token and comes from another origin; one whose host name
+was bound to this address anew still says its own host.
+"""
+
+from __future__ import annotations
+
+import hmac
+import http
+import importlib.resources
+import json
+import math
+import secrets
+import socket
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Origin
+
+from omni_bringup.drive.seat import DriverSeat, Twist
+
+_HOST = "127.0.0.1"
+_LARGEST_MESSAGE = 1024  # [B] that a page may send at once
+_FILES = {
+    "": ("index.html", "text/html; charset=utf-8"),
+    "drive.js": ("drive.js", "text/javascript; charset=utf-8"),
+    "drive.css": ("drive.css", "text/css; charset=utf-8"),
+}
+_SOCKET = "socket"
+TAKEN_OVER = 4001  # close codes that applications may use begin at 4000
+_NOT_UNDERSTOOD = 1007
+
+
+class PageError(ValueError):
+    """A message of the page that makes no sense."""
+
+
+def parse_demand(text: str | bytes) -> tuple[float, Twist, bool | None]:
+    """Return pedal, 0..1, stick, each axis -1..1, and the assist switch of a page's message.
+
+    Args:
+        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0], "assist": true}``; the switch is
+            None where it is left out.
+
+    Raises:
+        PageError: it is not such a message.
+    """
+    try:
+        document = json.loads(text)
+        pedal = _within(document["pedal"], 0.0)
+        forward, left, turn = (_within(value, -1.0) for value in document["stick"])
+        assist = document.get("assist")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise PageError(f"not a demand: {type(error).__name__}") from None
+    if not (assist is None or isinstance(assist, bool)):
+        raise PageError("not a demand: assist")
+    return pedal, (forward, left, turn), assist
+
+
+def _within(value: Any, lowest: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError
+    if not math.isfinite(value):
+        raise ValueError
+    return min(max(float(value), lowest), 1.0)
+
+
+class DriveServer:
+    """Serves the page and puts whoever has opened it last into the driver's seat.
+
+    Attributes:
+        url: address of the page, token included.
+    """
+
+    def __init__(
+        self,
+        seat: DriverSeat,
+        *,
+        largest: Twist,
+        greeting: Mapping[str, Any],
+        switch_assist: Callable[[bool], None],
+        clock: Callable[[], float],
+        port: int = 0,
+    ) -> None:
+        """Take the port.
+
+        Args:
+            seat: whose page this is.
+            largest: body twist that a full stick means [m/s, m/s, rad/s].
+            greeting: what a page is told when it opens.
+            switch_assist: called when the page's assist switch is turned.
+            clock: time [s] that only goes forward.
+            port: TCP port; 0 for any free one.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        self._seat = seat
+        self._largest = largest
+        self._greeting = json.dumps(greeting)
+        self._switch_assist = switch_assist
+        self._clock = clock
+        self._driver: ServerConnection | None = None
+        self._token = secrets.token_urlsafe(24)
+        self._listener = socket.create_server((_HOST, port))
+        self._address = f"{_HOST}:{self._listener.getsockname()[1]}"
+        self.url = f"http://{self._address}/{self._token}/"
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Serve while the block is entered."""
+        async with serve(
+            self._drive,
+            sock=self._listener,
+            origins=[Origin(f"http://{self._address}")],
+            process_request=self._answer,
+            max_size=_LARGEST_MESSAGE,
+            compression=None,
+            server_header=None,
+            close_timeout=1.0,
+        ):
+            yield
+
+    def show(self, state: Mapping[str, Any]) -> None:
+        """Send the state of the vehicle to the page, if one is open."""
+        if self._driver is not None:
+            broadcast([self._driver], json.dumps(state, allow_nan=False))
+
+    async def _drive(self, page: ServerConnection) -> None:
+        before, self._driver = self._driver, page
+        self._seat.open_page()
+        if before is not None:
+            await before.close(TAKEN_OVER, "another page has taken over")
+        try:
+            await page.send(self._greeting)
+            async for text in page:
+                if page is self._driver:
+                    self._take(text)
+        except PageError as error:
+            await page.close(_NOT_UNDERSTOOD, str(error))
+        except ConnectionClosed:
+            pass  # without a farewell, as when the browser is killed
+        finally:
+            if page is self._driver:
+                self._driver = None
+                self._seat.close_page()
+
+    def _take(self, text: str | bytes) -> None:
+        pedal, stick, assist = parse_demand(text)
+        # A diagonal of a keyboard is no faster than straight on.
+        reach = max(1.0, math.hypot(stick[0], stick[1]))
+        twist = (
+            stick[0] / reach * self._largest[0],
+            stick[1] / reach * self._largest[1],
+            stick[2] * self._largest[2],
+        )
+        self._seat.take_page(pedal, twist, self._clock())
+        if assist is not None:
+            self._switch_assist(assist)
+
+    def _answer(self, _: ServerConnection, request: Request) -> Response | None:
+        """Return a file or a refusal; None lets the WebSocket's opening go on."""
+        if request.headers.get_all("Host") != [self._address]:
+            return self._response(http.HTTPStatus.MISDIRECTED_REQUEST)
+        path = request.path.partition("?")[0]
+        token, _slash, name = path.removeprefix("/").partition("/")
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
+            return self._response(http.HTTPStatus.FORBIDDEN)
+        if name == _SOCKET:
+            return None
+        if name not in _FILES:
+            return self._response(http.HTTPStatus.NOT_FOUND)
+        file, kind = _FILES[name]
+        page = importlib.resources.files(__package__) / "page" / file
+        return self._response(http.HTTPStatus.OK, page.read_bytes(), kind)
+
+    def _response(
+        self, status: http.HTTPStatus, body: bytes = b"", kind: str = "text/plain; charset=utf-8"
+    ) -> Response:
+        headers = Headers(
+            {
+                "Content-Type": kind,
+                "Content-Length": str(len(body)),
+                "Connection": "close",
+                "Cache-Control": "no-store",
+                "Referrer-Policy": "no-referrer",
+                "X-Content-Type-Options": "nosniff",
+                "Content-Security-Policy": "default-src 'none'; script-src 'self'; "
+                f"style-src 'self'; connect-src 'self' ws://{self._address}; img-src data:; "
+                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+            }
+        )
+        return Response(status.value, status.phrase, headers, body)

@@ -1,0 +1,1 @@
+"""The processes of a run: nodes, their domain, start and stop."""

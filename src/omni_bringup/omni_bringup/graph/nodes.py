@@ -1,0 +1,215 @@
+"""The nodes of a run, what they are told, and what of theirs is recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_bringup.graph.process_group import NodeProcess
+from omni_platform.configuration import Configuration
+from omni_platform.flat_parameters import flatten
+
+COMMAND = "/cmd_vel"
+APPLIED_COMMAND = "/driver/applied_cmd_vel"  # of a driven vehicle
+GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
+
+_RECORDER = 1  # subscriptions that the recorder adds to every topic
+
+
+def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
+    """Return the message type of every topic of the graph, by absolute name."""
+    topics = {
+        "/clock": "rosgraph_msgs/msg/Clock",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        "/wheel_states": "sensor_msgs/msg/JointState",
+        "/brake/pedal": "sensor_msgs/msg/JointState",
+        "/brake/enable": "sensor_msgs/msg/JointState",
+        "/brake_assist/error": "sensor_msgs/msg/JointState",
+        COMMAND: "geometry_msgs/msg/TwistStamped",
+        "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+        "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+        GROUND_TRUTH: "nav_msgs/msg/Odometry",
+        "/markers": "visualization_msgs/msg/MarkerArray",
+    }
+    if configuration.odometry.sideslip:
+        topics["/odometry/sideslip"] = "sensor_msgs/msg/JointState"
+    for sensor in configuration.sensors:
+        topics[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
+        topics[f"/line_scan/{sensor}/camera_info"] = "sensor_msgs/msg/CameraInfo"
+    return topics
+
+
+def latched_topics(configuration: ExperimentConfiguration) -> list[str]:
+    """Return the topics that are said once and kept for whoever comes later."""
+    return [f"/line_scan/{sensor}/camera_info" for sensor in configuration.sensors]
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordingOptions:
+    """How a run is recorded.
+
+    Attributes:
+        compression: of the chunks: none, zstd or lz4.
+        synchronize: wait for the disk at every flush, so that a power cut loses no more.
+    """
+
+    compression: str = "none"
+    synchronize: bool = False
+
+
+def recorder(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    options: RecordingOptions = RecordingOptions(),
+    topics: Mapping[str, str] | None = None,
+) -> NodeProcess:
+    """Return the process that records into a rosbag2 folder: every topic, or only `topics`."""
+    topics = recorded_topics(configuration) if topics is None else topics
+    parameters: dict[str, Any] = {
+        "folder": str(folder),
+        "topics": list(topics),
+        "types": list(topics.values()),
+        "compression": options.compression,
+        "synchronize": options.synchronize,
+    }
+    if GROUND_TRUTH in topics:
+        poses = [(sensor.x, sensor.y, sensor.heading) for sensor in configuration.sensors.values()]
+        parameters["transforms_from"] = GROUND_TRUTH
+        parameters["fixed_frames"] = list(configuration.sensors)
+        parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
+    latched = [name for name in latched_topics(configuration) if name in topics]
+    if latched:  # an empty list has no type in a parameter file
+        parameters["latched_topics"] = latched
+    return _node("recorder", "omni_recording", "recorder", parameters, scratch)
+
+
+def odometry(
+    configuration: ExperimentConfiguration, scratch: Path, *, listeners: int = 0
+) -> NodeProcess:
+    """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
+    listeners = listeners or _RECORDER + 1 + (configuration.feedback == "optical")
+    parameters = _flat(configuration.odometry) | {"subscribers": listeners}
+    return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
+
+
+def brake_assist(
+    configuration: ExperimentConfiguration,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    listeners: int = _RECORDER,
+) -> NodeProcess:
+    """Return the process of the brake assistant."""
+    parameters = _flat(configuration.brake_assist) | {
+        "subscribers": listeners,
+        "lockstep": lockstep,
+    }
+    remaps = []
+    if configuration.feedback == "velocity_sensor":
+        remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
+    return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
+
+
+def simulator(
+    configuration: ExperimentConfiguration,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    driven: bool = False,
+    listeners: int = _RECORDER + 1,
+) -> NodeProcess:
+    """Return the process of the simulator, scripted or `driven` by the node of the driver."""
+    parameters = _flat(configuration.simulator()) | {
+        "subscribers": listeners,
+        "mode": "lockstep" if lockstep else "real_time",
+        "driver": "topics" if driven else "scripted",
+        "await_odometry": configuration.feedback != "optical"
+        and configuration.simulation.render_lines,
+    }
+    # The name is free then for what a teleoperation node says.
+    remaps = ["-r", f"{COMMAND}:={APPLIED_COMMAND}"] if driven else []
+    return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
+
+
+def driver(
+    configuration: ExperimentConfiguration, scratch: Path, options: Mapping[str, Any]
+) -> NodeProcess:
+    """Return the process of the driver's seat: page and `cmd_vel`; `options` are parameters."""
+    wheels = flatten(configuration.brake_assist)
+    parameters = {key: value for key, value in wheels.items() if key.startswith("wheels.")} | {
+        "chassis_length": configuration.vehicle.chassis_length,
+        "chassis_width": configuration.vehicle.chassis_width,
+        "assist": configuration.brake_assist.enabled,
+        **options,
+    }
+    return _node("driver", "omni_bringup", "driver", parameters, scratch)
+
+
+def run_nodes(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    *,
+    lockstep: bool,
+    recording: RecordingOptions = RecordingOptions(),
+) -> list[NodeProcess]:
+    """Return the nodes of a scripted run, listeners first: from the recorder to the simulator.
+
+    Args:
+        configuration: the whole loop.
+        folder: rosbag2 folder to record to.
+        scratch: folder for the files of their parameters.
+        lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
+        recording: how it is recorded.
+    """
+    return [
+        recorder(configuration, folder, scratch, recording),
+        odometry(configuration, scratch),
+        brake_assist(configuration, scratch, lockstep=lockstep),
+        simulator(configuration, scratch, lockstep=lockstep),
+    ]
+
+
+def player(
+    bag: Path,
+    inputs: Mapping[str, str],
+    outputs: Mapping[str, str],
+    rate: float,
+    scratch: Path,
+) -> NodeProcess:
+    """Return the process that publishes the recorded inputs and watches the outputs."""
+    parameters = {
+        "bag": str(bag),
+        "inputs": list(inputs),
+        "input_types": list(inputs.values()),
+        "outputs": list(outputs),
+        "output_types": list(outputs.values()),
+        "rate": rate,
+    }
+    return _node("player", "omni_bringup", "player", parameters, scratch)
+
+
+def _flat(configuration: Configuration) -> dict[str, Any]:
+    # An empty list has no type in a parameter file; left out, the declared one holds.
+    return {key: value for key, value in flatten(configuration).items() if value != []}
+
+
+def _node(
+    name: str,
+    package: str,
+    executable: str,
+    parameters: Mapping[str, Any],
+    scratch: Path,
+    remaps: list[str] | None = None,
+) -> NodeProcess:
+    path = scratch / f"{name}.yaml"
+    document = {name: {"ros__parameters": dict(parameters)}}
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    arguments = ["--ros-args", "--params-file", str(path), *(remaps or [])]
+    return NodeProcess(name, package, executable, arguments)

@@ -1,0 +1,95 @@
+"""What stands beside the recording of a run: configuration, versions, seed, results."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import json
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.writer import MCAP0_MAGIC
+
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import ConfigurationError, to_mapping
+
+CONFIGURATION = "configuration.yaml"
+VERSIONS = "versions.yaml"
+SUMMARY = "summary.json"
+
+_DISTRIBUTIONS = (
+    "omni_sim",
+    "linescan_odometry",
+    "omni_brake_assist",
+    "numpy",
+    "numba",
+    "scipy",
+    "mcap",
+    "rosbags",
+    "ros-rclpy",
+    "ros-rmw-fastrtps-cpp",
+)
+
+
+def check_unused(folder: Path) -> None:
+    """See that the folder given for results is free for them.
+
+    Raises:
+        ConfigurationError: it is a file, or holds something.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigurationError(
+            "--out", f"{folder} exists and is not an empty folder; choose another"
+        )
+
+
+def time_in_name() -> str:
+    """Return the date and time of now, for the name of a folder."""
+    return datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
+
+
+def write_configuration(configuration: ExperimentConfiguration, folder: Path) -> None:
+    """Save the effective configuration (with the seed) and the versions that ran it."""
+    _write(folder / CONFIGURATION, yaml.safe_dump(to_mapping(configuration), sort_keys=False))
+    _write(folder / VERSIONS, yaml.safe_dump(versions(), sort_keys=False))
+
+
+def write_summary(document: Mapping[str, Any], folder: Path) -> None:
+    """Save the results of a run in the shape of `--json`."""
+    _write(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def unfinished_recordings(folder: Path) -> list[Path]:
+    """Return the recordings of the runs in a folder that lack their end, as after a kill.
+
+    Whoever starts at the beginning can read such a file up to its last whole chunk; its index,
+    which stands at the end, is missing.
+    """
+    return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]
+
+
+def _has_end(path: Path) -> bool:
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - len(MCAP0_MAGIC)))
+        return size > len(MCAP0_MAGIC) and file.read() == MCAP0_MAGIC
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, the packages and the ROS middleware of this run."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # a sourced ROS installation brings rclpy without a Python distribution
+    found["ros_distro"] = os.environ.get("ROS_DISTRO", "jazzy")
+    return found
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,162 @@
+"""One variant of an experiment over the real graph: start, follow, stop, measure."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.recorded_run import read_run
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import (
+    ProcessError,
+    ProcessGroup,
+    RunningProcess,
+    describe_end,
+    process_group,
+    wait_for,
+)
+from omni_bringup.graph.run_folder import write_configuration
+from omni_ros.environment import node_environment
+
+_POLL = 0.05  # [s]
+_PLAIN_RECORDING = graph.RecordingOptions()
+
+Progress = Callable[[Mapping[str, float]], None]
+
+
+class RunError(RuntimeError):
+    """A run that did not come to its end; the bag keeps what was recorded."""
+
+
+@dataclasses.dataclass(frozen=True)
+class VariantResult:
+    """What a finished run leaves.
+
+    Attributes:
+        variant: its name.
+        folder: the rosbag2 folder.
+        history: arrays for analysis, read back from the bag.
+        metrics: by quantity.
+    """
+
+    variant: str
+    folder: Path
+    history: RunHistory
+    metrics: Mapping[str, Metric]
+
+
+def run_variant(
+    configuration: ExperimentConfiguration,
+    variant: str,
+    folder: Path,
+    *,
+    lockstep: bool = True,
+    on_progress: Progress = lambda _: None,
+    recording: graph.RecordingOptions = _PLAIN_RECORDING,
+) -> VariantResult:
+    """Run one variant over real processes in a ROS domain of its own and record it.
+
+    Args:
+        configuration: the whole loop.
+        variant: name of the case, for the results.
+        folder: rosbag2 folder to make.
+        lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
+        on_progress: called with time [s], speed [m/s] and share [0..1] as the run goes on.
+        recording: how it is recorded.
+
+    Raises:
+        RunError: a node ended, fell silent or lost data; the message says which.
+    """
+    with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
+        report = _run_graph(
+            configuration,
+            folder,
+            Path(scratch),
+            domain,
+            lockstep=lockstep,
+            on_progress=on_progress,
+            recording=recording,
+        )
+    # The loop's own time: the wall time between its first and its last step.
+    real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
+    history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
+    metrics = run_metrics(history) | {
+        f"{limit}_time": _time_beyond(limit, report) for limit in ("overload", "tipping")
+    }
+    return VariantResult(variant, folder, history, metrics)
+
+
+def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
+    """Return for how long the run was beyond what the simulation covers [s], and its sentence."""
+    time, sentence = report["limits"].get(limit, (0.0, ""))
+    return Metric(time, "s", note=sentence)
+
+
+def _run_graph(
+    configuration: ExperimentConfiguration,
+    folder: Path,
+    scratch: Path,
+    domain: int,
+    *,
+    lockstep: bool,
+    on_progress: Progress,
+    recording: graph.RecordingOptions,
+) -> dict[str, Any]:
+    """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
+    nodes = graph.run_nodes(configuration, folder, scratch, lockstep=lockstep, recording=recording)
+    try:
+        with process_group(node_environment(domain)) as group:
+            recorder, *_, simulator = [group.start(node) for node in nodes]
+            write_beside_bag(configuration, folder, recorder)
+            report = _follow(group, simulator, on_progress)
+    except ProcessError as error:
+        raise RunError(str(error)) from None
+    _check_counts(recorder, report)
+    return report
+
+
+def write_beside_bag(
+    configuration: ExperimentConfiguration, folder: Path, recorder: RunningProcess
+) -> None:
+    """Save the effective configuration once the recorder has made the folder."""
+    while not folder.is_dir():
+        if wait_for(recorder, _POLL) is not None:
+            raise ProcessError(describe_end(recorder))
+    try:
+        write_configuration(configuration, folder)
+    except OSError as error:
+        raise ProcessError(f"cannot write to {folder}: {error.strerror}") from None
+
+
+def _follow(
+    group: ProcessGroup, simulator: RunningProcess, on_progress: Progress
+) -> dict[str, Any]:
+    report: dict[str, Any] = {}
+    while wait_for(simulator, _POLL) is None:
+        group.raise_if_ended(besides=simulator)
+        for report in simulator.new_reports():
+            on_progress(report)
+    report = (simulator.new_reports() or [report])[-1]
+    if simulator.returncode != 0 or "finished" not in report:
+        raise ProcessError(describe_end(simulator))
+    return report
+
+
+def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:
+    """Compare what the simulator sent with what the recorder kept."""
+    if recorder.returncode != 0:
+        raise RunError(describe_end(recorder))
+    reports = recorder.new_reports()
+    recorded: Mapping[str, int] = reports[-1]["recorded"] if reports else {}
+    for topic, sent in report["sent"].items():
+        kept = recorded.get(topic, 0)
+        if kept < sent:
+            raise RunError(f"the recorder kept {kept} of {sent} messages of {topic}")

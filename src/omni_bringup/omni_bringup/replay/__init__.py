@@ -1,0 +1,1 @@
+"""Recorded inputs through the nodes, or their cores, once more."""

@@ -1,0 +1,169 @@
+"""A replay in one process: the cores of the nodes on the recorded inputs, without topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from linescan_odometry.batching import BatchCollector
+from linescan_odometry.messages import line_batch_of
+from linescan_odometry.odometry import LineScanOdometry
+from linescan_odometry.sideslip_meter import SideslipMonitor, angles
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_brake_assist.brake_assist import BrakeAssist, Feedback
+from omni_brake_assist.step_pairing import StepPairing
+from omni_bringup.replay.plan import BRAKE_ASSIST, ODOMETRY, ReplayPlan, feedback_topic
+from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording.definitions import find_message_definition
+from omni_recording.error import BagError
+from omni_recording.folder import Bag, bag_messages
+from omni_recording.mcap import RecordedMessage
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.order import in_time_order
+from omni_recording.write import Rosbag2Writer
+from omni_ros.messages import (
+    joint_state,
+    planar_twist_of,
+    planar_twist_with_covariance,
+    to_nanoseconds,
+)
+
+_DEPTH = 200  # of the nodes' own publishers
+
+Result = tuple[str, int, Any]  # topic, stamp [ns], message
+
+
+def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
+    """Run the cores of the nodes of a plan and record what they answer.
+
+    Args:
+        bag: the recording.
+        plan: nodes and topics.
+        folder: rosbag2 folder to make; holds the results.
+
+    Raises:
+        BagError: the recording or a message in it cannot be read.
+        RecordingError: the results cannot be written.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    decoder = MessageDecoder()
+    cores = _Cores(plan)
+    topics = [
+        RecordedTopic(topic, find_message_definition(kind), RecordedQos(_DEPTH))
+        for topic, kind in plan.outputs.items()
+    ]
+    writer = Rosbag2Writer(folder, topics)
+    try:
+        for recorded in in_time_order(_chosen(bag, plan)):
+            for topic, stamp_ns, answer in cores.take(bag, recorded, decoder):
+                data = bytes(store.serialize_cdr(answer, plan.outputs[topic]))
+                writer.write(topic, stamp_ns, data)
+    finally:
+        writer.close()
+
+
+def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[RecordedMessage]:
+    return (m for m in bag_messages(bag) if m.channel.topic in plan.inputs)
+
+
+class _Cores:
+    """What takes the messages of each topic."""
+
+    def __init__(self, plan: ReplayPlan) -> None:
+        configuration = plan.configuration
+        self._takers: dict[str, Callable[[Any], Iterable[Result]]] = {}
+        self._brakes: _Brakes | None = None
+        if BRAKE_ASSIST in plan.nodes:
+            self._brakes = _Brakes(configuration)
+            self._takers["/wheel_states"] = self._brakes.take_wheel_states
+            self._takers["/brake/pedal"] = self._brakes.take_pedal
+            self._takers[feedback_topic(configuration)] = self._brakes.take_twist
+        if ODOMETRY in plan.nodes:
+            odometry = _Odometry(configuration)
+            for sensor in configuration.odometry.sensors:
+                self._takers[f"/line_scan/{sensor}/lines"] = odometry.taker(sensor)
+
+    def take(self, bag: Bag, recorded: RecordedMessage, decoder: MessageDecoder) -> list[Result]:
+        topic = recorded.channel.topic
+        try:
+            results = list(self._takers[topic](decoder.decode(recorded)))
+        except DecodeError as error:
+            raise BagError(bag.path, f"{topic}: {error}") from None
+        except ValueError as error:
+            raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
+        # What one core answers another may be waiting for.
+        for result in list(results):
+            if result[0] in self._takers:
+                results += self._takers[result[0]](result[2])
+        return results
+
+
+class _Odometry:
+    def __init__(self, configuration: ExperimentConfiguration) -> None:
+        self._odometry = LineScanOdometry(configuration.odometry)
+        self._has_wheels = bool(configuration.odometry.sideslip)
+        self._sideslip = SideslipMonitor(configuration.odometry)
+        self._collector = BatchCollector(
+            configuration.odometry.sensors, configuration.odometry.maximum_skew
+        )
+
+    def taker(self, sensor: str) -> Callable[[Any], Iterable[Result]]:
+        return lambda message: self._take(sensor, message)
+
+    def _take(self, sensor: str, message: Any) -> Iterable[Result]:
+        for batches in self._collector.add(sensor, line_batch_of(message)):
+            estimate = self._odometry.update(batches)
+            stamp_ns = estimate.stamp_ns
+            if self._has_wheels:
+                sideslip = self._sideslip.measure(estimate)
+                state = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
+                yield "/odometry/sideslip", stamp_ns, _with_arrays(state)
+            answer = planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
+            yield "/odometry/twist", stamp_ns, answer
+
+
+class _Brakes:
+    def __init__(self, configuration: ExperimentConfiguration) -> None:
+        self._assist = BrakeAssist(configuration.brake_assist)
+        self._wheels = tuple(configuration.brake_assist.wheels)
+        self._pairing = StepPairing()
+
+    def take_wheel_states(self, message: Any) -> Iterable[Result]:
+        self._assist.check_wheel_names(message.name)
+        return ()
+
+    def take_pedal(self, message: Any) -> Iterable[Result]:
+        pedal = float(message.position[0]) if len(message.position) else np.nan
+        self._pairing.take_pedal(to_nanoseconds(message.header.stamp), pedal)
+        return self._answer()
+
+    def take_twist(self, message: Any) -> Iterable[Result]:
+        twist, covariance = planar_twist_of(message)
+        self._pairing.take_feedback(
+            Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
+        )
+        return self._answer()
+
+    def _answer(self) -> Iterable[Result]:
+        demand = self._pairing.next_demand()
+        if demand is None:
+            return
+        decision = self._assist.update(demand)
+        stamp_ns = decision.stamp_ns
+        enable = joint_state(stamp_ns, self._wheels, effort=decision.enable)
+        error = joint_state(stamp_ns, self._wheels, velocity=decision.error)
+        yield "/brake/enable", stamp_ns, _with_arrays(enable)
+        yield "/brake_assist/error", stamp_ns, _with_arrays(error)
+
+
+def _with_arrays(message: Any) -> Any:
+    """Return a JointState with numpy's arrays, which the serializer of rosbags needs."""
+    fields = ("position", "velocity", "effort")
+    arrays = {name: np.array(getattr(message, name), dtype=np.float64) for name in fields}
+    return SimpleNamespace(header=message.header, name=list(message.name), **arrays)

@@ -1,0 +1,206 @@
+"""Publishes recorded messages, byte for byte, to nodes that are to work on them once more.
+
+A round, one message of each topic, goes out only when the round before has its result: topics
+cannot overtake each other then, no queue runs over, and the results do not depend on the speed.
+Where a result does not come, because a sensor is silent say, one more round is sent ahead. At the
+end the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import sys
+import time
+from collections import deque
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_recording.error import BagError
+from omni_recording.folder import bag_messages, open_bag
+from omni_recording.mcap import RecordedMessage
+from omni_recording.order import in_rounds, in_time_order
+from omni_recording.plan import leading_stamp
+from omni_ros.messages import to_time
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
+from omni_ros.qos import RELIABLE
+from omni_ros.report import report
+from omni_ros.startup import StartupConfiguration
+
+_MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
+_MOST_UNHEARD = 20  # rounds before the first result
+_PATIENCE = 0.5  # [s] for the result of a round
+_QUIET = 0.3  # [s] without a result, after which none is on its way
+_SECOND = 1_000_000_000  # [ns]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayerConfiguration(Configuration):
+    """Parameters of the player."""
+
+    bag: str = parameter(description="Recording to publish from: folder or .mcap file")
+    inputs: tuple[str, ...] = parameter(description="Topics to publish")
+    input_types: tuple[str, ...] = parameter(description="Type of each of them")
+    outputs: tuple[str, ...] = parameter(description="Topics on which the nodes answer")
+    output_types: tuple[str, ...] = parameter(description="Type of each of them")
+    rate: float = parameter(
+        0.0,
+        description="Speed as a multiple of the recorded one; 0 for as fast as the nodes follow",
+        minimum=0.0,
+    )
+    answer_timeout: float = parameter(
+        10.0, description="Longest wait for results", unit="s", above=0.0
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse lists that do not fit together."""
+        for key, names, kinds in (
+            ("input_types", self.inputs, self.input_types),
+            ("output_types", self.outputs, self.output_types),
+        ):
+            if len(names) != len(kinds):
+                raise ConfigurationError(key, f"has {len(kinds)} entries for {len(names)} topics")
+
+
+class PlayerNode(Node):
+    """Publishes the inputs of a replay and counts the results."""
+
+    def __init__(self) -> None:
+        super().__init__("player")
+        self.startup = declare_configuration(self, StartupConfiguration)
+        self.configuration = declare_configuration(self, PlayerConfiguration)
+        self.clock = self.create_publisher(Clock, "/clock", RELIABLE)
+        self.inputs = {
+            topic: self.create_publisher(_message_class(kind), topic, RELIABLE)
+            for topic, kind in zip(
+                self.configuration.inputs, self.configuration.input_types, strict=True
+            )
+        }
+        self.published = dict.fromkeys(self.inputs, 0)
+        self.results = dict.fromkeys(self.configuration.outputs, 0)
+        self._newest = dict.fromkeys(self.configuration.outputs, -1)  # stamps of results [ns]
+        self._waiting: deque[int] = deque()  # stamps of rounds [ns]
+        for topic, kind in zip(
+            self.configuration.outputs, self.configuration.output_types, strict=True
+        ):
+            answered = partial(self._on_result, topic)
+            self.create_subscription(_message_class(kind), topic, answered, RELIABLE, raw=True)
+
+    def publish_round(self, messages: list[RecordedMessage]) -> None:
+        """Publish one message of each topic after the clock."""
+        self.clock.publish(Clock(clock=to_time(messages[0].log_ns)))
+        for message in messages:
+            self.inputs[message.channel.topic].publish(message.data)
+            self.published[message.channel.topic] += 1
+        # A result has the stamp of the newest input that it came from, or of an earlier one.
+        self._waiting.append(min(leading_stamp(message.data) or 0 for message in messages))
+
+    @property
+    def unanswered(self) -> int:
+        """How many rounds are without a result on some output."""
+        answered = min(self._newest.values())
+        while self._waiting and self._waiting[0] <= answered:
+            self._waiting.popleft()
+        return len(self._waiting)
+
+    def _on_result(self, topic: str, data: bytes) -> None:
+        self.results[topic] += 1
+        self._newest[topic] = max(self._newest[topic], leading_stamp(data) or 0)
+
+
+def play(node: PlayerNode, spinner: Spinner) -> None:
+    """Publish the whole recording, wait for the last results and report.
+
+    Raises:
+        NodeError: the recording cannot be read, or a node does not answer.
+    """
+    # One listener each: the node that is replayed; the recorder listens to the clock.
+    listened = [node.clock, *node.inputs.values()]
+    await_subscribers(listened, 1, spinner, node.startup.match_timeout)
+    try:
+        _publish_all(node, spinner)
+    except BagError as error:
+        raise NodeError(str(error)) from None
+    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * _PATIENCE)
+    _await_silence(node, spinner)
+    if not spinner.stop and not any(node.results.values()):
+        raise NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
+    report({"published": node.published, "results": node.results})
+
+
+def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
+    bag = open_bag(Path(node.configuration.bag))
+    rate = node.configuration.rate
+    ahead = 1
+    chosen = (m for m in bag_messages(bag) if m.channel.topic in node.inputs)
+    start: float | None = None
+    for messages in in_rounds(in_time_order(chosen)):
+        if spinner.stop:
+            return
+        if rate > 0.0:
+            # Counted from the first round, so that no delay adds up.
+            recorded = messages[0].log_ns / _SECOND / rate
+            start = time.monotonic() - recorded if start is None else start
+            _spin_until_time(spinner, start + recorded)
+        node.publish_round(messages)
+        ahead = _await_result(node, spinner, ahead)
+
+
+def _await_result(node: PlayerNode, spinner: Spinner, ahead: int) -> int:
+    """Wait until fewer than `ahead` rounds are without a result; return how many may be next.
+
+    Raises:
+        NodeError: nothing comes any more.
+    """
+    timeout = node.configuration.answer_timeout
+    started = any(node.results.values())
+    most = _MOST_AHEAD if started else _MOST_UNHEARD
+    # Before the first result the node may only be slow to start.
+    patient = ahead == most or (ahead == 1 and not started)
+    followed = spinner.spin_until(
+        lambda: node.unanswered < ahead, timeout if patient else _PATIENCE
+    )
+    if followed or spinner.stop:
+        return ahead
+    if ahead >= most:
+        raise NodeError(
+            f"{node.unanswered} rounds of inputs have no result after {timeout:g} s on "
+            f"{', '.join(node.results)}"
+        )
+    return ahead + 1
+
+
+def _spin_until_time(spinner: Spinner, deadline: float) -> None:
+    while not spinner.stop and (remaining := deadline - time.monotonic()) > 0.0:
+        spinner.spin_once(remaining)
+
+
+def _await_silence(node: PlayerNode, spinner: Spinner) -> None:
+    """Take in the results that are still on their way."""
+    before = -1
+    while not spinner.stop and sum(node.results.values()) != before:
+        before = sum(node.results.values())
+        _spin_until_time(spinner, time.monotonic() + _QUIET)
+
+
+def _message_class(kind: str) -> Any:
+    package, _, name = kind.rpartition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError, ValueError):
+        raise ConfigurationError("input_types", f"{kind!r} is not an installed type") from None
+
+
+def main() -> None:
+    """Run the node to the end of the recording or until SIGINT or SIGTERM."""
+    sys.exit(run_process(PlayerNode, play))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Recordings: rosbag2 folders with MCAP files, written and read."""

@@ -1,0 +1,157 @@
+"""Is a recording what it claims to be? Every byte is read, every known message decoded."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording.folder import Bag, file_problem, open_bag
+from omni_recording.mcap import (
+    McapError,
+    McapMessages,
+    RecordedChannel,
+    RecordedMessage,
+    read_summary,
+)
+
+_SEQUENCE_RANGE = 1 << 32
+
+
+@dataclasses.dataclass(frozen=True)
+class BagCheck:
+    """What a check has found.
+
+    Attributes:
+        counts: messages by topic that are really there.
+        problems: what is wrong, one line each; empty for a sound recording.
+        remarks: what could not be looked into, or is unusual but no damage.
+    """
+
+    counts: Mapping[str, int]
+    problems: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check_bag(path: Path | str) -> BagCheck:
+    """Read a recording from end to end.
+
+    Args:
+        path: a rosbag2 folder or a single ``.mcap`` file.
+
+    Raises:
+        BagError: it cannot be read to its end; says where and why.
+    """
+    bag = open_bag(path)
+    findings = _Findings()
+    for file in bag.files:
+        try:
+            findings.read(file)
+        except (McapError, OSError) as error:
+            raise file_problem(bag.path, file, error) from None
+    findings.compare_metadata(bag)
+    return findings.result()
+
+
+class _Findings:
+    def __init__(self) -> None:
+        self._decoder = MessageDecoder()
+        self._counts: dict[str, int] = {}
+        self._problems: list[str] = []
+        self._remarks: list[str] = []
+        self._undecoded: dict[str, tuple[int, str]] = {}
+
+    def read(self, file: Path) -> None:
+        reader = McapMessages(file)
+        counts: dict[str, int] = {}
+        sequences: dict[int, _Sequence] = {}  # by identity: a channel lives as long as its reader
+        for message in reader:
+            topic = message.channel.topic
+            counts[topic] = counts.get(topic, 0) + 1
+            sequences.setdefault(id(message.channel), _Sequence(topic)).add(message.sequence)
+            self._decode(message)
+        for sequence in sequences.values():
+            if sequence.missing:
+                self._problems.append(
+                    f"{sequence.topic}: {sequence.missing} messages are missing by their numbers"
+                )
+        if reader.profile != "ros2":
+            self._problems.append(f"{file.name} is not of ROS 2, but of {reader.profile[:40]!r}")
+        for channel in reader.channels:
+            self._look_at(channel)
+            counts.setdefault(channel.topic, 0)
+        self._compare_summary(file, counts)
+        for topic, count in counts.items():
+            self._counts[topic] = self._counts.get(topic, 0) + count
+
+    def compare_metadata(self, bag: Bag) -> None:
+        if bag.message_count is None:
+            return
+        total = sum(self._counts.values())
+        if bag.message_count != total:
+            self._problems.append(f"metadata.yaml claims {bag.message_count} messages of {total}")
+        for topic in sorted({*bag.counts, *self._counts}):
+            claimed, found = bag.counts.get(topic, 0), self._counts.get(topic, 0)
+            if claimed != found:
+                self._problems.append(
+                    f"{topic}: metadata.yaml claims {claimed} messages of {found}"
+                )
+
+    def result(self) -> BagCheck:
+        for topic, (count, words) in self._undecoded.items():
+            self._problems.append(f"{topic}: {count} messages cannot be decoded: {words}")
+        if not any(self._counts.values()):
+            self._problems.append("there is no message in it")
+        return BagCheck(self._counts, tuple(self._problems), tuple(self._remarks))
+
+    def _look_at(self, channel: RecordedChannel) -> None:
+        problem = self._decoder.problem(channel)
+        if not problem:
+            return
+        line = f"{channel.topic}: {problem}"
+        known = self._decoder.is_known(channel.type_name)
+        found = self._problems if known else self._remarks
+        if line not in found:
+            found.append(line)
+
+    def _decode(self, message: RecordedMessage) -> None:
+        if self._decoder.problem(message.channel):
+            return  # said once for the channel
+        try:
+            self._decoder.decode(message)
+        except DecodeError as error:
+            topic = message.channel.topic
+            count, words = self._undecoded.get(topic, (0, str(error)))
+            self._undecoded[topic] = count + 1, words
+
+    def _compare_summary(self, file: Path, counts: Mapping[str, int]) -> None:
+        summary = read_summary(file)
+        if summary is None:
+            self._remarks.append(f"{file.name} has no index; its recording ended early")
+        elif {**dict.fromkeys(counts, 0), **summary.counts} != dict(counts):
+            self._problems.append(f"{file.name} holds other messages than its summary claims")
+
+
+class _Sequence:
+    """Do the numbers of a channel's messages follow each other?"""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self._gaps = 0
+        self._previous: int | None = None
+        self._numbered = False
+
+    @property
+    def missing(self) -> int:
+        """How many numbers were left out; 0 where the recorder gave none."""
+        return self._gaps if self._numbered else 0
+
+    def add(self, number: int) -> None:
+        self._numbered = self._numbered or number != 0
+        if self._previous is not None:
+            # Numbers are of 32 bits; a step back is another count, not a gap.
+            step = (number - self._previous) % _SEQUENCE_RANGE
+            if step < _SEQUENCE_RANGE // 2:
+                self._gaps += max(step - 1, 0)
+        self._previous = number

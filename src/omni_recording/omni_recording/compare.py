@@ -1,0 +1,128 @@
+"""Two recordings of the same topic, message by message."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording.error import BagError
+from omni_recording.folder import bag_messages, open_bag
+from omni_recording.mcap import RecordedMessage
+from omni_recording.table import Cell, TooWideError, flatten
+
+
+@dataclasses.dataclass
+class TopicComparison:
+    """How the messages of a topic differ between two recordings.
+
+    Messages with equal stamps are compared; each value in its own SI unit.
+
+    Attributes:
+        topic: its name.
+        first: messages in the first recording.
+        second: messages in the second recording.
+        identical: pairs whose bytes are the same.
+        unpaired: messages of either whose stamp the other does not have.
+        different_texts: pairs that differ in a text, in their columns, or in what is a number.
+        largest_difference: of two values, absolute.
+        worst: column and stamp [ns] of that difference; empty without one.
+    """
+
+    topic: str
+    first: int = 0
+    second: int = 0
+    identical: int = 0
+    unpaired: int = 0
+    different_texts: int = 0
+    largest_difference: float = 0.0
+    worst: str = ""
+
+    def agrees(self, tolerance: float) -> bool:
+        """Tell whether there is something to compare and all of it differs by no more than this.
+
+        Args:
+            tolerance: largest absolute difference of two values, in the unit of each.
+        """
+        paired = not self.unpaired and not self.different_texts and self.first > 0
+        return paired and self.largest_difference <= tolerance
+
+
+def compare_topics(
+    first: Path | str, second: Path | str, topics: Collection[str]
+) -> dict[str, TopicComparison]:
+    """Compare the messages of topics in two recordings.
+
+    Args:
+        first: a recording.
+        second: another.
+        topics: those to compare; their messages must have a header with a stamp.
+
+    Raises:
+        BagError: a recording or a message in it cannot be read.
+    """
+    return {topic: _compare(Path(first), Path(second), topic) for topic in topics}
+
+
+def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
+    """Walk along both recordings by stamp, so that memory does not grow with them."""
+    decoder = MessageDecoder()
+    result = TopicComparison(topic)
+    streams = _stamped(decoder, first, topic), _stamped(decoder, second, topic)
+    one, other = next(streams[0], None), next(streams[1], None)
+    while one is not None or other is not None:
+        if one is not None and other is not None and one[0] == other[0]:
+            _compare_pair(result, one, other)
+        use_one = other is None or (one is not None and one[0] <= other[0])
+        use_other = one is None or (other is not None and other[0] <= one[0])
+        result.unpaired += use_one != use_other
+        result.first += use_one
+        result.second += use_other
+        if use_one:
+            one = next(streams[0], None)
+        if use_other:
+            other = next(streams[1], None)
+    return result
+
+
+_Stamped = tuple[int, RecordedMessage, list[Cell]]
+
+
+def _stamped(decoder: MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
+    for message in bag_messages(open_bag(path)):
+        if message.channel.topic != topic:
+            continue
+        try:
+            decoded = decoder.decode(message)
+            cells = flatten(decoder, message.channel.type_name, decoded)
+        except (DecodeError, TooWideError) as error:
+            raise BagError(path, f"{topic}: {error}") from None
+        stamp_ns = header_stamp_ns(decoded)
+        if stamp_ns is None:
+            raise BagError(path, f"{topic} has no stamp")
+        yield stamp_ns, message, cells
+
+
+def _compare_pair(result: TopicComparison, one: _Stamped, other: _Stamped) -> None:
+    if one[1].data == other[1].data:
+        result.identical += 1
+        return
+    if [cell[:2] for cell in one[2]] != [cell[:2] for cell in other[2]]:
+        result.different_texts += 1
+        return
+    for (name, _, left), (_, _, right) in zip(one[2], other[2], strict=True):
+        if isinstance(left, str) or isinstance(right, str):
+            different = left != right
+        else:
+            values = float(left), float(right)
+            same = values[0] == values[1] or all(map(math.isnan, values))  # infinities too
+            difference = 0.0 if same else abs(values[0] - values[1])
+            different = math.isnan(difference)  # only one of them is no number
+            if difference > result.largest_difference:
+                result.largest_difference = difference
+                result.worst = f"{name} at {one[0]} ns"
+        if different:
+            result.different_texts += 1
+            return

@@ -1,0 +1,92 @@
+"""Recorded bytes to messages, for the types of ROS 2 Jazzy and without ROS.
+
+The definitions come from this installation, never from the recording: rosbags turns a definition
+into Python code and runs it. A recording whose own definition of a type differs is refused, for
+its bytes would be taken for something that they are not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from omni_recording.mcap import RecordedChannel, RecordedMessage
+
+_LARGEST_DEFINITION = 1 << 17  # [B]; the largest of ROS 2's own have some 20 KiB
+_ENCODING = "cdr"
+_SECOND = 1_000_000_000
+
+
+class DecodeError(ValueError):
+    """A message or a topic that cannot be decoded; the text says why in one line."""
+
+
+class MessageDecoder:
+    """Decodes messages of standard types."""
+
+    def __init__(self) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._problems: dict[tuple[str, ...], str] = {}
+
+    def problem(self, channel: RecordedChannel) -> str:
+        """Return why the messages of a channel cannot be decoded; empty if they can."""
+        kind = (channel.type_name, channel.encoding, channel.definition_encoding)
+        key = (*kind, channel.definition)
+        if key not in self._problems:
+            self._problems[key] = self._find_problem(channel)
+        return self._problems[key]
+
+    def decode(self, message: RecordedMessage) -> Any:
+        """Return a message as an object with the fields of its type.
+
+        Raises:
+            DecodeError: the bytes are not a message of the channel's type.
+        """
+        name = message.channel.type_name
+        problem = self.problem(message.channel)
+        if problem:
+            raise DecodeError(problem)
+        # Foreign bytes make the generated code raise nearly anything.
+        try:
+            return self._store.deserialize_cdr(message.data, name)
+        except Exception as error:
+            words = " ".join(str(error).split())[:200]
+            raise DecodeError(f"its bytes are no {name} ({words})") from None
+
+    def is_known(self, type_name: str) -> bool:
+        """Tell whether a type belongs to ROS 2 Jazzy."""
+        return type_name in self._store.fielddefs
+
+    def fields(self, type_name: str) -> Any:
+        """Return the fields of a known type as rosbags describes them."""
+        return self._store.fielddefs[type_name][1]
+
+    def _find_problem(self, channel: RecordedChannel) -> str:
+        if channel.encoding != _ENCODING:
+            return f"its messages are encoded as {channel.encoding[:40]!r}, not as {_ENCODING}"
+        if not self.is_known(channel.type_name):
+            return f"its type {channel.type_name[:80]!r} is not one of ROS 2 Jazzy's"
+        if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
+            return ""  # nothing to compare with; the bytes must show
+        if len(channel.definition) > _LARGEST_DEFINITION:
+            return f"the definition of its type has {len(channel.definition)} characters"
+        return self._difference(channel)
+
+    def _difference(self, channel: RecordedChannel) -> str:
+        from rosbags.typesys import get_types_from_msg
+
+        try:
+            found = get_types_from_msg(channel.definition, channel.type_name)
+        except Exception:
+            return f"the definition of its type {channel.type_name} makes no sense"
+        for name, (_, fields) in found.items():
+            if not self.is_known(name) or fields != self.fields(name):
+                return f"its definition of {name} differs from that of ROS 2 Jazzy"
+        return ""
+
+
+def header_stamp_ns(message: Any) -> int | None:
+    """Return the stamp [ns] in a decoded message's header; None if it has none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return None if stamp is None else int(stamp.sec) * _SECOND + int(stamp.nanosec)

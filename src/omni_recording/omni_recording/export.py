@@ -1,0 +1,205 @@
+"""The small topics of a recording as tables, CSV or Parquet, one file for each topic."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording.folder import bag_messages, bag_summary, open_bag
+from omni_recording.mcap import RecordedChannel
+from omni_recording.table import MOST_COLUMNS, TooWideError, Value, flatten
+
+FORMATS = ("csv", "parquet")
+LOG_TIME = "log_ns"
+
+_TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
+_LONGEST_TOPIC = 200  # characters; a file name holds 255
+_MOST_TOPICS = 500  # files that are open at a time
+_ROWS_AT_ONCE = 4096
+
+
+class ExportError(ValueError):
+    """An export that cannot be made; the message says why in one sentence."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BagExport:
+    """What an export has made.
+
+    Attributes:
+        files: by topic.
+        rows: by topic.
+        skipped: why a topic has no file, by topic.
+    """
+
+    files: Mapping[str, Path]
+    rows: Mapping[str, int]
+    skipped: Mapping[str, str]
+
+
+def export_bag(
+    path: Path | str, folder: Path, form: str = "csv", topics: Collection[str] = ()
+) -> BagExport:
+    """Write a table for every topic whose messages are rows of plain values.
+
+    The recording is read twice: the first time finds the columns, so that one that is damaged is
+    refused before anything is written, and no more than a few rows are in memory.
+
+    Args:
+        path: a rosbag2 folder or a single ``.mcap`` file.
+        folder: for the files; must be empty if it exists.
+        form: one of `FORMATS`.
+        topics: only these; all that are small if empty.
+
+    Raises:
+        BagError: the recording is damaged or foreign.
+        ExportError: a topic is not there, or the files cannot be written.
+    """
+    bag = open_bag(path)
+    make_table = _table_maker(form)
+    summary = bag_summary(bag)
+    chosen = [c for c in summary.channels if not topics or c.topic in topics]
+    missing = sorted(set(topics) - {channel.topic for channel in chosen})
+    if missing:
+        raise ExportError(f"there is no topic {', '.join(missing)} in {bag.path}")
+    if len(chosen) > _MOST_TOPICS:
+        raise ExportError(f"there are more than {_MOST_TOPICS} topics; choose some of them")
+    decoder = MessageDecoder()
+    layouts = _Layouts(decoder, chosen)
+    for message in bag_messages(bag):
+        layouts.add(message)
+    rows = dict.fromkeys(layouts.columns, 0)
+    files = {topic: folder / f"{topic[1:].replace('/', '.')}.{form}" for topic in rows}
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ExportError(f"{folder} exists and is not an empty folder; choose another")
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.ExitStack() as stack:
+            tables = {
+                topic: stack.enter_context(
+                    contextlib.closing(make_table(files[topic], layouts.columns[topic]))
+                )
+                for topic in rows
+            }
+            for message in bag_messages(bag):
+                topic = message.channel.topic
+                if topic in tables:
+                    cells = flatten(decoder, message.channel.type_name, decoder.decode(message))
+                    row: dict[str, Value] = {name: value for name, _, value in cells}
+                    tables[topic].add({LOG_TIME: message.log_ns, **row})
+                    rows[topic] += 1
+    except OSError as error:
+        raise ExportError(f"cannot write to {folder}: {error.strerror or error}") from None
+    return BagExport(files, rows, layouts.skipped)
+
+
+class _Layouts:
+    """Finds the columns of every topic."""
+
+    def __init__(self, decoder: MessageDecoder, channels: Collection[RecordedChannel]) -> None:
+        self._decoder = decoder
+        self.columns: dict[str, dict[str, str]] = {}  # column to kind, by topic
+        self.skipped: dict[str, str] = {}
+        kinds: dict[str, str] = {}
+        for channel in channels:
+            problem = decoder.problem(channel)
+            if not problem and kinds.setdefault(channel.topic, channel.type_name) != (
+                channel.type_name
+            ):
+                problem = "its messages are of several types"
+            if not _TOPIC.fullmatch(channel.topic) or len(channel.topic) > _LONGEST_TOPIC:
+                problem = "it is not the name of a ROS topic"
+            if problem:
+                self._skip(channel.topic, problem)
+        for topic in kinds:
+            if topic not in self.skipped:
+                self.columns[topic] = {LOG_TIME: "int64"}
+
+    def add(self, message: Any) -> None:
+        topic = message.channel.topic
+        columns = self.columns.get(topic)
+        if columns is None:
+            return
+        try:
+            decoded = self._decoder.decode(message)
+            for name, kind, _ in flatten(self._decoder, message.channel.type_name, decoded):
+                columns.setdefault(name, kind)
+            if len(columns) > MOST_COLUMNS + 1:
+                raise TooWideError(f"its messages need more than {MOST_COLUMNS} columns")
+        except (TooWideError, DecodeError) as error:
+            self._skip(topic, str(error))
+
+    def _skip(self, topic: str, why: str) -> None:
+        self.skipped[topic] = why
+        self.columns.pop(topic, None)
+
+
+class _Table(Protocol):
+    def add(self, row: Mapping[str, Value]) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class _CsvTable:
+    """A table as text; numbers with all their digits, empty where a message has no value."""
+
+    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
+        self._file = path.open("x", newline="", encoding="utf-8")
+        self._writer = csv.DictWriter(self._file, list(columns), restval="")
+        self._writer.writeheader()
+
+    def add(self, row: Mapping[str, Value]) -> None:
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _ParquetTable:
+    """A table with typed columns, null where a message has no value."""
+
+    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
+        import pyarrow
+        import pyarrow.parquet
+
+        kinds = {"string": "string", "bool": "bool_", "float32": "float32", "float64": "float64"}
+        kinds |= {"byte": "uint8", "char": "uint8"}
+        kinds |= {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in _BITS}
+        self._schema = pyarrow.schema(
+            [(name, getattr(pyarrow, kinds[kind])()) for name, kind in columns.items()]
+        )
+        self._make = pyarrow.RecordBatch.from_pylist
+        self._writer = pyarrow.parquet.ParquetWriter(path, self._schema)
+        self._rows: list[Mapping[str, Value]] = []
+
+    def add(self, row: Mapping[str, Value]) -> None:
+        self._rows.append(row)
+        if len(self._rows) == _ROWS_AT_ONCE:
+            self._flush()
+
+    def close(self) -> None:
+        self._flush()
+        self._writer.close()
+
+    def _flush(self) -> None:
+        self._writer.write_batch(self._make(self._rows, schema=self._schema))
+        self._rows = []
+
+
+_BITS = (8, 16, 32, 64)
+
+
+def _table_maker(form: str) -> type[_CsvTable] | type[_ParquetTable]:
+    if form == "csv":
+        return _CsvTable
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise ExportError("Parquet needs the package pyarrow, which is not installed") from None
+    return _ParquetTable

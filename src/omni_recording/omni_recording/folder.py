@@ -1,0 +1,271 @@
+"""A rosbag2 folder as it lies on the disk: what its metadata say and which files it has.
+
+Nothing outside the folder is ever opened, whatever ``metadata.yaml`` names, and nothing that is
+not a regular file. A single ``.mcap`` file counts as a bag without metadata.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import stat
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from omni_recording.error import BagError
+from omni_recording.mcap import (
+    McapError,
+    McapMessages,
+    McapSummary,
+    RecordedChannel,
+    RecordedMessage,
+    read_summary,
+)
+
+METADATA = "metadata.yaml"
+
+_LARGEST_METADATA = 1 << 22  # [B]
+_NEWEST_VERSION = 9
+_INFORMATION = "rosbag2_bagfile_information"
+
+
+@dataclasses.dataclass(frozen=True)
+class Bag:
+    """A recording whose files are known to be there.
+
+    Attributes:
+        path: the folder, or the single file.
+        files: its MCAP files in order of time.
+        message_count: that the metadata claim; None without metadata.
+        counts: messages by topic that the metadata claim; empty without metadata.
+        ros_distro: of the recorder; empty if not told.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    message_count: int | None = None
+    counts: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    ros_distro: str = ""
+
+
+def open_bag(path: Path | str) -> Bag:
+    """Find the files of a recording.
+
+    Args:
+        path: a rosbag2 folder or a single ``.mcap`` file.
+
+    Raises:
+        BagError: there is no recording, or none that can be read here; says why.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if not (path / METADATA).exists():
+            raise BagError(path, "not a rosbag2 recording, it has no metadata.yaml")
+        return _from_metadata(path)
+    if not path.exists():
+        raise BagError(path, "there is no such folder")
+    if path.suffix != ".mcap":
+        raise BagError(path, "not a folder, and not an .mcap file")
+    _require_regular(path, path)
+    return Bag(path, (path,))
+
+
+def bag_files(path: Path) -> tuple[Path, ...]:
+    """Return the MCAP files of a recording without asking its metadata, which may be lost.
+
+    Raises:
+        BagError: there are none.
+    """
+    if not path.is_dir():
+        return open_bag(path).files
+    # rosbag2 numbers the files: bag_9.mcap comes before bag_10.mcap.
+    files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
+    if not files:
+        raise BagError(path, "there is no .mcap file in it")
+    for file in files:
+        _require_regular(path, file)
+    return tuple(files)
+
+
+def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:
+    """Return every message, file after file, in the order in which they lie there.
+
+    Raises:
+        BagError: a file is damaged, cut off or foreign at this place.
+    """
+    for file in bag.files:
+        try:
+            yield from McapMessages(file)
+        except (McapError, OSError) as error:
+            raise file_problem(bag.path, file, error) from None
+
+
+def bag_summary(bag: Bag) -> McapSummary:
+    """Return topics, counts and times of the whole recording.
+
+    They come from the summaries of the files; a file without one is read through.
+
+    Raises:
+        BagError: a file is damaged, cut off or foreign.
+    """
+    parts = []
+    for file in bag.files:
+        try:
+            parts.append(read_summary(file) or _counted(file))
+        except (McapError, OSError) as error:
+            raise file_problem(bag.path, file, error) from None
+    counts: dict[str, int] = {}
+    for part in parts:
+        for topic, count in part.counts.items():
+            counts[topic] = counts.get(topic, 0) + count
+    timed = [part for part in parts if any(part.counts.values())]
+    channels: dict[tuple[str, str], RecordedChannel] = {
+        (channel.topic, channel.type_name): channel for part in parts for channel in part.channels
+    }
+    return McapSummary(
+        tuple(channels.values()),
+        counts,
+        min((part.first_ns for part in timed), default=0),
+        max((part.last_ns for part in timed), default=0),
+        sum(part.chunks for part in parts),
+        tuple(sorted({word for part in parts for word in part.compressions})),
+    )
+
+
+def file_problem(folder: Path, file: Path, error: McapError | OSError) -> BagError:
+    """Return the error of a file as one of the recording."""
+    if isinstance(error, McapError):
+        hint = "; `omni bag recover` keeps what is whole" if error.unfinished else ""
+        return BagError(folder, f"{file.name} {error.problem}{hint}")
+    return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
+
+
+def _counted(file: Path) -> McapSummary:
+    reader = McapMessages(file)
+    counts: dict[str, int] = {}
+    first_ns, last_ns = 1 << 63, 0
+    for message in reader:
+        counts[message.channel.topic] = counts.get(message.channel.topic, 0) + 1
+        first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
+    for channel in reader.channels:
+        counts.setdefault(channel.topic, 0)
+    return McapSummary(
+        reader.channels,
+        counts,
+        first_ns if any(counts.values()) else 0,
+        last_ns,
+        reader.chunks,
+        tuple(sorted(reader.compressions)),
+    )
+
+
+def _from_metadata(folder: Path) -> Bag:
+    information = _read_information(folder)
+
+    def get(key: str, kind: type, default: Any) -> Any:
+        value = information.get(key, default)
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise BagError(folder, f"metadata.yaml: {key} is missing or makes no sense")
+        return value
+
+    version = get("version", int, None)
+    if version > _NEWEST_VERSION:
+        raise BagError(folder, f"metadata.yaml: version {version} is newer than {_NEWEST_VERSION}")
+    storage = get("storage_identifier", str, None)
+    if storage != "mcap":
+        raise BagError(
+            folder,
+            f"metadata.yaml: the storage {storage[:40]!r} is not read here, only mcap; "
+            "`rosbags-convert` makes one of the other",
+        )
+    if get("compression_mode", str, "").lower() not in ("", "none"):
+        raise BagError(
+            folder,
+            "metadata.yaml: whole files or messages are compressed, which is not read here; "
+            "`rosbags-convert` undoes it",
+        )
+    names = get("relative_file_paths", list, None)
+    if not names:
+        raise BagError(folder, "metadata.yaml names no file")
+    files = tuple(_file_within(folder, name, version) for name in names)
+    topics = get("topics_with_message_count", list, [])
+    return Bag(
+        folder,
+        files,
+        get("message_count", int, None),
+        dict(_claimed_count(folder, topic) for topic in topics),
+        str(information.get("ros_distro") or ""),
+    )
+
+
+def _claimed_count(folder: Path, entry: Any) -> tuple[str, int]:
+    try:
+        name, count = entry["topic_metadata"]["name"], entry["message_count"]
+    except (TypeError, KeyError, IndexError):
+        name, count = None, None
+    if not isinstance(name, str) or not isinstance(count, int) or count < 0:
+        raise BagError(folder, "metadata.yaml: topics_with_message_count makes no sense")
+    return name, count
+
+
+def _file_within(folder: Path, name: Any, version: int) -> Path:
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise BagError(folder, "metadata.yaml: relative_file_paths makes no sense")
+    inside = PurePosixPath(name)
+    if version < 4 and not inside.is_absolute():
+        inside = PurePosixPath(inside.name)  # these named the folder as well
+    if inside.is_absolute() or len(inside.parts) != 1 or ".." in inside.parts:
+        raise BagError(folder, f"metadata.yaml names {name[:80]!r}, which is not in the folder")
+    path = folder / inside
+    if not path.exists():
+        raise BagError(folder, f"the file {inside} is missing")
+    _require_regular(folder, path)
+    return path
+
+
+def _require_regular(folder: Path, path: Path) -> None:
+    # Opening a pipe would wait for ever, and a device has no end.
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise BagError(folder, f"{path.name} is not a regular file")
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Without merge keys, by which a few lines may grow beyond any memory."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave merge keys alone; they are refused as unknown then."""
+
+
+def read_plain_yaml(text: str) -> Any:
+    """Return a YAML document of plain values.
+
+    Raises:
+        ValueError: it is not one; says why in one line.
+    """
+    load: Callable[..., Any] = yaml.load
+    try:
+        return load(text, Loader=_PlainLoader)  # a SafeLoader
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise ValueError(f"is not valid YAML: {problem}") from None
+
+
+def _read_information(folder: Path) -> Mapping[str, Any]:
+    path = folder / METADATA
+    _require_regular(folder, path)
+    if path.stat().st_size > _LARGEST_METADATA:
+        raise BagError(folder, f"metadata.yaml is larger than {_LARGEST_METADATA} bytes")
+    try:
+        document = read_plain_yaml(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BagError(folder, f"metadata.yaml cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise BagError(folder, "metadata.yaml is not text") from None
+    except ValueError as error:
+        raise BagError(folder, f"metadata.yaml {error}") from None
+    information = document.get(_INFORMATION) if isinstance(document, dict) else None
+    if not isinstance(information, dict):
+        raise BagError(folder, f"metadata.yaml has no {_INFORMATION}")
+    return information

@@ -1,0 +1,101 @@
+"""What rosbag2 writes about a recording beside its messages (metadata version 9)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from omni_recording.definitions import MessageDefinition
+
+SERIALIZATION = "cdr"
+UNSET_TIME = 2**63 - 1  # [ns] rosbag2's start of a recording without messages
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedQos:
+    """Quality of service that a topic's publisher offers, in rosbag2's words."""
+
+    depth: int
+    history: str = "keep_last"
+    reliability: str = "reliable"
+    durability: str = "volatile"
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedTopic:
+    """A topic of a recording: its full name, the definition of its type, its offered QoS."""
+
+    name: str
+    definition: MessageDefinition
+    qos: RecordedQos
+
+
+@dataclasses.dataclass(frozen=True)
+class Extent:
+    """How much a recording holds: messages by topic, first and last stamp [ns]."""
+
+    counts: Mapping[str, int]
+    first_ns: int = UNSET_TIME
+    last_ns: int = 0
+
+    def information(self) -> dict[str, Any]:
+        """Return the entries that rosbag2 has for a file and, once more, for the whole."""
+        return {
+            "starting_time": {"nanoseconds_since_epoch": self.first_ns},
+            "duration": {"nanoseconds": max(0, self.last_ns - self.first_ns)},
+            "message_count": sum(self.counts.values()),
+        }
+
+
+def bag_information(
+    file_name: str, topics: Sequence[RecordedTopic], extent: Extent
+) -> dict[str, Any]:
+    """Return the content of ``rosbag2_bagfile_information`` for a recording of one file."""
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **extent.information(),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.definition.type_name,
+                    "serialization_format": SERIALIZATION,
+                    "offered_qos_profiles": qos_information(topic.qos),
+                    "type_description_hash": topic.definition.type_hash,
+                },
+                "message_count": extent.counts[topic.name],
+            }
+            for topic in topics
+        ],
+        # These speak of whole files and messages; chunks are compressed by the MCAP file itself.
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file_name],
+        "files": [{"path": file_name, **extent.information()}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def qos_information(qos: RecordedQos) -> list[dict[str, Any]]:
+    """Return the list of offered profiles of a topic with one publisher."""
+    return [
+        {
+            "history": qos.history,
+            "depth": qos.depth,
+            "reliability": qos.reliability,
+            "durability": qos.durability,
+            "deadline": _forever(),
+            "lifespan": _forever(),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": _forever(),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def _forever() -> dict[str, int]:
+    # The largest signed 64-bit number of nanoseconds; one dict each, or YAML would alias them.
+    return {"sec": 9223372036, "nsec": 854775807}

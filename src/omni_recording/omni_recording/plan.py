@@ -1,0 +1,153 @@
+"""What a recorder records, and the stamp that each message gets."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Mapping
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_recording.write import COMPRESSIONS, Rosbag2Writer
+
+RELIABILITIES = ("reliable", "best_effort")
+
+_SECOND = 1_000_000_000  # [ns]
+_STAMP_OFFSET = 4  # after the encapsulation header
+_LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
+_BIG_ENDIAN_STAMP = struct.Struct(">iI")
+_SHORTEST_STAMPED = _STAMP_OFFSET + _LITTLE_ENDIAN_STAMP.size
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecorderConfiguration(Configuration):
+    """Parameters of the recorder."""
+
+    folder: str = parameter(
+        description="Folder of the recording, made with its parents; must be empty if it exists"
+    )
+    topics: tuple[str, ...] = parameter(description="Topics to record")
+    types: tuple[str, ...] = parameter(
+        description="Type of each topic, such as sensor_msgs/msg/Image"
+    )
+    latched_topics: tuple[str, ...] = parameter(
+        (), description="Those of the topics whose publishers offer transient_local durability"
+    )
+    reliability: str = parameter(
+        "reliable", description="Reliability that the recorder asks for", choices=RELIABILITIES
+    )
+    queue_depth: int = parameter(
+        2000,
+        description="Messages of a topic that wait for a recorder that is held up",
+        minimum=1,
+        maximum=100_000,
+    )
+    compression: str = parameter(
+        "none", description="Compression of the chunks", choices=tuple(COMPRESSIONS)
+    )
+    chunk_size: int = parameter(
+        1 << 20,
+        description="Size after which a chunk ends by itself",
+        unit="B",
+        minimum=1,
+        maximum=1 << 27,
+    )
+    flush_period: float = parameter(
+        0.5,
+        description="Longest time for which a message waits in memory",
+        unit="s",
+        above=0.0,
+        maximum=1.0,
+    )
+    synchronize: bool = parameter(
+        False, description="Wait for the disk at every flush, so that a power cut loses no more"
+    )
+    transforms_from: str = parameter(
+        "",
+        description="One of the topics, an odometry whose poses are recorded on /tf as well; "
+        "empty for none",
+    )
+    fixed_frames: tuple[str, ...] = parameter(
+        (), description="Frames fixed to base_link, recorded on /tf_static"
+    )
+    fixed_poses: tuple[float, ...] = parameter(
+        (), description="x [m], y [m] and heading [rad] of each fixed frame, one after the other"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse lists that do not fit together."""
+        if not self.folder:
+            raise ConfigurationError("folder", "is empty")
+        if not self.topics:
+            raise ConfigurationError("topics", "names nothing to record")
+        if len(self.types) != len(self.topics):
+            raise ConfigurationError(
+                "types", f"has {len(self.types)} entries for {len(self.topics)} topics"
+            )
+        for topic in self.latched_topics:
+            if topic not in self.topics:
+                raise ConfigurationError(
+                    "latched_topics", f"names {topic!r}, which is not one of the topics"
+                )
+        if self.transforms_from and self.transforms_from not in self.topics:
+            raise ConfigurationError(
+                "transforms_from", f"names {self.transforms_from!r}, which is not one of the topics"
+            )
+        if len(self.fixed_poses) != 3 * len(self.fixed_frames):
+            raise ConfigurationError(
+                "fixed_poses",
+                f"has {len(self.fixed_poses)} entries for {len(self.fixed_frames)} frames; three "
+                "each are needed",
+            )
+
+
+def leading_stamp(data: bytes) -> int | None:
+    """Return the stamp [ns] at the start of a serialized message.
+
+    Args:
+        data: CDR with its encapsulation header, of a type that begins with a
+            `builtin_interfaces/Time`.
+
+    Returns:
+        The stamp, or None where it is missing or before zero, which no recording can hold.
+    """
+    if len(data) < _SHORTEST_STAMPED:
+        return None
+    # The second byte of the encapsulation header is odd for little endian, in every version.
+    layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
+    seconds, nanoseconds = layout.unpack_from(data, _STAMP_OFFSET)
+    return seconds * _SECOND + nanoseconds if seconds >= 0 else None
+
+
+class StampedRecording:
+    """Writes messages under their own stamps, so that a recording does not depend on timing.
+
+    A message without a stamp of its own gets the latest one seen on any topic.
+
+    Args:
+        writer: the recording.
+        stamped: for each topic, whether its messages begin with a stamp.
+    """
+
+    def __init__(self, writer: Rosbag2Writer, stamped: Mapping[str, bool]) -> None:
+        self._writer = writer
+        self._stamped = dict(stamped)
+        self._latest_ns = 0
+
+    def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
+        """Write a message.
+
+        Args:
+            topic: full name of one of the recording's topics.
+            data: the message as CDR with its encapsulation header.
+            stamp_ns: its stamp [ns] where that is not at its beginning.
+
+        Raises:
+            RecordingError: the file cannot be written any more.
+        """
+        if stamp_ns is None and self._stamped.get(topic, False):
+            stamp_ns = leading_stamp(data)
+        if stamp_ns is None:
+            stamp_ns = self._latest_ns
+        elif stamp_ns > self._latest_ns:
+            self._latest_ns = stamp_ns
+        self._writer.write(topic, stamp_ns, data)

@@ -1,0 +1,204 @@
+"""Records topics into a rosbag2 folder, byte for byte as they come off the wire.
+
+The messages are never decoded, save an odometry that is to be recorded as `/tf` too. On SIGINT or
+SIGTERM the node takes in what has already arrived, closes the recording, and reports
+``{"recorded": {topic: count}}``, see `omni_ros.report`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import sys
+import time
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from omni_platform.configuration import ConfigurationError
+from omni_recording.definitions import MessageDefinitionError, find_message_definition
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.plan import RecorderConfiguration, StampedRecording
+from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
+from omni_recording.write import RecordingError, Rosbag2Writer
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import NodeError, Spinner, run_process
+from omni_ros.qos import LATCHED, RELIABLE
+from omni_ros.report import report
+
+_POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
+_QUIET = 0.2  # [s] without a message, after which nothing more is on its way
+_LONGEST_WAIT = 1.0  # [s] for that silence
+_LONGEST_DRAIN = 5.0  # [s] for full queues and a slow disk
+
+
+class RecorderNode(Node):
+    """Subscribes to the topics of a recording and writes their bytes into it."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        configuration = declare_configuration(self, RecorderConfiguration)
+        self.flush_period = configuration.flush_period
+        self.received = 0
+        self.failure: RecordingError | None = None
+        latched = {self.resolve_topic_name(name) for name in configuration.latched_topics}
+        kinds: dict[str, str] = {}
+        for name, kind in zip(configuration.topics, configuration.types, strict=True):
+            topic = self.resolve_topic_name(name)
+            if topic in kinds:
+                raise ConfigurationError("topics", f"names {topic} twice")
+            kinds[topic] = kind
+        classes = {kind: _message_class(kind) for kind in kinds.values()}
+        topics = [
+            _recorded_topic(topic, kind, configuration.reliability, topic in latched)
+            for topic, kind in kinds.items()
+        ]
+        self._transforms = self._prepare_transforms(configuration, kinds)
+        topics += self._transforms.topics
+        try:
+            self.writer = Rosbag2Writer(
+                Path(configuration.folder),
+                topics,
+                chunk_size=configuration.chunk_size,
+                compression=configuration.compression,
+                synchronize=configuration.synchronize,
+            )
+        except RecordingError as error:
+            raise NodeError(str(error)) from error
+        self._recording = StampedRecording(
+            self.writer, {topic.name: topic.definition.stamped for topic in topics}
+        )
+        self._begin()
+        for topic, kind in kinds.items():
+            qos = QoSProfile(
+                depth=configuration.queue_depth,
+                reliability=_reliability(configuration.reliability),
+                durability=_durability(topic in latched),
+            )
+            callback = partial(self._on_message, topic)
+            self.create_subscription(classes[kind], topic, callback, qos, raw=True)
+
+    def _prepare_transforms(
+        self, configuration: RecorderConfiguration, kinds: Mapping[str, str]
+    ) -> RecordedTransforms:
+        odometry = configuration.transforms_from and self.resolve_topic_name(
+            configuration.transforms_from
+        )
+        if odometry and kinds[odometry] != ODOMETRY_TYPE:
+            raise ConfigurationError(
+                "transforms_from", f"names {odometry}, which is no {ODOMETRY_TYPE}"
+            )
+        return RecordedTransforms(odometry, configuration.fixed_frames, configuration.fixed_poses)
+
+    def _begin(self) -> None:
+        try:
+            self._transforms.begin(self._recording)
+        except RecordingError as error:
+            raise NodeError(str(error)) from error
+
+    def _on_message(self, topic: str, data: bytes) -> None:
+        self.received += 1
+        if self.failure is not None:
+            return
+        try:
+            self._recording.add(topic, data)
+            self._transforms.follow(self._recording, topic, data)
+        except RecordingError as error:
+            # Raised from here, it would pass through the executor, which logs it at length.
+            self.failure = error
+
+
+def record(node: RecorderNode, spinner: Spinner) -> None:
+    """Record until a signal asks to stop, then finish the recording and report the counts.
+
+    Raises:
+        NodeError: the recording failed; what the file holds is reported nonetheless.
+    """
+    try:
+        _take(node, spinner)
+        if node.failure is None:
+            _drain(node, spinner)
+        if node.failure is not None:
+            raise node.failure
+        node.writer.close()
+    except RecordingError as error:
+        raise NodeError(str(error)) from error
+    finally:
+        with contextlib.suppress(RecordingError):  # after any other error
+            node.writer.close()
+        report({"recorded": node.writer.counts})
+
+
+def _take(node: RecorderNode, spinner: Spinner) -> None:
+    # A timer of the node would queue behind the messages of a busy graph; this does not.
+    due = time.monotonic() + node.flush_period
+    while not spinner.stop and node.failure is None:
+        spinner.spin_once(min(_POLL, node.flush_period))
+        if time.monotonic() >= due:
+            node.writer.flush()
+            due = time.monotonic() + node.flush_period
+
+
+def _drain(node: RecorderNode, spinner: Spinner) -> None:
+    """Take in what has arrived already; only then is the recording whole."""
+    deadline = time.monotonic() + _LONGEST_DRAIN
+    before = -1
+    while node.received != before and time.monotonic() < deadline:
+        before = node.received
+        spinner.spin_once(0.0)
+    # The queues are empty; what is on its way comes now. Publishers that go on must not hold
+    # the recorder up for long.
+    deadline = time.monotonic() + _LONGEST_WAIT
+    quiet_end = time.monotonic() + _QUIET
+    while time.monotonic() < min(deadline, quiet_end):
+        before = node.received
+        spinner.spin_once(_POLL)
+        if node.received != before:
+            quiet_end = time.monotonic() + _QUIET
+
+
+def _message_class(kind: str) -> Any:
+    package, _, name = kind.rpartition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError, ValueError):
+        raise ConfigurationError(
+            "types", f"{kind!r} is not an installed message type, such as sensor_msgs/msg/Image"
+        ) from None
+
+
+def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> RecordedTopic:
+    try:
+        definition = find_message_definition(kind)
+    except MessageDefinitionError as error:
+        raise ConfigurationError("types", str(error)) from None
+    qos = RecordedQos(
+        depth=(LATCHED if latched else RELIABLE).depth,
+        reliability=reliability,
+        durability="transient_local" if latched else "volatile",
+    )
+    return RecordedTopic(topic, definition, qos)
+
+
+def _reliability(word: str) -> ReliabilityPolicy:
+    return {
+        "reliable": ReliabilityPolicy.RELIABLE,
+        "best_effort": ReliabilityPolicy.BEST_EFFORT,
+    }[word]
+
+
+def _durability(latched: bool) -> DurabilityPolicy:
+    return DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    sys.exit(run_process(RecorderNode, record))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""Saves what is whole of a recording that was never finished or is damaged in places.
+
+The recording itself is never touched: what is kept goes into a new folder beside it, byte for
+byte, with the index and the metadata that readers need.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from omni_recording.definitions import MessageDefinition
+from omni_recording.error import BagError
+from omni_recording.folder import METADATA, bag_files, file_problem, open_bag, read_plain_yaml
+from omni_recording.mcap import McapError, McapMessages, RecordedChannel, RecordedMessage
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.write import RecordingError, Rosbag2Writer
+
+_DEFAULT_DEPTH = 10
+_LARGEST_QOS = 1 << 16  # characters
+_LARGEST_NOTE = 1 << 24  # [B] of a file that lies beside the recording
+
+
+@dataclasses.dataclass(frozen=True)
+class Recovery:
+    """What became of a recording.
+
+    Attributes:
+        folder: the new recording.
+        counts: messages kept by topic.
+        first_ns: earliest log time kept [ns].
+        last_ns: latest log time kept [ns].
+        problems: what was wrong, file by file; empty if nothing was.
+    """
+
+    folder: Path
+    counts: Mapping[str, int]
+    first_ns: int
+    last_ns: int
+    problems: tuple[str, ...]
+
+
+def recover(path: Path, folder: Path) -> Recovery | None:
+    """Write every whole message of a recording into a new one.
+
+    A chunk that cannot be unpacked is left out; where records no longer follow each other the
+    file is given up.
+
+    Args:
+        path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
+        folder: of the new recording; must be empty if it exists.
+
+    Returns:
+        What was kept; None if nothing is wrong with the recording, and nothing is written then.
+
+    Raises:
+        BagError: there is nothing to save in it.
+        RecordingError: the new recording cannot be written.
+    """
+    files = bag_files(path)
+    # The topics must be known before the first message is written, so it is read twice.
+    survey = _survey(path, files)
+    if not survey.problems and _metadata_fit(path, survey.count):
+        return None
+    if not survey.count:
+        words = "; ".join(survey.problems) or "it holds none"
+        raise BagError(path, f"there is no message to save: {words}")
+    writer = Rosbag2Writer(folder, [_topic(path, channel) for channel in survey.channels])
+    for message in _whole_messages(path, files, [], []):
+        writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
+    writer.close()
+    if path.is_dir():
+        _copy_notes(path, folder)
+    return Recovery(folder, writer.counts, survey.first_ns, survey.last_ns, tuple(survey.problems))
+
+
+@dataclasses.dataclass
+class _Survey:
+    """What a first reading finds."""
+
+    channels: Collection[RecordedChannel] = ()
+    problems: list[str] = dataclasses.field(default_factory=list)
+    count: int = 0
+    first_ns: int = 1 << 63
+    last_ns: int = 0
+
+
+def _survey(path: Path, files: tuple[Path, ...]) -> _Survey:
+    found = _Survey()
+    channels: list[RecordedChannel] = []
+    for message in _whole_messages(path, files, found.problems, channels):
+        found.count += 1
+        found.first_ns = min(found.first_ns, message.log_ns)
+        found.last_ns = max(found.last_ns, message.log_ns)
+    by_topic: dict[str, RecordedChannel] = {}
+    for channel in channels:
+        known = by_topic.setdefault(channel.topic, channel)
+        if known.type_name != channel.type_name:
+            kinds = f"{known.type_name} and {channel.type_name}"
+            raise BagError(path, f"{channel.topic} is of two types, {kinds}")
+    found.channels = by_topic.values()
+    return found
+
+
+def _whole_messages(
+    path: Path,
+    files: tuple[Path, ...],
+    problems: list[str],
+    channels: list[RecordedChannel],
+) -> Iterator[RecordedMessage]:
+    """Return what can be read of every file; note what cannot, and the channels found."""
+    for file in files:
+
+        def note(problem: str, name: str = file.name) -> None:
+            problems.append(f"{name} {problem}")
+
+        reader = McapMessages(file, on_damage=note)
+        try:
+            yield from reader
+        except McapError as error:
+            note(error.problem)
+        except OSError as error:
+            raise file_problem(path, file, error) from None
+        channels.extend(reader.channels)
+
+
+def _metadata_fit(path: Path, count: int) -> bool:
+    try:
+        return open_bag(path).message_count in (None, count)
+    except BagError:
+        return False
+
+
+def _topic(path: Path, channel: RecordedChannel) -> RecordedTopic:
+    if (channel.encoding, channel.definition_encoding) != ("cdr", "ros2msg"):
+        raise BagError(path, f"{channel.topic} is not recorded as ROS 2 does by default")
+    definition = MessageDefinition(
+        channel.type_name,
+        channel.definition,
+        channel.metadata.get("topic_type_hash", ""),
+        stamped=False,  # the times are those of the recording
+    )
+    return RecordedTopic(channel.topic, definition, _qos(channel.metadata))
+
+
+def _qos(metadata: Mapping[str, str]) -> RecordedQos:
+    """Return the offered QoS, rosbag2's default where it is not given in words."""
+    text = metadata.get("offered_qos_profiles", "")
+    try:
+        profile = read_plain_yaml(text)[0] if len(text) <= _LARGEST_QOS else {}
+        return RecordedQos(
+            depth=int(profile["depth"]),
+            history=_word(profile["history"]),
+            reliability=_word(profile["reliability"]),
+            durability=_word(profile["durability"]),
+        )
+    except (ValueError, TypeError, KeyError, IndexError):
+        return RecordedQos(_DEFAULT_DEPTH)
+
+
+def _word(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError("older recordings have numbers")
+    return value
+
+
+def _copy_notes(path: Path, folder: Path) -> None:
+    """Take along what lies beside the recording, such as the configuration of the run."""
+    for file in sorted(path.iterdir()):
+        is_note = file.is_file() and file.suffix in (".yaml", ".json") and file.name != METADATA
+        if is_note and file.stat().st_size <= _LARGEST_NOTE:
+            try:
+                shutil.copyfile(file, folder / file.name)
+            except OSError as error:
+                raise RecordingError(
+                    f"cannot copy {file.name} to {folder}: {error.strerror}"
+                ) from None

@@ -1,0 +1,109 @@
+"""Messages as rows of a table: one column for every plain value inside.
+
+``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds), ``covariance[7]``; the
+arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``. What would need
+more than `MOST_COLUMNS` columns, an image above all, is no table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from omni_recording.decode import MessageDecoder
+
+MOST_COLUMNS = 256
+
+# Places of the parts of a rosbags field: (kind, what it consists of).
+_BASE, _NAME = 1, 2
+_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_JOINT_VALUES = ("position", "velocity", "effort")
+_LONGEST_LABEL = 60
+_SECOND = 1_000_000_000
+
+Value = bool | int | float | str
+Cell = tuple[str, str, Value]
+
+
+class TooWideError(ValueError):
+    """A message that would need more columns than a table has."""
+
+
+def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]:
+    """Return the columns of a decoded message.
+
+    Args:
+        decoder: knows the fields of the type.
+        type_name: of the message.
+        message: as `MessageDecoder.decode` returns it.
+
+    Returns:
+        Name, kind (a ROS base type such as ``float64``) and value of each column.
+
+    Raises:
+        TooWideError: there are more than `MOST_COLUMNS`.
+    """
+    cells: list[Cell] = []
+    for cell in _cells(decoder, type_name, message, ""):
+        cells.append(cell)
+        if len(cells) > MOST_COLUMNS:
+            raise TooWideError(f"a message holds more than {MOST_COLUMNS} values")
+    return cells
+
+
+def _cells(decoder: MessageDecoder, type_name: str, message: Any, prefix: str) -> Iterator[Cell]:
+    labels = _joint_labels(type_name, message)
+    for name, (kind, parts) in decoder.fields(type_name):
+        value = getattr(message, name)
+        path = prefix + name
+        if kind == _BASE:
+            yield path, parts[0], _plain(value)
+        elif kind == _NAME:
+            yield from _nested(decoder, parts, value, path)
+        elif name == "name" and labels is not None:
+            continue  # they are in the names of the columns
+        else:
+            by_label = labels if name in _JOINT_VALUES else None
+            yield from _elements(decoder, parts[0], value, path, by_label)
+
+
+def _nested(decoder: MessageDecoder, type_name: str, value: Any, path: str) -> Iterator[Cell]:
+    if type_name in _TIMES:
+        yield f"{path}_ns", "int64", int(value.sec) * _SECOND + int(value.nanosec)
+    else:
+        yield from _cells(decoder, type_name, value, f"{path}.")
+
+
+def _elements(
+    decoder: MessageDecoder,
+    element: tuple[int, Any],
+    values: Sequence[Any],
+    path: str,
+    labels: Sequence[str] | None,
+) -> Iterator[Cell]:
+    if len(values) > MOST_COLUMNS:
+        raise TooWideError(f"{path} holds more than {MOST_COLUMNS} values")
+    kind, parts = element
+    for index, value in enumerate(values):
+        labelled = labels is not None and len(labels) == len(values)
+        place = f"{path}.{labels[index]}" if labelled and labels else f"{path}[{index}]"
+        if kind == _BASE:
+            yield place, parts[0], _plain(value)
+        else:
+            yield from _nested(decoder, parts, value, place)
+
+
+def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
+    """Return the names of the joints where they can name columns."""
+    if type_name != _JOINT_STATE:
+        return None
+    names: Sequence[str] = message.name
+    fit = all(name.isprintable() and 0 < len(name) <= _LONGEST_LABEL for name in names)
+    return names if fit and len(set(names)) == len(names) <= MOST_COLUMNS else None
+
+
+def _plain(value: Any) -> Value:
+    """Return numpy's numbers as Python's."""
+    plain: Value = value.item() if hasattr(value, "item") else value
+    return plain

@@ -1,0 +1,149 @@
+"""Transforms in a recording, for its viewers: `/tf` from an odometry, `/tf_static` at the start.
+
+Viewers place things by `tf2_msgs/msg/TFMessage`, a type that ROS from wheels does not have, so
+that no node can publish it there. The recorder writes it nonetheless: the pose of every
+`nav_msgs/msg/Odometry` once more as a transform, and the frames that are fixed to the platform.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+
+from omni_recording.definitions import MessageDefinition
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.plan import StampedRecording, leading_stamp
+from omni_ros.messages import BASE_FRAME
+
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+MOVING_TOPIC = "/tf"
+STATIC_TOPIC = "/tf_static"
+
+_TYPE = "tf2_msgs/msg/TFMessage"
+_DEPTH = 100  # of the queues that tf2 itself offers
+
+
+class RecordedTransforms:
+    """What a recording gets besides the messages that arrive.
+
+    Attributes:
+        topics: the topics that are added.
+    """
+
+    def __init__(
+        self, odometry: str = "", frames: Sequence[str] = (), poses: Sequence[float] = ()
+    ) -> None:
+        """Prepare the transforms.
+
+        Args:
+            odometry: full name of the topic whose poses become transforms; empty for none.
+            frames: names of the frames that are fixed to the platform.
+            poses: x, y [m] and heading [rad] of each in `base_link`, one after the other.
+        """
+        self._odometry = odometry
+        self.topics: list[RecordedTopic] = []
+        self._fixed: bytes | None = None
+        if not odometry and not frames:
+            return  # whoever records no transforms need not wait for rosbags' types
+        self._serializer = TransformSerializer()
+        definition = self._serializer.definition
+        if odometry:
+            self.topics.append(RecordedTopic(MOVING_TOPIC, definition, RecordedQos(_DEPTH)))
+        if frames:
+            latched = RecordedQos(1, durability="transient_local")
+            self.topics.append(RecordedTopic(STATIC_TOPIC, definition, latched))
+            self._fixed = self._serializer.fixed(BASE_FRAME, frames, poses)
+
+    def begin(self, recording: StampedRecording) -> None:
+        """Write what stands at the beginning of a recording.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        if self._fixed is not None:
+            recording.add(STATIC_TOPIC, self._fixed)
+
+    def follow(self, recording: StampedRecording, topic: str, data: bytes) -> None:
+        """Write the transform of a message that has been recorded, if it is the odometry's.
+
+        Raises:
+            RecordingError: the file cannot be written any more.
+        """
+        if topic != self._odometry:
+            return
+        # Bytes that are no odometry are recorded as they are, and show no pose.
+        with contextlib.suppress(ValueError):
+            transform = self._serializer.of_odometry(data)
+            recording.add(MOVING_TOPIC, transform, leading_stamp(data))
+
+
+class TransformSerializer:
+    """Makes the bytes of transforms.
+
+    Attributes:
+        definition: of their type.
+    """
+
+    def __init__(self) -> None:
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self.definition = MessageDefinition(
+            type_name=_TYPE,
+            text=self._store.generate_msgdef(_TYPE, ros_version=2)[0],
+            type_hash=self._store.hash_rihs01(_TYPE),
+            stamped=False,  # the stamps are inside a list
+        )
+
+    def of_odometry(self, data: bytes) -> bytes:
+        """Return the pose of a serialized odometry message as the transform to its child frame.
+
+        Raises:
+            ValueError: the bytes are no odometry.
+        """
+        try:
+            odometry: Any = self._store.deserialize_cdr(data, ODOMETRY_TYPE)
+        except Exception as error:  # foreign bytes make the generated code raise nearly anything
+            raise ValueError(f"its bytes are no {ODOMETRY_TYPE}: {error}") from None
+        pose = odometry.pose.pose
+        place = (pose.position.x, pose.position.y, pose.position.z)
+        return self._message(
+            [self._transform(odometry.header, odometry.child_frame_id, place, pose.orientation)]
+        )
+
+    def fixed(self, parent: str, frames: Sequence[str], poses: Sequence[float]) -> bytes:
+        """Return frames that are fixed to a parent, stamped with the start of the run.
+
+        Args:
+            parent: frame that carries them.
+            frames: their names.
+            poses: x, y [m] and heading [rad] of each in the parent, one after the other.
+        """
+        types = self._store.types
+        stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent)
+        transforms = []
+        for index, frame in enumerate(frames):
+            x, y, heading = poses[3 * index : 3 * index + 3]
+            turn = types["geometry_msgs/msg/Quaternion"](
+                x=0.0, y=0.0, z=math.sin(0.5 * heading), w=math.cos(0.5 * heading)
+            )
+            transforms.append(self._transform(header, frame, (x, y, 0.0), turn))
+        return self._message(transforms)
+
+    def _transform(
+        self, header: Any, child: str, place: tuple[float, float, float], turn: Any
+    ) -> Any:
+        types = self._store.types
+        translation = types["geometry_msgs/msg/Vector3"](*place)
+        return types["geometry_msgs/msg/TransformStamped"](
+            header=header,
+            child_frame_id=child,
+            transform=types["geometry_msgs/msg/Transform"](translation=translation, rotation=turn),
+        )
+
+    def _message(self, transforms: list[Any]) -> bytes:
+        message = self._store.types[_TYPE](transforms=transforms)
+        return bytes(self._store.serialize_cdr(message, _TYPE))

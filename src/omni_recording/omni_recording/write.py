@@ -1,0 +1,269 @@
+"""Writes serialized messages into a rosbag2 folder with one MCAP file.
+
+The layout is that of rosbag2's MCAP storage: ``<folder>/metadata.yaml`` (version 9, quality of
+service in words) and ``<folder>/<folder name>_0.mcap`` (profile ``ros2``, ``ros2msg`` schemas,
+``cdr`` messages). Both exist from the start. Every chunk goes to the operating system as a whole,
+so a reader that streams gets everything up to the last flush, whatever happens to the process; a
+power cut also needs `synchronize`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.writer import CompressionType, IndexType, Writer
+
+from omni_recording.metadata import (
+    SERIALIZATION,
+    UNSET_TIME,
+    Extent,
+    RecordedTopic,
+    bag_information,
+    qos_information,
+)
+
+COMPRESSIONS = {
+    "none": CompressionType.NONE,
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+}
+
+_NEVER_FULL = 2**62  # [B] chunks are ended here, not by the MCAP writer
+_MESSAGE_OVERHEAD = 31  # [B] of a record around a message
+
+# Data end without a checksum, a footer that promises no summary, and the closing magic bytes.
+_END_WITHOUT_SUMMARY = (
+    struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
+)
+
+
+class RecordingError(Exception):
+    """A recording that cannot be made or continued; the message says why in one sentence."""
+
+
+class Rosbag2Writer:
+    """A recording that is being made.
+
+    After a `RecordingError` the file has been cut back to its last whole chunk and closed, as far
+    as the disk allowed; it stays readable, and further writes raise again.
+
+    Args:
+        folder: folder of the recording; made with its parents, and empty if it exists.
+        topics: everything that will be written.
+        chunk_size: size of the messages after which a chunk ends by itself [B].
+        compression: of the chunks, a key of `COMPRESSIONS`.
+        synchronize: wait at every flush until the data are on the disk itself.
+
+    Raises:
+        RecordingError: the folder is not empty or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        topics: Sequence[RecordedTopic],
+        *,
+        chunk_size: int = 1 << 20,
+        compression: str = "none",
+        synchronize: bool = False,
+    ) -> None:
+        self._folder = folder.absolute()
+        self._file_name = f"{self._folder.name}_0.mcap"
+        self._topics = tuple(topics)
+        self._chunk_size = chunk_size
+        self._synchronize = synchronize
+        self._counts = {topic.name: 0 for topic in self._topics}
+        if len(self._counts) != len(self._topics):
+            raise RecordingError("a topic is given twice; each can be recorded only once")
+        self._first_ns, self._last_ns = UNSET_TIME, 0
+        self._pending = 0
+        # What is whole and with the operating system: the file up to here holds this much.
+        self._safe_end, self._safe = 0, Extent(dict(self._counts))
+        self._closed = False
+        self._failure: RecordingError | None = None
+        with self._failing_clearly():
+            self._make_folder()
+            # Closed by `close`, or by whatever fails before it.
+            self._file = (self._folder / self._file_name).open("xb")
+        with self._ending_on_failure():
+            self._writer = Writer(
+                self._file,
+                chunk_size=_NEVER_FULL,
+                compression=COMPRESSIONS[compression],
+                index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
+            )
+            self._writer.start(profile="ros2", library="omni_recording")
+            self._channels = self._register_topics()
+            self._commit()
+            self._write_metadata()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages by topic that a reader finds in the file: those up to the last flush."""
+        return dict(self._safe.counts)
+
+    def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
+        """Add a message.
+
+        Args:
+            topic: full name of one of the recording's topics.
+            stamp_ns: log time [ns], not negative.
+            data: the message as CDR with its encapsulation header, kept byte for byte.
+            publish_ns: publish time [ns], not negative; the log time if None.
+
+        Raises:
+            RecordingError: the file cannot be written any more.
+            ValueError: the stamp is negative.
+        """
+        if self._closed:
+            raise self._failure or RecordingError(f"the recording {self._folder} is closed")
+        published = stamp_ns if publish_ns is None else publish_ns
+        if min(stamp_ns, published) < 0:  # here, for it would leave half a record in the chunk
+            raise ValueError(f"the stamp {min(stamp_ns, published)} ns must not be negative")
+        count = self._counts[topic]
+        self._writer.add_message(self._channels[topic], stamp_ns, data, published, count)
+        self._counts[topic] = count + 1
+        self._first_ns = min(self._first_ns, stamp_ns)
+        self._last_ns = max(self._last_ns, stamp_ns)
+        self._pending += len(data) + _MESSAGE_OVERHEAD
+        if self._pending >= self._chunk_size:
+            self.flush()
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system; does nothing without new messages.
+
+        Raises:
+            RecordingError: the file cannot be written any more.
+        """
+        if self._pending and not self._closed:
+            with self._ending_on_failure():
+                self._writer.flush()
+                self._commit()
+
+    def close(self) -> None:
+        """Finish the file and the metadata; may be called again.
+
+        Raises:
+            RecordingError: the file could not be finished; it is readable up to its last chunk.
+        """
+        self.flush()
+        if self._closed:
+            return
+        with self._ending_on_failure():
+            information = yaml.safe_dump(self._information(), sort_keys=False)
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
+            self._writer.finish()
+            # Closing is the last chance to hear of a full disk, so it comes before the metadata.
+            self._file.flush()
+            self._synchronize_file(self._file.fileno())
+            self._file.close()
+        self._closed = True
+        with self._failing_clearly():
+            self._write_metadata()
+
+    def _make_folder(self) -> None:
+        try:
+            # Only a folder found is checked: others may put files beside a recording at once.
+            self._folder.mkdir(parents=True)
+        except FileExistsError:
+            if any(self._folder.iterdir()):
+                raise RecordingError(
+                    f"{self._folder} is not empty, and a recording never overwrites; name another "
+                    "folder or remove this one"
+                ) from None
+
+    def _register_topics(self) -> dict[str, int]:
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for topic in self._topics:
+            definition = topic.definition
+            if definition.type_name not in schemas:
+                schemas[definition.type_name] = self._writer.register_schema(
+                    definition.type_name, "ros2msg", definition.text.encode()
+                )
+            channels[topic.name] = self._writer.register_channel(
+                topic.name,
+                SERIALIZATION,
+                schemas[definition.type_name],
+                {
+                    "offered_qos_profiles": yaml.safe_dump(
+                        qos_information(topic.qos), sort_keys=False
+                    ).strip(),
+                    "topic_type_hash": definition.type_hash,
+                },
+            )
+        return channels
+
+    def _commit(self) -> None:
+        """Note that everything so far is whole and with the operating system."""
+        self._file.flush()
+        self._synchronize_file(self._file.fileno())
+        self._pending = 0
+        self._safe_end = self._file.tell()
+        self._safe = Extent(dict(self._counts), self._first_ns, self._last_ns)
+
+    @contextlib.contextmanager
+    def _failing_clearly(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise RecordingError(f"cannot record to {self._folder}: {reason}") from error
+
+    @contextlib.contextmanager
+    def _ending_on_failure(self) -> Iterator[None]:
+        try:
+            with self._failing_clearly():
+                yield
+        except RecordingError as error:
+            self._failure = error
+            self._end_early()
+            raise
+
+    def _end_early(self) -> None:
+        """Cut the file back to its last whole chunk and end it there, as far as that works."""
+        self._closed = True
+        path = self._folder / self._file_name
+        with contextlib.suppress(OSError):
+            self._file.close()
+        # Cutting makes room on a full disk for the few bytes that follow. Each step is worth
+        # something without the next: even a file without an end can be streamed.
+        with contextlib.suppress(OSError):
+            os.truncate(path, self._safe_end)
+            with path.open("ab", buffering=0) as file:
+                file.write(_END_WITHOUT_SUMMARY)
+        with contextlib.suppress(OSError):
+            self._write_metadata()
+
+    def _write_metadata(self) -> None:
+        """Replace metadata.yaml at once, so that it never is half a file."""
+        temporary = self._folder / "metadata.yaml.tmp"
+        try:
+            with temporary.open("w", encoding="utf-8") as file:
+                yaml.safe_dump(
+                    {"rosbag2_bagfile_information": self._information()}, file, sort_keys=False
+                )
+                file.flush()
+                self._synchronize_file(file.fileno())
+            temporary.replace(self._folder / "metadata.yaml")
+        finally:
+            temporary.unlink(missing_ok=True)
+        if self._synchronize:  # the names of the files are data of the folder
+            folder = os.open(self._folder, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+    def _synchronize_file(self, descriptor: int) -> None:
+        if self._synchronize:
+            os.fsync(descriptor)
+
+    def _information(self) -> dict[str, Any]:
+        return bag_information(self._file_name, self._topics, self._safe)

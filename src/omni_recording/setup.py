@@ -1,0 +1,23 @@
+"""Installs omni_recording as an ament_python package."""
+
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+package = ElementTree.parse("package.xml").getroot()
+name = package.findtext("name")
+
+setup(
+    name=name,
+    version=package.findtext("version"),
+    description=package.findtext("description"),
+    license=package.findtext("license"),
+    packages=find_packages(exclude=["test"]),
+    package_data={name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
+        (f"share/{name}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    entry_points={"console_scripts": ["recorder = omni_recording.recorder_node:main"]},
+)

@@ -1,0 +1,89 @@
+"""Stamps must come from the messages, whatever their byte order."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+
+from omni_platform.configuration import ConfigurationError
+from omni_recording.definitions import find_message_definition
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.plan import RecorderConfiguration, StampedRecording, leading_stamp
+from omni_recording.write import Rosbag2Writer
+
+# Encapsulation headers of plain CDR and XCDR2, by byte order.
+LITTLE = (b"\0\1\0\0", b"\0\7\0\0")
+BIG = (b"\0\0\0\0", b"\0\6\0\0")
+
+
+def cdr(seconds: int, nanoseconds: int) -> bytes:
+    return LITTLE[0] + struct.pack("<iI", seconds, nanoseconds) + b"rest"
+
+
+@given(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
+def test_the_stamp_is_read_in_either_byte_order(seconds: int, nanoseconds: int) -> None:
+    expected = seconds * 10**9 + nanoseconds
+    for layout, heads in (("<iI", LITTLE), (">iI", BIG)):
+        for head in heads:
+            assert leading_stamp(head + struct.pack(layout, seconds, nanoseconds)) == expected
+
+
+@given(st.binary(max_size=40))
+def test_no_bytes_break_it(data: bytes) -> None:
+    stamp_ns = leading_stamp(data)
+    assert stamp_ns is None or stamp_ns >= 0
+
+
+def test_a_message_without_a_stamp_gets_the_latest_seen(tmp_path: Path) -> None:
+    topics = [
+        RecordedTopic(name, find_message_definition(kind), RecordedQos(10))
+        for name, kind in (
+            ("/stamped", "rosgraph_msgs/msg/Clock"),
+            ("/plain", "visualization_msgs/msg/MarkerArray"),
+        )
+    ]
+    writer = Rosbag2Writer(tmp_path / "run", topics)
+    recording = StampedRecording(writer, {t.name: t.definition.stamped for t in topics})
+    looks_stamped = cdr(99, 0)
+    recording.add("/plain", looks_stamped)  # nothing seen yet
+    recording.add("/stamped", cdr(2, 5))
+    recording.add("/stamped", cdr(1, 0))  # came late, and keeps its own stamp
+    recording.add("/plain", looks_stamped)
+    recording.add("/stamped", cdr(-1, 0))  # before zero
+    recording.add("/stamped", b"\0\1\0\0")  # cut short
+    writer.close()
+    with AnyReader([tmp_path / "run"]) as reader:
+        stamps = sorted((link.topic, stamp) for link, stamp, _ in reader.messages())
+    late = 2_000_000_005
+    assert stamps == [
+        ("/plain", 0),
+        ("/plain", late),
+        ("/stamped", 1_000_000_000),
+        *[("/stamped", late)] * 3,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("folder", {"folder": ""}),
+        ("topics", {"topics": (), "types": ()}),
+        ("types", {"types": ("a", "b")}),
+        ("latched_topics", {"latched_topics": ("/other",)}),
+        ("compression", {"compression": "gzip"}),
+        ("reliability", {"reliability": "mostly"}),
+        ("queue_depth", {"queue_depth": 0}),
+        ("flush_period", {"flush_period": 0.0}),
+    ],
+)
+def test_what_does_not_fit_is_named(key: str, values: dict[str, Any]) -> None:
+    good: dict[str, Any] = {"folder": "run", "topics": ("/clock",), "types": ("a/msg/B",)}
+    with pytest.raises(ConfigurationError) as raised:
+        RecorderConfiguration(**{**good, **values})
+    assert raised.value.key == key

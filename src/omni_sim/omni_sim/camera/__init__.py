@@ -1,0 +1,1 @@
+"""Line cameras: when they expose, what of the ground reaches each pixel, noise."""

@@ -1,0 +1,270 @@
+"""Line cameras that look at a ground texture from a moving vehicle (sections 4.3.2 and 4.4).
+
+Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
+the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
+noise, quantised to 8 or 16 bits. By default the exposure is instantaneous and the optics are
+perfect; `camera_configuration` says what else there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.sensors import LineSensor
+from omni_sim.camera.configuration import CameraConfiguration
+from omni_sim.camera.exposure import expose, noise_key
+from omni_sim.camera.footprint.integral import integrate_lines
+from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
+from omni_sim.camera.optics import blur_samples, check_exposure, instants, seen, transmission
+from omni_sim.texture.texture import GroundTexture
+
+__all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
+
+FloatArray = NDArray[np.float64]
+LineArray = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class LineCamera:
+    """One line camera.
+
+    Attributes:
+        sensor: where it sits and what it sees.
+    """
+
+    def __init__(
+        self,
+        sensor: LineSensor,
+        texture: PaddedTexture,
+        configuration: CameraConfiguration,
+        key: np.uint64,
+    ) -> None:
+        """Place a camera over a ground.
+
+        Args:
+            sensor: where it sits and what it sees.
+            texture: the ground.
+            configuration: its exposure.
+            key: of its noise, see `line_exposure.noise_key`.
+        """
+        self.sensor = sensor
+        self._seen = seen(sensor, configuration)
+        self._transmission = transmission(sensor, configuration, key)
+        self._texture = texture
+        self._configuration = configuration
+        self._key = key
+
+    @property
+    def texels(self) -> int:
+        """Texels per period of the texture that the camera is rendered from."""
+        return self._texture.texels
+
+    def footprints(self, poses: FloatArray) -> FloatArray:
+        """Return centre x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
+        """
+        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return np.column_stack(
+            (
+                poses[:, 0] + cosine * self.sensor.x - sine * self.sensor.y,
+                poses[:, 1] + sine * self.sensor.x + cosine * self.sensor.y,
+                poses[:, 2] + self.sensor.heading,
+            )
+        )
+
+    def greys(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
+        """Return the mean grey level of every footprint, without noise or quantisation.
+
+        Args:
+            poses: as in `lines`.
+            velocities: as in `lines`.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        if velocities is None or self._configuration.exposure_time == 0.0:
+            greys = self._integrate(poses)
+        else:
+            greys = self._blurred(poses, velocities)
+        if self._transmission is not None:
+            greys *= self._transmission
+        return greys
+
+    def _integrate(self, poses: FloatArray) -> NDArray[np.float32]:
+        view = self._seen
+        return integrate_lines(
+            self._texture, self.footprints(poses), view.length, view.width, view.pixels
+        )
+
+    def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
+        """Return means over the exposure, during which each line moves at its own velocity."""
+        exposure_time = self._configuration.exposure_time
+        footprints = self.footprints(poses)
+        motion = velocities.copy()  # of the footprint: v + Omega k x r, Eq. (23)
+        motion[:, 0] -= velocities[:, 2] * (footprints[:, 1] - poses[:, 1])
+        motion[:, 1] += velocities[:, 2] * (footprints[:, 0] - poses[:, 0])
+        samples = blur_samples(self._seen, exposure_time, footprints[:, 2], motion)
+        greys = np.zeros((len(poses), self._seen.pixels), np.float32)
+        for count in np.unique(samples):
+            chosen = samples == count
+            for instant in instants(int(count), exposure_time):
+                greys[chosen] += self._integrate(poses[chosen] + instant * velocities[chosen])
+            greys[chosen] /= np.float32(count)
+        return greys
+
+    def lines(
+        self, poses: FloatArray, first_line: int, velocities: FloatArray | None = None
+    ) -> LineArray:
+        """Return exposed lines of shape (m, pixels), uint8 or uint16.
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
+            first_line: index of the first line since the start of the run; chooses the noise.
+            velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur;
+                without them there is none.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        lines = self.blank(len(poses))
+        self.render(poses, first_line, lines, velocities)
+        return lines
+
+    def blank(self, count: int) -> LineArray:
+        """Return room for some lines, shape (count, pixels)."""
+        shape = (count, self.sensor.pixels)
+        if self._configuration.bit_depth == 8:
+            return np.empty(shape, np.uint8)
+        return np.empty(shape, np.uint16)
+
+    def render(
+        self,
+        poses: FloatArray,
+        first_line: int,
+        lines: LineArray,
+        velocities: FloatArray | None = None,
+    ) -> None:
+        """Fill `lines`, an array like that of `blank`, as `lines()` does."""
+        exposure = self._configuration
+        expose(
+            self.greys(poses, velocities),
+            exposure.gain,
+            exposure.offset,
+            exposure.noise_deviation,
+            self._key,
+            first_line,
+            lines,
+        )
+
+
+class LineCameraArray:
+    """All line cameras of a vehicle, over one ground.
+
+    It counts the lines of each camera: the noise of a line depends on seed, sensor name and
+    line number, and on nothing else, neither on batches nor on threads.
+
+    Attributes:
+        cameras: the cameras by name.
+    """
+
+    def __init__(
+        self,
+        sensors: Mapping[str, LineSensor],
+        texture: GroundTexture,
+        configuration: CameraConfiguration,
+        seed: np.random.SeedSequence,
+        threads: int = 2,
+    ) -> None:
+        """Prepare the ground and place the cameras.
+
+        Args:
+            sensors: where the cameras sit, by name.
+            texture: the ground.
+            configuration: exposure of all cameras.
+            seed: of the noise.
+            threads: number of threads that share the work; no influence on the result.
+
+        Raises:
+            ConfigurationError: a footprint is longer or wider than the period of the ground, or
+                narrower than 10 texels, or an exposure lasts longer than a line.
+            ValueError: fewer than one thread.
+        """
+        if threads < 1:
+            raise ValueError(f"rendering takes at least one thread, not {threads}")
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
+        check_exposure(sensors, configuration)
+        views = {name: seen(sensor, configuration) for name, sensor in sensors.items()}
+        padded = padded_levels(views, texture)
+        self.cameras: dict[str, LineCamera] = {
+            name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))
+            for name, sensor in sensors.items()
+        }
+        self._next_line = dict.fromkeys(self.cameras, 0)
+
+    def render(
+        self,
+        poses: Mapping[str, FloatArray],
+        velocities: Mapping[str, FloatArray] | None = None,
+    ) -> dict[str, LineArray]:
+        """Return the next lines of each camera, shape (m, pixels), oldest first.
+
+        Args:
+            poses: x, y, yaw of `base_link` in the world [m, m, rad] in the middle of each line's
+                exposure, by camera, shape (m, 3); m may differ between cameras and may be 0.
+            velocities: rates of these poses [m/s, m/s, rad/s], for motion blur; without them
+                there is none.
+
+        Raises:
+            ValueError: a pose is not finite.
+        """
+        lines = {name: self.cameras[name].blank(len(entry)) for name, entry in poses.items()}
+        parts = self._parts(poses)
+        others = [
+            self._pool.submit(self._render, part, poses, velocities, lines)
+            for part in parts[1:]
+            if self._pool is not None
+        ]
+        try:
+            self._render(parts[0], poses, velocities, lines)
+        finally:
+            wait(others)
+        for other in others:
+            other.result()
+        for name, entry in poses.items():
+            self._next_line[name] += len(entry)
+        return lines
+
+    def _parts(self, poses: Mapping[str, FloatArray]) -> list[list[tuple[str, int, int]]]:
+        """Divide all lines evenly: for each thread the (camera, start, end) of what it renders."""
+        total = sum(len(entry) for entry in poses.values())
+        bounds = [total * i // self._threads for i in range(self._threads + 1)]
+        parts: list[list[tuple[str, int, int]]] = [[] for _ in range(self._threads)]
+        before = 0
+        for name, entry in poses.items():
+            for part, low, high in zip(parts, bounds[:-1], bounds[1:], strict=True):
+                start, end = max(low - before, 0), min(high - before, len(entry))
+                if start < end:
+                    part.append((name, start, end))
+            before += len(entry)
+        return parts
+
+    def _render(
+        self,
+        part: list[tuple[str, int, int]],
+        poses: Mapping[str, FloatArray],
+        velocities: Mapping[str, FloatArray] | None,
+        lines: Mapping[str, LineArray],
+    ) -> None:
+        for name, start, end in part:
+            self.cameras[name].render(
+                poses[name][start:end],
+                self._next_line[name] + start,
+                lines[name][start:end],
+                None if velocities is None else velocities[name][start:end],
+            )

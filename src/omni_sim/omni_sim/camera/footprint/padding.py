@@ -1,0 +1,175 @@
+"""A ground texture prepared for the line cameras: padded, in both orientations, in levels."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+from omni_sim.camera.footprint.average import average_texels
+from omni_sim.camera.footprint.blocks import BLOCK
+from omni_sim.texture.texture import GroundTexture
+
+LEAST_WIDTH = 10.0
+"""Narrowest footprint that is integrated well [texels]."""
+
+_CACHE_LINE = 64  # bytes
+# Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
+# for the two blocks of columns in which the integral's runs end.
+_MARGIN = 2 * 8 + 3 * BLOCK
+_TEXELS_PER_PIXEL = 4  # coarser texels must still be that many
+_TEXELS_ACROSS = 128  # and that many across the footprint
+# Across a wide footprint so many texels are averaged that little more than one for each pixel is
+# enough.
+_LEAST_PER_PIXEL = 1.15
+_ENOUGH_ACROSS = 450
+_MOST_TEXELS = 9472  # per period, which take a quarter of a gigabyte: 20 cm at 1200 dpi
+_LEAST_RATIO = (
+    1.25  # of coarser texels to those of the ground, for which they are worth their error
+)
+_MORE_WHOLE = 1.1  # times as many texels, if they consist of whole ones
+_BAND = 64  # rows transposed at a time
+
+
+@dataclasses.dataclass(frozen=True)
+class PaddedTexture:
+    """A periodic texture prepared for `integrate_lines`.
+
+    Attributes:
+        rows: grey - middle, row after row, each continued periodically to `stride` texels.
+        columns: the same of the transposed texture.
+        middle: grey level kept as 0, near the mean, so that small errors of weight cost little.
+        texels: texels per period.
+        stride: length of a padded row [texels].
+        texel: edge of a texel [m].
+        reach: longest footprint that may be integrated [m].
+        averaged: whether the texels are means of finer ones.
+    """
+
+    rows: NDArray[np.int8]
+    columns: NDArray[np.int8]
+    middle: int
+    texels: int
+    stride: int
+    texel: float
+    reach: float
+    averaged: bool
+
+    @classmethod
+    def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
+        """Prepare a texture.
+
+        Nothing is held twice meanwhile: a ground may have a third of a gigabyte.
+
+        Args:
+            texture: the ground.
+            reach: longest footprint that will be integrated [m].
+            texels: per period, at most those of the ground; 0 for just these.
+        """
+        texels = texels or len(texture.grey)
+        texel = texture.size / texels
+        columns = math.ceil(math.sqrt(2.0) * reach / texel) + _MARGIN
+        # An odd number of cache lines per row: a power of two would map all rows on a few sets.
+        stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
+        grey = texture.grey
+        middle = min(max(round(float(grey.mean())), int(grey.max()) - 127), int(grey.min()) + 128)
+        rows = np.empty((texels, stride), np.int8)
+        if texels == len(grey):
+            # Modulo 256, as two's complement.
+            np.subtract(grey, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
+        else:
+            average_texels(grey, middle, rows)
+        turned = np.empty((texels, stride), np.int8)
+        for first in range(0, texels, _BAND):
+            band = rows[:, first : min(first + _BAND, texels)]
+            turned[first : first + _BAND, :texels] = band.T
+        for padded in (rows, turned):
+            for start in range(texels, stride, texels):
+                end = min(start + texels, stride)
+                padded[:, start:end] = padded[:, : end - start]
+        return cls(
+            rows=rows.reshape(-1),
+            columns=turned.reshape(-1),
+            middle=middle,
+            texels=texels,
+            stride=stride,
+            texel=texel,
+            reach=reach,
+            averaged=texels < len(grey),
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held [bytes]."""
+        return self.rows.nbytes + self.columns.nbytes
+
+
+def padded_levels(
+    sensors: Mapping[str, LineSensor], texture: GroundTexture
+) -> dict[str, PaddedTexture]:
+    """Return the ground for each sensor, with the coarsest texels that show it the same lines.
+
+    Raises:
+        ConfigurationError: a footprint is longer or wider than the period of the ground, or
+            narrower than 10 texels.
+    """
+    check_footprints(sensors, texture)
+    texels = {name: _texels(sensor, texture) for name, sensor in sensors.items()}
+    padded = {
+        count: PaddedTexture.build(
+            texture, max(sensors[name].length for name in sensors if texels[name] == count), count
+        )
+        for count in sorted(set(texels.values()))
+    }
+    return {name: padded[count] for name, count in texels.items()}
+
+
+def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) -> None:
+    """Refuse footprints that do not fit a ground.
+
+    Raises:
+        ConfigurationError: a footprint is longer or wider than the period of the ground, or
+            narrower than 10 texels.
+    """
+    for name, sensor in sensors.items():
+        for field in ("length", "width"):
+            if getattr(sensor, field) > texture.size:
+                raise ConfigurationError(
+                    f"sensors.{name}.{field}",
+                    f"{getattr(sensor, field):g} m is more than the ground's period of "
+                    f"{texture.size:g} m",
+                )
+        if sensor.width < LEAST_WIDTH * texture.texel:
+            raise ConfigurationError(
+                f"sensors.{name}.width",
+                f"{sensor.width:g} m is less than {LEAST_WIDTH:g} texels of the ground, "
+                f"{texture.texel:g} m each",
+            )
+
+
+def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
+    """Return how many texels per period a sensor needs.
+
+    What a coarse texel loses is how grey is distributed within it. That matters only where the
+    edge of a pixel cuts it: each of the texels along an edge errs by a share of the contrast
+    within, on most grounds independently of the others. So the error of a pixel goes by the
+    texel's size over the pixel's pitch and by the inverse square root of the texels across. Lines
+    across the grain of wood have the error of a single texel; these set the least per pixel.
+    """
+    coarsest = max(
+        min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
+        min(sensor.pixel_pitch / _LEAST_PER_PIXEL, sensor.width / _ENOUGH_ACROSS),
+    )
+    texels = len(texture.grey)
+    if coarsest >= _LEAST_RATIO * texture.texel:
+        needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
+        # Texels that consist of whole ones, where about as many do, show more of a fine edge.
+        whole = texels // needed
+        texels = texels // whole if texels % whole == 0 else needed
+        texels = texels if texels <= _MORE_WHOLE * needed else needed
+    return min(texels, _MOST_TEXELS)

@@ -1,0 +1,104 @@
+"""What stands between the ground and the pixels: magnification, shading, dirt, motion blur."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+from omni_sim.camera.configuration import CameraConfiguration
+
+FloatArray = NDArray[np.float64]
+
+_SAMPLES_PER_PIXEL = 4  # of a blurred line, along the axis
+_SAMPLES_PER_WIDTH = 16  # and across it
+_MOST_SAMPLES = 128
+
+
+def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
+    """Return a sensor with the field of view that it really has at its height.
+
+    Raises:
+        ConfigurationError: that is more than a field of view may have.
+    """
+    scale = configuration.magnification
+    if scale == 1.0:
+        return sensor
+    return dataclasses.replace(sensor, length=sensor.length * scale, width=sensor.width * scale)
+
+
+def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfiguration) -> None:
+    """Refuse an exposure that lasts longer than a line.
+
+    Raises:
+        ConfigurationError: names the sensor.
+    """
+    for name, sensor in sensors.items():
+        if configuration.exposure_time * sensor.line_rate > 1.0:
+            raise ConfigurationError(
+                "camera.exposure_time",
+                f"{configuration.exposure_time:g} s is longer than a line of sensor {name}, "
+                f"{1.0 / sensor.line_rate:g} s",
+            )
+
+
+def transmission(
+    sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
+) -> NDArray[np.float32] | None:
+    """Return the share of the light that reaches each pixel (pixels,), None if all of it does.
+
+    The shading falls by the square of the distance from the middle; specks of dirt, far out of
+    focus, throw shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
+
+    Args:
+        sensor: the camera.
+        configuration: its optics.
+        key: of the places and sizes of the specks.
+    """
+    if configuration.shading == 0.0 and configuration.dirt_spots == 0:
+        return None
+    place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
+    share = 1.0 - configuration.shading * (2.0 * place - 1.0) ** 2
+    generator = np.random.default_rng(np.random.SeedSequence(int(key), spawn_key=(1,)))
+    for middle, size in generator.uniform((0.0, 0.5), (1.0, 1.5), (configuration.dirt_spots, 2)):
+        radius = 0.5 * size * configuration.dirt_size / sensor.length
+        r = np.minimum(np.abs(place - middle) / radius, 1.0)
+        share *= 1.0 - configuration.dirt_opacity * (1.0 - r * r) ** 2
+    return share.astype(np.float32)
+
+
+def blur_samples(
+    sensor: LineSensor, exposure_time: float, headings: FloatArray, velocities: FloatArray
+) -> NDArray[np.int64]:
+    """Return at how many instants of its exposure each line is rendered, shape (m,).
+
+    So many that the sensor moves at most a quarter of a pixel along and a sixteenth of its width
+    across from one to the next, rounded up to a power of two, and at most 128.
+
+    Args:
+        sensor: the camera, with the field of view that it has.
+        exposure_time: [s].
+        headings: direction of its axis in the world [rad], shape (m,).
+        velocities: of its footprint's centre x, y and yaw rate in the world [m/s, m/s, rad/s],
+            shape (m, 3).
+    """
+    cosine, sine = np.cos(headings), np.sin(headings)
+    along = np.abs(cosine * velocities[:, 0] + sine * velocities[:, 1])
+    across = np.abs(cosine * velocities[:, 1] - sine * velocities[:, 0])
+    across += 0.5 * sensor.length * np.abs(velocities[:, 2])
+    wanted = exposure_time * np.maximum(
+        _SAMPLES_PER_PIXEL * along / sensor.pixel_pitch, _SAMPLES_PER_WIDTH * across / sensor.width
+    )
+    exponent = np.ceil(np.log2(np.clip(wanted, 1.0, _MOST_SAMPLES)) - 1e-9)
+    samples: NDArray[np.int64] = 2 ** exponent.astype(np.int64)
+    return samples
+
+
+def instants(samples: int, exposure_time: float) -> FloatArray:
+    """Return the middles of equal parts of an exposure around its stamp [s], shape (samples,)."""
+    middles: FloatArray = (np.arange(samples) + 0.5) / samples - 0.5
+    return middles * exposure_time

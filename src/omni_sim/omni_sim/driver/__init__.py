@@ -1,0 +1,1 @@
+"""Who drives: a script, or a person."""

@@ -1,0 +1,133 @@
+"""A driver who is told from outside what to do: pedal and velocity, period by period.
+
+Full braking holds whenever nobody says anything (the dead man's switch). The drive does not follow
+a joystick's jumps but accelerates within limits, from the velocity that the vehicle has.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+
+FloatArray = NDArray[np.float64]
+
+FULL_BRAKING = 1.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ManualDriverConfiguration(Configuration):
+    """What a driver from outside may ask of the vehicle."""
+
+    acceleration: float = parameter(
+        2.5, description="Largest change of the commanded velocity", unit="m/s^2", above=0.0
+    )
+    yaw_acceleration: float = parameter(
+        3.0, description="Largest change of the commanded yaw rate", unit="rad/s^2", above=0.0
+    )
+    driver_timeout: float = parameter(
+        0.3,
+        description="Silence of the driver, in time of the wall clock, after which the vehicle "
+        "brakes fully",
+        unit="s",
+        above=0.0,
+        maximum=10.0,
+    )
+
+
+class DemandInbox:
+    """The newest demand that has arrived; full braking where none has, or not for a while.
+
+    Args:
+        timeout: age at which a demand no longer counts [s].
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
+        self._pedal, self._pedal_time = FULL_BRAKING, -math.inf
+        self._twist, self._twist_time = np.zeros(3), -math.inf
+
+    def take_pedal(self, pedal: float, now: float) -> None:
+        """Take a pedal position, 0..1; anything else counts as full braking.
+
+        Args:
+            pedal: the position.
+            now: time of arrival [s], on any clock that only goes forward.
+        """
+        self._pedal = pedal if 0.0 <= pedal <= 1.0 else FULL_BRAKING
+        self._pedal_time = now
+
+    def take_twist(self, twist: FloatArray, now: float) -> None:
+        """Take a body twist [m/s, m/s, rad/s], shape (3,); one that is no number is zero."""
+        self._twist = np.where(np.isfinite(twist).all(), twist, 0.0)
+        self._twist_time = now
+
+    def demand(self, now: float) -> tuple[float, FloatArray]:
+        """Return pedal, 0..1, and body twist [m/s, m/s, rad/s] that hold at a time [s]."""
+        if now - self._pedal_time > self._timeout:
+            return FULL_BRAKING, np.zeros(3)
+        fresh = now - self._twist_time <= self._timeout
+        return self._pedal, self._twist if fresh else np.zeros(3)
+
+
+class ManualDriver:
+    """Starts at rest where the maneuver starts, and does what `steer` says.
+
+    Args:
+        configuration: limits of the driver.
+        maneuver: gives the place of the start; the rest of it does not apply.
+    """
+
+    def __init__(
+        self, configuration: ManualDriverConfiguration, maneuver: ManeuverConfiguration
+    ) -> None:
+        self._limits = configuration
+        self._start_pose = ScriptedDriver(maneuver).start_pose
+        self._pedal = FULL_BRAKING
+        self._command = np.zeros(3)
+
+    @property
+    def start_pose(self) -> FloatArray:
+        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
+        return self._start_pose.copy()
+
+    @property
+    def start_twist(self) -> FloatArray:
+        """Twist of base_link at the start: rest, shape (3,)."""
+        return np.zeros(3)
+
+    def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
+        """Set what holds for the next control period.
+
+        Args:
+            pedal: position of the brake pedal, 0..1.
+            target: body twist to go to [m/s, m/s, rad/s], shape (3,).
+            twist: body twist that the vehicle has, likewise.
+            period: control period [s].
+        """
+        self._pedal = pedal
+        if pedal > 0.0:
+            # The drive neither brakes before its clutch opens nor jerks when it closes again.
+            self._command = twist.copy()
+            return
+        change = target - self._command
+        speed_change = float(np.hypot(change[0], change[1]))
+        longest = self._limits.acceleration * period
+        if speed_change > longest:
+            change[:2] *= longest / speed_change
+        turn = self._limits.yaw_acceleration * period
+        change[2] = min(max(change[2], -turn), turn)
+        self._command = self._command + change
+
+    def pedal(self, _stamp_ns: int) -> float:
+        """Return the position of the brake pedal, 0..1."""
+        return self._pedal
+
+    def command_twist(self, _stamp_ns: int, _yaw: float) -> FloatArray:
+        """Return the commanded twist of base_link in the body frame [m/s, m/s, rad/s]."""
+        return self._command.copy()

@@ -1,0 +1,90 @@
+"""Friction of the ground as a function of world position: a base factor and patches on it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrictionPatch(Configuration):
+    """A rectangle of ground with a friction of its own, in the world frame `odom`."""
+
+    x: float = parameter(description="Centre of the patch", unit="m")
+    y: float = parameter(description="Centre of the patch", unit="m")
+    length: float = parameter(description="Extent along the heading", unit="m", above=0.0)
+    width: float = parameter(description="Extent across the heading", unit="m", above=0.0)
+    heading_deg: float = parameter(
+        0.0,
+        description="Direction of the length, counter-clockwise from the x axis",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    friction: float = parameter(
+        description="Friction factor mu/mu_0 on the patch, relative to the tire's own data",
+        minimum=0.0,
+        maximum=2.0,
+    )
+
+
+class FrictionMap:
+    """Friction factor ``mu/mu_0`` over the ground; of overlapping patches the last one counts.
+
+    Attributes:
+        base: friction factor outside all patches [1].
+        table: the patches as the kernels read them: centre x, y [m], cosine and sine of the
+            heading, half length, half width [m], friction factor [1]; shape (P, 7).
+    """
+
+    def __init__(
+        self, base: float = 1.0, patches: Mapping[str, FrictionPatch] | None = None
+    ) -> None:
+        """Lay out the ground.
+
+        Args:
+            base: friction factor outside all patches [1], at least 0.
+            patches: by name.
+        """
+        if not (math.isfinite(base) and base >= 0.0):
+            raise ValueError(f"friction factor {base} must be at least 0")
+        self.base = base
+        rows = [
+            (
+                patch.x,
+                patch.y,
+                math.cos(math.radians(patch.heading_deg)),
+                math.sin(math.radians(patch.heading_deg)),
+                patch.length / 2.0,
+                patch.width / 2.0,
+                patch.friction,
+            )
+            for patch in (patches or {}).values()
+        ]
+        self.table: FloatArray = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
+
+    def at(self, x: float, y: float) -> float:
+        """Return the friction factor [1] at a point of the ground [m]."""
+        return float(friction_at(self.base, self.table, x, y))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def friction_at(base: float, table: FloatArray, x: float, y: float) -> float:
+    """Return the friction factor [1] at a point [m]; arguments as in `FrictionMap`."""
+    for row in range(table.shape[0] - 1, -1, -1):
+        dx = x - table[row, 0]
+        dy = y - table[row, 1]
+        along = dx * table[row, 2] + dy * table[row, 3]
+        across = dy * table[row, 2] - dx * table[row, 3]
+        if abs(along) <= table[row, 4] and abs(across) <= table[row, 5]:
+            return float(table[row, 6])
+    return base

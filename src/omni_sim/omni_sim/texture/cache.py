@@ -1,0 +1,117 @@
+"""Keeps generated ground textures on disk, so that only the first run waits for them.
+
+A ground of 2400 dpi has a third of a gigabyte, so that nothing here holds it twice.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import tempfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import to_mapping
+from omni_sim.texture.picture import read_picture
+from omni_sim.texture.texture import (
+    GENERATION,
+    PICTURE,
+    GroundTexture,
+    TextureConfiguration,
+    generate_texture,
+)
+
+_CHECKSUM_BYTES = 4
+_FORMAT = (1, 0)  # of numpy's files
+
+
+class TextureCache:
+    """Textures in a folder, one file each, named after everything that they depend on.
+
+    A file is an array in numpy's format followed by its CRC-32. One that is missing, damaged or
+    of the wrong shape is made anew. Writing is atomic, so processes may share the folder. The
+    cache only saves time: where it cannot be written, textures are generated every time.
+
+    Attributes:
+        directory: the folder; it is made when the first texture is stored.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    @classmethod
+    def of_user(cls) -> TextureCache:
+        """Return the cache in the user's cache folder (``XDG_CACHE_HOME`` or ``~/.cache``)."""
+        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+        return cls(Path(base).expanduser() / "omni_sim" / "textures")
+
+    def texture(self, configuration: TextureConfiguration) -> GroundTexture:
+        """Return a texture, from the cache if it is there; a picture is read from its own file.
+
+        Raises:
+            ConfigurationError: the picture cannot be used.
+        """
+        if configuration.kind == PICTURE:
+            return read_picture(configuration.picture, configuration.dpi)
+        path = self.path(configuration)
+        texels, size = configuration.extent
+        grey = _read(path, texels)
+        if grey is not None:
+            return GroundTexture(grey, size)
+        texture = generate_texture(configuration)
+        with contextlib.suppress(OSError):
+            _write(path, texture.grey)
+        return texture
+
+    def path(self, configuration: TextureConfiguration) -> Path:
+        """Return where a texture is kept."""
+        identity = json.dumps([GENERATION, to_mapping(configuration)], sort_keys=True)
+        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
+        return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.texture"
+
+
+def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
+    """Return the texture in a file, or None if there is no sound one."""
+    try:
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            if version != _FORMAT:
+                return None
+            shape, by_columns, kind = np.lib.format.read_array_header_1_0(file)
+            if shape != (texels, texels) or by_columns or kind != np.uint8:
+                return None
+            header = file.tell()
+            grey = np.empty(shape, np.uint8)
+            if file.readinto(grey.data) != grey.nbytes:
+                return None
+            checksum = file.read()
+            file.seek(0)
+            expected = zlib.crc32(grey.data, zlib.crc32(file.read(header)))
+    except (OSError, ValueError, EOFError):
+        return None
+    return grey if checksum == expected.to_bytes(_CHECKSUM_BYTES, "little") else None
+
+
+def _write(path: Path, grey: NDArray[np.uint8]) -> None:
+    header = io.BytesIO()
+    description = {"descr": "|u1", "fortran_order": False, "shape": grey.shape}
+    np.lib.format.write_array_header_1_0(header, description)
+    checksum = zlib.crc32(grey.data, zlib.crc32(header.getbuffer()))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(header.getbuffer())
+            file.write(grey.data)
+            file.write(checksum.to_bytes(_CHECKSUM_BYTES, "little"))
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise

@@ -1,0 +1,237 @@
+"""What the procedural grounds are made of: layers of patterns with structure of known size.
+
+The grounds of Figures 59, 65 to 67 and 71, looked at as through the dissertation's flatbed
+scanner. Sizes are in metres, so the number of texels is only the resolution at which the same
+ground is looked at. Everything follows from the random generator.
+
+=============  =====================================================================================
+cork           pressed granules of 2 mm
+asphalt        chippings of 0.6 to 6 mm in dark binder
+stone          coarse flat pieces of 12 mm with mineral grain
+wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
+               40 mm, pores of 0.2 mm by 6 mm; like a bar code, next to nothing changes along x
+plastic        a smooth sheet: a faint moulded grain of 0.25 to 2 mm and fainter mottles
+metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
+walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
+dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
+=============  =====================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_sim.texture.patterns import Cells, Leaves, Noise, Pattern, Plain, Rings, Studs
+
+Layers = list[Pattern]
+
+_ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % binder is left
+
+
+def _cork(size: float, generator: np.random.Generator) -> Layers:
+    cells = _per_period(size, 0.002)
+    grey = generator.normal(138.0, 26.0, (cells, cells)).clip(60.0, 210.0)
+    granules = Cells(
+        _jittered(generator, cells),
+        grey.astype(np.float32),
+        border_grey=70.0,
+        border=0.00012 * cells / size,
+        warp=np.zeros((2, 1, 1), np.float32),
+    )
+    octaves = ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0))
+    return [granules, *_octaves(size, generator, octaves)]
+
+
+def _stone(size: float, generator: np.random.Generator) -> Layers:
+    cells = _per_period(size, 0.012)
+    grey = generator.normal(132.0, 22.0, (cells, cells)).clip(70.0, 200.0)
+    waves = _per_period(size, 0.004)
+    pieces = Cells(
+        _jittered(generator, cells),
+        grey.astype(np.float32),
+        border_grey=62.0,
+        border=0.0006 * cells / size,
+        warp=generator.uniform(-0.08, 0.08, (2, waves, waves)).astype(np.float32),
+    )
+    octaves = ((0.005, 10.0), (0.0015, 10.0), (0.0005, 9.0), (0.0002, 7.0))
+    return [pieces, *_octaves(size, generator, octaves)]
+
+
+def _asphalt(size: float, generator: np.random.Generator) -> Layers:
+    # Radii by the power law r^-3, for which every scale covers as much ground as any other.
+    least, greatest = 0.0003, 0.003
+    mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
+    count = round(_ASPHALT_COVERAGE * size**2 / mean_area)
+    share = generator.uniform(size=count)
+    radius = 1.0 / np.sqrt(1.0 / least**2 + share * (1.0 / greatest**2 - 1.0 / least**2))
+    leaves = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            radius / size,
+            generator.uniform(0.55, 1.0, count),
+            generator.uniform(0.0, math.pi, count),
+            generator.normal(128.0, 34.0, count).clip(45.0, 225.0),
+        )
+    )
+    octaves = ((0.0008, 10.0), (0.0003, 10.0), (0.00018, 7.0))
+    chippings = Leaves(leaves, 0.00006 / size)
+    return [Plain(48.0), chippings, *_octaves(size, generator, octaves)]
+
+
+def _wood(size: float, generator: np.random.Generator) -> Layers:
+    # Light early wood darkens slowly over a ring, then begins anew within a tenth of a millimetre.
+    rings = _per_period(size, 0.003)
+    width = generator.uniform(0.5, 1.5, rings)
+    ends = np.cumsum(width) / width.sum()
+    place = (np.arange(8192) + 0.5) / 8192
+    ring = np.searchsorted(ends, place)
+    phase = 1.0 - (ends[ring] - place) / (width[ring] / width.sum())
+    depth = generator.uniform(25.0, 60.0, rings)[ring]
+    sharp = np.clip((1.0 - phase) * (width[ring] / width.sum()) * size / 0.0002, 0.0, 1.0)
+    profile = 168.0 - depth * phase**2.0 * sharp
+    bend = (
+        _noise(size, generator, 0.03, 0.2, 0.0012 / size),
+        _noise(size, generator, 0.012, 0.1, 0.0003 / size),
+    )
+    fibres = ((0.02, 0.2, 6.0), (0.0009, 0.07, 4.0), (0.0002, 0.04, 6.0))
+    count = round(40000.0 * size**2)
+    pores = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            generator.uniform(0.0015, 0.0045, count) / size,
+            generator.uniform(0.02, 0.035, count),
+            generator.normal(0.0, 0.01, count),
+            generator.normal(106.0, 10.0, count),
+        )
+    )
+    return [
+        Rings(profile.astype(np.float32), bend),
+        *(_noise(size, generator, *fibre) for fibre in fibres),
+        Leaves(pores, 0.00005 / size),
+    ]
+
+
+def _plastic(size: float, generator: np.random.Generator) -> Layers:
+    octaves = ((0.02, 0.6), (0.006, 0.6), (0.002, 0.9), (0.0005, 2.0), (0.00025, 3.0))
+    return [Plain(142.0), *_octaves(size, generator, octaves)]
+
+
+def _metal(size: float, generator: np.random.Generator) -> Layers:
+    return [
+        Plain(148.0),
+        _noise(size, generator, 0.03, 0.1, 1.0),
+        _noise(size, generator, 0.00035, 0.004, 2.0),
+        _noise(size, generator, 0.00018, 0.0015, 3.5),
+        _noise(size, generator, 0.00018, 0.00025, 3.5),
+    ]
+
+
+def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
+    cells = _per_period(size, 0.02)
+    grey = generator.normal(150.0, 5.0, (cells, cells)).astype(np.float32)
+    pits = round(0.04 * size**2 / (math.pi * 0.00035**2))
+    holes = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (pits, 2)),
+            generator.uniform(0.0002, 0.0005, pits) / size,
+            generator.uniform(0.6, 1.0, pits),
+            generator.uniform(0.0, math.pi, pits),
+            generator.normal(92.0, 14.0, pits).clip(50.0, 130.0),
+        )
+    )
+    cell = size / cells
+    return [
+        Studs(grey, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
+        Leaves(holes, 0.00006 / size),
+        *_octaves(size, generator, ((0.02, 4.0), (0.002, 5.0), (0.0006, 9.0), (0.00025, 7.0))),
+    ]
+
+
+def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
+    def plates(
+        spacing: float, crack: float, grey: tuple[float, float], crack_grey: float, *, darken: bool
+    ) -> Cells:
+        cells, waves = _per_period(size, spacing), _per_period(size, 0.3 * spacing)
+        shades = generator.normal(*grey, (cells, cells)).clip(90.0, 255.0)
+        return Cells(
+            _jittered(generator, cells),
+            shades.astype(np.float32),
+            border_grey=crack_grey,
+            border=crack * cells / size,
+            warp=generator.uniform(-0.14, 0.14, (2, waves, waves)).astype(np.float32),
+            darken=darken,
+        )
+
+    octaves = ((0.015, 7.0), (0.004, 6.0), (0.0012, 6.0), (0.0005, 7.0), (0.0002, 6.0))
+    return [
+        plates(0.026, 0.0016, (146.0, 9.0), 20.0, darken=False),
+        plates(0.008, 0.0006, (255.0, 0.0), 75.0, darken=True),
+        *_octaves(size, generator, octaves),
+    ]
+
+
+MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
+    "cork": _cork,
+    "asphalt": _asphalt,
+    "stone": _stone,
+    "wood": _wood,
+    "plastic": _plastic,
+    "metal": _metal,
+    "walking_tile": _walking_tile,
+    "dry_earth": _dry_earth,
+}
+"""Layers of each ground, lowest first, for a period [m] and a random generator."""
+
+
+def _per_period(size: float, spacing: float) -> int:
+    """Return how many cells of about `spacing` [m] make up a period, as a whole number."""
+    return max(1, round(size / spacing))
+
+
+def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]:
+    """Return one point in every cell of a grid, as its place within the cell (cells, cells, 2)."""
+    return generator.uniform(0.08, 0.92, (cells, cells, 2)).astype(np.float32)
+
+
+def _octaves(
+    size: float, generator: np.random.Generator, octaves: tuple[tuple[float, float], ...]
+) -> list[Noise]:
+    """Return smooth noise of several spacings [m] and standard deviations [grey levels]."""
+    return [_noise(size, generator, spacing, spacing, grey) for spacing, grey in octaves]
+
+
+def _noise(
+    size: float,
+    generator: np.random.Generator,
+    spacing_y: float,
+    spacing_x: float,
+    deviation: float,
+) -> Noise:
+    return Noise(_lattice(size, generator, spacing_y, spacing_x, deviation))
+
+
+def _lattice(
+    size: float,
+    generator: np.random.Generator,
+    spacing_y: float,
+    spacing_x: float,
+    deviation: float,
+) -> NDArray[np.float32]:
+    """Return random values whose interpolation has a standard deviation.
+
+    Args:
+        size: period [m].
+        generator: of the values.
+        spacing_y: about the distance of two nodes along y [m].
+        spacing_x: the same along x.
+        deviation: of the interpolated values.
+    """
+    cells = _per_period(size, spacing_y), _per_period(size, spacing_x)
+    lattice: NDArray[np.float64] = generator.uniform(-1.0, 1.0, cells)
+    # Uniform on +/- 1 has the variance 1/3; the interpolation keeps about 0.52 of it.
+    lattice *= deviation * math.sqrt(3.0 / 0.52)
+    return lattice.astype(np.float32)

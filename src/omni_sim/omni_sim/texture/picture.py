@@ -1,0 +1,131 @@
+"""Grounds from the user's own scan or photo.
+
+A picture becomes a ground as the dissertation's scans did (section 4.4): its pixels are texels of
+known size, taken from the dots per inch on the ground, which nothing in a file tells reliably. The
+largest square from its middle is used, in grey (ITU-R 601) and 8 bits. A strip along two edges,
+a sixteenth of the square, is blended into what would come after the opposite edges, so that the
+ground is seamless when tiled.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from omni_platform.configuration import ConfigurationError
+from omni_sim.texture.texture import BLOCK, INCH, MOST_TEXELS, GroundTexture
+
+_KEY = "picture"
+_FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
+_MOST_PIXELS = 1 << 30  # 80 cm square at 1000 dpi, 35 cm at 2400 dpi
+_FEWEST_TEXELS = 256
+_LEAST_SIZE = 0.02  # [m]
+_LEAST_CONTRAST = 0.3  # standard deviation [grey levels]: what rounding alone makes of a plain one
+_WHITE_16 = 65535
+# What the decoders raise on damaged files.
+_DAMAGE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    EOFError,
+    MemoryError,
+    struct.error,
+    zlib.error,
+)
+
+
+def read_picture(path: str, dpi: float) -> GroundTexture:
+    """Return the ground that a picture shows.
+
+    Args:
+        path: a PNG, TIFF, JPEG, BMP, PPM or WebP file, grey or colour, 8 or 16 bits, any size.
+        dpi: dots per inch on the ground.
+
+    Raises:
+        ConfigurationError: it cannot be read, is too small or shows nothing.
+    """
+    grey, dot = _square(Path(path).expanduser(), INCH / dpi)
+    period = (len(grey) * 15 // 16) // BLOCK * BLOCK
+    _blend(grey, period)
+    _blend(grey.T, period)
+    grey = grey[:period, :period].copy()
+    if float(np.std(grey[:: max(1, period // 1024)])) < _LEAST_CONTRAST:
+        raise ConfigurationError(_KEY, f"{path} is of one grey level, there is nothing to see")
+    return GroundTexture(grey, period * dot)
+
+
+def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
+    """Return the square from the middle of a picture, shape (n, n), and its texel [m]."""
+    if not path.is_file():
+        raise ConfigurationError(_KEY, f"there is no file {path}")
+    limit = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = None  # a scan of 20 cm at 2400 dpi is larger than what that allows
+    try:
+        with Image.open(path, formats=_FORMATS) as image:
+            width, height = image.size
+            _check_size(path, width, height, dot)
+            grey = _grey(path, image)
+    except ConfigurationError:
+        raise
+    except _DAMAGE as error:
+        raise ConfigurationError(_KEY, f"cannot read {path}: {_one_line(error)}") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+    edge = min(grey.shape)
+    top, left = (grey.shape[0] - edge) // 2, (grey.shape[1] - edge) // 2
+    coarser = -(-edge // MOST_TEXELS)
+    if coarser == 1:
+        return grey[top : top + edge, left : left + edge].copy(), dot
+    texels = edge // coarser
+    square = np.empty((texels, texels), np.uint8)
+    for row in range(texels):  # row by row: the mean of the whole would take many times its memory
+        first = top + row * coarser
+        rows = grey[first : first + coarser, left : left + texels * coarser]
+        square[row] = np.rint(rows.reshape(coarser, texels, coarser).mean(axis=(0, 2)))
+    return square, dot * coarser
+
+
+def _check_size(path: Path, width: int, height: int, dot: float) -> None:
+    size = f"{path} has {width} x {height} px, {width * dot:.3g} x {height * dot:.3g} m"
+    if width * height > _MOST_PIXELS:
+        raise ConfigurationError(_KEY, f"{size}, more than {_MOST_PIXELS} px in all")
+    edge = min(width, height)
+    if edge < _FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
+        raise ConfigurationError(
+            _KEY, f"{size}; both edges must have at least {_FEWEST_TEXELS} px and {_LEAST_SIZE} m"
+        )
+
+
+def _grey(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
+    """Return grey levels of 8 bits."""
+    if picture.mode.startswith("I"):  # 16 bits, in some files as 32
+        values = np.asarray(picture)
+        if values.min() < 0 or values.max() > _WHITE_16:
+            raise ConfigurationError(_KEY, f"{path} has more than 16 bits")
+        values = values.astype(np.uint16)
+        # That is v / 257, rounded, without leaving 16 bits.
+        grey: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
+        return grey
+    if picture.mode == "F":
+        raise ConfigurationError(_KEY, f"{path} holds fractions, must hold 8 or 16 bits")
+    if picture.mode in {"P", "PA"}:
+        picture = picture.convert("RGB")
+    return np.asarray(picture.convert("L"), np.uint8)
+
+
+def _blend(grey: NDArray[np.uint8], period: int) -> None:
+    """Blend the beginning of the first `period` columns from what follows their end."""
+    overlap = grey.shape[1] - period
+    share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
+    after = grey[:, period:].astype(np.float32)
+    grey[:, :overlap] = np.rint(after + share * (grey[:, :overlap] - after))
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,153 @@
+"""Grounds: periodic grey-level pictures of known physical size.
+
+Eight procedural materials (`ground_materials`), all seamless when tiled, at any resolution, and
+the user's own scan or photo (`ground_picture`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_sim.texture.materials import MATERIALS
+
+KINDS = tuple(MATERIALS)
+PICTURE = "picture"
+
+GENERATION = 1
+"""Version of the procedures, part of a cached texture's identity: raise it with every change."""
+
+INCH = 0.0254
+"""An inch [m]."""
+
+BLOCK = 32
+"""Texels that a period is a multiple of where it is not given: whole ones can be averaged."""
+
+MOST_TEXELS = 20480
+"""Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""
+
+_FEWEST_TEXELS = 256
+_BAND = 128  # rows drawn at a time
+_THREADS = 2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TextureConfiguration(Configuration):
+    """Look of the ground: a material, or a picture of the user's."""
+
+    kind: str = parameter("cork", description="Kind of ground", choices=(*KINDS, PICTURE))
+    size: float = parameter(
+        0.2,
+        description="Period of a material's texture in x and y; a picture has its own",
+        unit="m",
+        minimum=0.05,
+        maximum=1.0,
+    )
+    texels: int = parameter(
+        4096,
+        description="Texels per period in x and y of a material",
+        unit="1",
+        minimum=256,
+        maximum=8192,
+    )
+    seed: int = parameter(1, description="Seed of a material's pattern", minimum=0)
+    picture: str = parameter("", description="File of the kind picture, PNG, TIFF or JPEG")
+    dpi: float = parameter(
+        0.0,
+        description="Dots per inch on the ground; a picture needs them, of a material they take "
+        "the place of texels and round its period up to a multiple of 32 texels; 0 for texels",
+        minimum=0.0,
+        maximum=50000.0,
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a picture without its scale or that would not be looked at, and too many texels.
+
+        Raises:
+            ConfigurationError: names the key.
+        """
+        if self.kind != PICTURE:
+            if self.picture:
+                raise ConfigurationError(
+                    "picture", f"goes with the kind {PICTURE}, not {self.kind}"
+                )
+            if self.dpi > 0.0 and not _FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
+                raise ConfigurationError(
+                    "dpi",
+                    f"{self.dpi:g} are {self.extent[0]} texels on {self.size:g} m, must be "
+                    f"{_FEWEST_TEXELS} to {MOST_TEXELS}",
+                )
+        elif not self.picture:
+            raise ConfigurationError("picture", f"the kind {PICTURE} needs the name of a file")
+        elif self.dpi <= 0.0:
+            raise ConfigurationError(
+                "dpi", "a picture needs its dots per inch on the ground, such as 2400 of a scan"
+            )
+
+    @property
+    def extent(self) -> tuple[int, float]:
+        """Texels per period of a material, and the period [m]."""
+        if self.dpi == 0.0:
+            return self.texels, self.size
+        texel = INCH / self.dpi
+        # A hundredth of a texel less is rounding.
+        texels = math.ceil((self.size / texel - 0.01) / BLOCK) * BLOCK
+        return texels, texels * texel
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GroundTexture:
+    """A periodic ground, seen from above.
+
+    Attributes:
+        grey: 8-bit grey levels, shape (n, n): row index along y, column index along x; texel
+            (0, 0) has its corner at the origin of the world.
+        size: period along x and y [m].
+    """
+
+    grey: NDArray[np.uint8]
+    size: float
+
+    def __post_init__(self) -> None:
+        shape, kind = self.grey.shape, self.grey.dtype
+        if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0 or kind != np.uint8:
+            raise ValueError(f"a texture is square and uint8, not {kind} of shape {shape}")
+        if not (math.isfinite(self.size) and self.size > 0.0):
+            raise ValueError(f"the period of a texture must be above 0 m, not {self.size}")
+
+    @property
+    def texel(self) -> float:
+        """Edge of a texel [m]."""
+        return self.size / len(self.grey)
+
+
+def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
+    """Return the material that a configuration describes.
+
+    Raises:
+        ValueError: the configuration is that of a picture.
+    """
+    if configuration.kind == PICTURE:
+        raise ValueError("a picture is read, not generated")
+    generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
+    texels, size = configuration.extent
+    layers = MATERIALS[configuration.kind](size, generator)
+    grey = np.empty((texels, texels), np.uint8)
+
+    def draw(first: int) -> None:
+        rows = grey[first : first + _BAND]
+        band = np.empty(rows.shape, np.float32)
+        for layer in layers:
+            layer.draw(band, first)
+        np.rint(band, out=band)
+        np.clip(band, 0.0, 255.0, out=band)
+        rows[:] = band
+
+    with ThreadPoolExecutor(_THREADS, "texture") as pool:
+        list(pool.map(draw, range(0, texels, _BAND)))
+    return GroundTexture(grey, size)

@@ -1,0 +1,1 @@
+"""Empirical tire models: force over slip and load, and the contact equation."""

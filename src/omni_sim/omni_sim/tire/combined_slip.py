@@ -1,0 +1,133 @@
+"""Combined slip of the TMeasy tire: longitudinal and lateral slip added as vectors.
+
+Source: W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics
+45(S), 2007, the generalised slip that section 2.3.1 of the dissertation refers to. The slips of
+Eqs. (1), (2) are divided by factors that make the two directions alike and added as vectors,
+
+    s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
+
+and one curve in the direction ``q``, whose numbers go smoothly from those of ``x`` to those of
+``y``, gives the force ``(F cos phi, F sin phi)``. No further parameters are needed. Along an axis
+it is the curve of that direction exactly; a friction factor scales both curves and so the result.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from omni_sim.tire.characteristic import CurvePoint, curve_at_load, steady_force
+from omni_sim.tire.model import flat_together
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_coefficients
+
+FloatArray = NDArray[np.float64]
+Pair = tuple[float, float]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
+    """Return the factors ``n_x``, ``n_y`` that normalise the slips [1]; their sum is 2.
+
+    Args:
+        x: longitudinal curve.
+        y: lateral curve.
+    """
+    if x[2] <= 0.0 or y[2] <= 0.0:
+        return 1.0, 1.0
+    peak = x[1] + y[1]
+    knee_x, knee_y = x[2] / x[0], y[2] / y[0]
+    knee = knee_x + knee_y
+    return x[1] / peak + knee_x / knee, y[1] / peak + knee_y / knee
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurvePoint:
+    """Return the curve of force [N] over normalised slip [1] in a direction.
+
+    Args:
+        x: longitudinal curve.
+        y: lateral curve.
+        norms: from `slip_norms` [1].
+        q: unit vector of the normalised slip [1].
+    """
+    c, s = abs(q[0]), abs(q[1])
+    return CurvePoint(
+        math.hypot(x[0] * norms[0] * c, y[0] * norms[1] * s),
+        math.hypot(x[1] / norms[0] * c, y[1] / norms[1] * s),
+        math.hypot(x[2] * c, y[2] * s),
+        math.hypot(x[3] / norms[0] * c, y[3] / norms[1] * s),
+        math.hypot(x[4] * c, y[4] * s),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -> Pair:
+    """Return the steady force, with the signs of the slips.
+
+    Args:
+        x: longitudinal curve at the wheel's load, from `characteristic.curve_at_load`.
+        y: lateral curve.
+        slip_x: longitudinal slip, Eq. (1) [1].
+        slip_y: lateral slip, Eq. (2) [1].
+
+    Returns:
+        Longitudinal and lateral force [N].
+    """
+    norms = slip_norms(x, y)
+    along, across = slip_x / norms[0], slip_y / norms[1]
+    slip = math.hypot(along, across)
+    if slip == 0.0:
+        return 0.0, 0.0
+    q = along / slip, across / slip
+    curve = combined_curve(x, y, norms, q)
+    force = steady_force(curve[0], curve[1], curve[2], curve[3], curve[4], slip)
+    return force * q[0], force * q[1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _combined_forces(
+    x: FloatArray,
+    y: FloatArray,
+    largest_load: float,
+    slip_x: FloatArray,
+    slip_y: FloatArray,
+    load: FloatArray,
+    friction: FloatArray,
+    force: FloatArray,
+) -> None:
+    for i in range(load.size):
+        clamped = min(max(load[i], 0.0), largest_load)
+        at_x = curve_at_load(x, clamped, friction[i])
+        at_y = curve_at_load(y, clamped, friction[i])
+        force[i] = combined_force(at_x, at_y, slip_x[i], slip_y[i])
+
+
+def combined_forces(
+    tire: TMeasyConfiguration,
+    slip_x: ArrayLike,
+    slip_y: ArrayLike,
+    load: ArrayLike,
+    friction: ArrayLike = 1.0,
+) -> FloatArray:
+    """Return the steady forces of a tire under combined slip, with the signs of the slips.
+
+    Args:
+        tire: with both directions, as in Table 1.
+        slip_x: longitudinal slip, Eq. (1) [1].
+        slip_y: lateral slip, Eq. (2) [1].
+        load: wheel load [N], clamped to the model's range.
+        friction: ``mu/mu_0`` [1].
+
+    Returns:
+        Longitudinal and lateral forces [N], in the common shape of the arguments and a last axis
+        of 2.
+    """
+    shape, flat = flat_together(slip_x, slip_y, load, friction)
+    force = np.empty((flat[0].size, 2))
+    loads = tire.nominal_load_1, tire.nominal_load_2
+    coefficients = curve_coefficients(tire.x, *loads), curve_coefficients(tire.y, *loads)
+    _combined_forces(*coefficients, tire.nominal_load_2, *flat, force)
+    return force.reshape((*shape, 2))

@@ -1,0 +1,110 @@
+"""The contact equation of `wheel` for any tire curve that rises to a peak and falls beyond it.
+
+``R(s) = D V s + kappa F(s) = |A|`` has one solution where ``R`` rises. If the curve falls faster
+than the first term grows, ``R`` has a crest beyond the peak and a valley behind it; between their
+heights the patch keeps the state, adhering or sliding, that it has.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+from omni_sim.tire.model import force_at
+
+_TOLERANCE = 1e-13
+_MAXIMUM_ITERATIONS = 100
+_TURN_ITERATIONS = 40
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _root(
+    demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
+) -> tuple[float, float]:
+    """Solve ``R(s) = demand`` by Newton's rule confined to a bracket; return ``s`` and ``F``."""
+    slip = start if low < start < high else 0.5 * (low + high)
+    force, gradient = force_at(curve, slip)
+    for _ in range(_MAXIMUM_ITERATIONS):
+        residual = viscous * slip + gain * force - demand
+        if abs(residual) <= _TOLERANCE * demand:
+            break
+        if residual > 0.0:
+            high = slip
+        else:
+            low = slip
+        step = slip - residual / (viscous + gain * gradient)
+        # Also catches NaN.
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        if step == slip:
+            break
+        slip = step
+        force, gradient = force_at(curve, slip)
+    return slip, force
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
+    """Return the slip between `falling` and `rising` where ``R`` turns, on its rising side."""
+    for _ in range(_TURN_ITERATIONS):
+        middle = 0.5 * (falling + rising)
+        if viscous + gain * force_at(curve, middle)[1] < 0.0:
+            falling = middle
+        else:
+            rising = middle
+    return rising
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_contact(
+    demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
+) -> tuple[float, float, bool]:
+    """Solve the contact equation; arguments and result as `tire_model.contact_friction`.
+
+    Args:
+        demand: [N].
+        damping: [N s/m].
+        gain: [1].
+        speed: [m/s].
+        curve: with ``steepest_slip`` [1], where the force falls fastest beyond its peak, and
+            ``steepest_fall`` [N], ``-dF/ds`` there, besides what every curve has.
+        sliding: whether the patch slid in the step before.
+    """
+    if curve.peak_force <= 0.0:
+        return 0.0, demand / damping, False
+    viscous = damping * speed
+    at_peak = viscous * curve.peak_slip + gain * curve.peak_force
+    dips = viscous < gain * curve.steepest_fall
+    low = 0.0
+    # No force is negative, so R is above the demand here.
+    high = demand / viscous
+    if dips and sliding:
+        low = curve.steepest_slip
+        if demand < viscous * low + gain * force_at(curve, low)[0]:
+            far = 2.0 * low
+            while viscous + gain * force_at(curve, far)[1] < 0.0:
+                low = far
+                far *= 2.0
+            low = _turning_point(viscous, gain, curve, low, far)
+            sliding = demand >= viscous * low + gain * force_at(curve, low)[0]
+    if dips and not sliding and demand > at_peak:
+        crest = _turning_point(viscous, gain, curve, curve.steepest_slip, curve.peak_slip)
+        crest_force = force_at(curve, crest)[0]
+        sliding = demand > viscous * crest + gain * crest_force
+        low = curve.steepest_slip if sliding else curve.peak_slip
+        if not sliding:
+            high = crest
+    elif demand <= at_peak and not (dips and sliding):
+        sliding = False
+        low, high = 0.0, curve.peak_slip
+    elif not dips:
+        low = curve.peak_slip
+    if sliding or (not dips and demand > at_peak):
+        start = (demand - gain * curve.slide_force) / viscous
+    else:
+        start = demand / (viscous + gain * curve.slope)
+    slip, force = _root(demand, viscous, gain, curve, low, high, start)
+    if not dips:
+        sliding = slip > curve.steepest_slip
+    return force, slip * speed, sliding

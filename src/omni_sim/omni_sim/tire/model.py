@@ -1,0 +1,201 @@
+"""The interface that every tire model fills: slip, load and friction to force, inside kernels.
+
+A model is one file of `tire_models` that defines ``MODEL``, a `TireModel`. Its constants and its
+curve at one load are two NamedTuples of its own; kernels call `curve_at`, `force_at` and
+`contact_friction` here, and numba picks the model's functions by the types of those tuples when it
+compiles. So a vehicle's kernel is compiled and cached once for every model, the choice costs
+nothing in a step, and no list of models has to be kept anywhere.
+
+Every model's force is odd in the slip, rises from zero with a finite slope to one peak and stays or
+falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the curve and leaves its
+slope at zero alone: ``F(s; mu) = mu F(s / mu; 1)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import ArrayLike, NDArray
+
+from omni_platform.configuration import Configuration
+
+FloatArray = NDArray[np.float64]
+
+
+class Curve(Protocol):
+    """What the curve of every model tells: slope and forces in [N], slip in [1]."""
+
+    @property
+    def slope(self) -> float:
+        """``dF/ds`` at zero slip [N]."""
+
+    @property
+    def peak_slip(self) -> float:
+        """Smallest slip of the largest force [1]."""
+
+    @property
+    def peak_force(self) -> float:
+        """Largest force [N]."""
+
+    @property
+    def slide_force(self) -> float:
+        """Force at unlimited slip [N]."""
+
+
+class Landmarks(NamedTuple):
+    """What is seen of measured curves at two loads, each of shape (2,), to start a fit from.
+
+    Attributes:
+        load: half of the largest load in the data, and that load [N].
+        slope: at zero slip [N].
+        peak_force: [N].
+        peak_slip: [1].
+    """
+
+    load: FloatArray
+    slope: FloatArray
+    peak_force: FloatArray
+    peak_slip: FloatArray
+
+
+@dataclasses.dataclass(frozen=True)
+class FitRecipe:
+    """How a model is fitted to measured forces by P unknowns within bounds.
+
+    Attributes:
+        keys: of the model's configuration, dotted, one for every value, P of them.
+        lower: least unknowns, shape (P,).
+        upper: largest unknowns, shape (P,).
+        loads: number of distinct loads that the model needs to be determined.
+        start: unknowns to start from, shape (P,).
+        values: unknowns, of arrays with a P in front, to the values of `keys`; an unknown may be
+            a ratio where that keeps the values in order.
+        scale: values and largest load [N] in the data to the sizes, shape (P,), by which it is
+            judged whether a value's standard error is small.
+        parameters: values and largest load [N] to the constants of the kernels.
+        mapping: values and largest load [N] to the model's configuration as nested mappings.
+    """
+
+    keys: tuple[str, ...]
+    lower: Sequence[float]
+    upper: Sequence[float]
+    loads: int
+    start: Callable[[Landmarks], FloatArray]
+    values: Callable[[FloatArray], FloatArray]
+    scale: Callable[[FloatArray, float], FloatArray]
+    parameters: Callable[[FloatArray, float], Any]
+    mapping: Callable[[FloatArray, float], dict[str, Any]]
+
+
+@dataclasses.dataclass(frozen=True)
+class TireModel:
+    """A tire model.
+
+    Attributes:
+        description: one line for people.
+        configuration: class of its parameters, each with a default.
+        parameters_type: NamedTuple of its constants in kernels.
+        curve_type: NamedTuple of its curve at one load; a `Curve`.
+        parameters: configuration to constants.
+        largest_load: configuration to the load [N] at which the model ends.
+        curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
+        force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
+        contact: kernel as `contact_friction`; `rising_falling.solve_contact` serves any model
+            whose curve also has ``steepest_slip`` and ``steepest_fall``.
+        fit: how it is fitted to measurements.
+    """
+
+    description: str
+    configuration: type[Configuration]
+    parameters_type: type
+    curve_type: type
+    parameters: Callable[[Any], Any]
+    largest_load: Callable[[Any], float]
+    curve_at: Callable[[Any, float, float], Any]
+    force_at: Callable[[Any, float], tuple[float, float]]
+    contact: Callable[[float, float, float, float, Any, bool], tuple[float, float, bool]]
+    fit: FitRecipe
+
+
+def _model_of(kind: type) -> TireModel:
+    # The models import this module.
+    from omni_sim.tire.models import MODELS
+
+    for model in MODELS.values():
+        if kind in (model.parameters_type, model.curve_type):
+            return model
+    raise TypeError(f"{kind!r} belongs to no tire model")
+
+
+def curve_at(parameters: Any, load: float, friction: float) -> Any:
+    """Return the curve of a model at a load and a friction factor; also inside kernels.
+
+    Args:
+        parameters: constants of a model.
+        load: wheel load [N] from 0 to the largest of the model; clamp it before.
+        friction: ``mu/mu_0`` [1].
+    """
+    return _model_of(type(parameters)).curve_at(parameters, load, friction)
+
+
+def force_at(curve: Any, slip: float) -> tuple[float, float]:
+    """Return force [N] and its derivative by the slip [N] at ``slip >= 0``; also inside kernels."""
+    return _model_of(type(curve)).force_at(curve, slip)
+
+
+def contact_friction(
+    demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
+) -> tuple[float, float, bool]:
+    """Solve ``demand = damping w + gain F(w / speed)`` for the sliding speed of the patch.
+
+    Also inside kernels; `wheel` says where the equation comes from.
+
+    Args:
+        demand: ``|A|`` [N].
+        damping: ``D = d + c dt`` [N s/m].
+        gain: ``kappa = 1 + D m`` [1].
+        speed: ``V = r_D |omega| + v_num`` [m/s].
+        curve: from `curve_at`.
+        sliding: whether the patch slid in the step before.
+
+    Returns:
+        ``F`` [N], ``w`` [m/s] and whether the patch slides now.
+    """
+    return _model_of(type(curve)).contact(demand, damping, gain, speed, curve, sliding)
+
+
+def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
+    """Return the common shape of some arguments, and each in that shape as one row of numbers."""
+    common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
+    return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
+
+
+def _type_of(numba_type: types.Type) -> type:
+    kind: type = getattr(numba_type, "instance_class", type(numba_type))
+    return kind
+
+
+# numba wants functions of Python, not kernels, hence the lambdas.
+@overload(curve_at)
+def _compile_curve_at(parameters, load, friction):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    kernel = _model_of(_type_of(parameters)).curve_at
+    return lambda parameters, load, friction: kernel(parameters, load, friction)  # noqa: PLW0108
+
+
+@overload(force_at)
+def _compile_force_at(curve, slip):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    kernel = _model_of(_type_of(curve)).force_at
+    return lambda curve, slip: kernel(curve, slip)  # noqa: PLW0108
+
+
+@overload(contact_friction)
+def _compile_contact(demand, damping, gain, speed, curve, sliding):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    kernel = _model_of(_type_of(curve)).contact
+    return lambda demand, damping, gain, speed, curve, sliding: kernel(  # noqa: PLW0108
+        demand, damping, gain, speed, curve, sliding
+    )

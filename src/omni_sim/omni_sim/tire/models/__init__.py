@@ -1,0 +1,18 @@
+"""The tire models, one file each; a file in this folder is all that a new model takes.
+
+Each module defines ``MODEL``, a `TireModel`; the module's name is the model's name in YAML.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+
+from omni_sim.tire.model import TireModel
+
+MODELS: Mapping[str, TireModel] = {
+    name: importlib.import_module(f"{__name__}.{name}").MODEL
+    for name in sorted(module.name for module in pkgutil.iter_modules(__path__))
+}
+"""Every model by its name."""

@@ -1,0 +1,119 @@
+"""The linear tire: force proportional to slip up to the friction limit, both to the load.
+
+``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. Nothing falls beyond the peak, so a patch has no
+second state: it slides exactly while it is saturated. The simplest tire that brakes, and the
+reference that shows what the falling part and the load dependence of the others do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LinearConfiguration(Configuration):
+    """A linear tire; the defaults are the tire of Table 1 at its first nominal load."""
+
+    largest_load: float = parameter(
+        6000.0, description="Largest permissible wheel load", unit="N", above=0.0
+    )
+    stiffness: float = parameter(
+        50000.0 / 3000.0, description="Slope dF/ds at zero slip per wheel load", above=0.0
+    )
+    friction: float = parameter(1.0, description="Largest force per wheel load", above=0.0)
+
+
+class LinearParameters(NamedTuple):
+    """Constants of the kernels: slope and largest force per load [1]."""
+
+    stiffness: float
+    friction: float
+
+
+class LinearCurve(NamedTuple):
+    """A curve at one load; see `tire_model.Curve`."""
+
+    slope: float
+    peak_slip: float
+    peak_force: float
+    slide_force: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def curve_at(parameters: LinearParameters, load: float, friction: float) -> LinearCurve:
+    """Return the curve at a load [N] and a friction factor [1]."""
+    slope = parameters.stiffness * load
+    peak_force = parameters.friction * friction * load
+    peak_slip = parameters.friction * friction / parameters.stiffness
+    return LinearCurve(slope, peak_slip, peak_force, peak_force)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def force_at(curve: LinearCurve, slip: float) -> tuple[float, float]:
+    """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
+    if slip < curve.peak_slip:
+        return curve.slope * slip, curve.slope
+    return curve.peak_force, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def contact(
+    demand: float, damping: float, gain: float, speed: float, curve: LinearCurve, _sliding: bool
+) -> tuple[float, float, bool]:
+    """Solve the contact equation in closed form; see `tire_model.contact_friction`."""
+    if curve.peak_force <= 0.0:
+        return 0.0, demand / damping, False
+    slip = demand / (damping * speed + gain * curve.slope)
+    if slip < curve.peak_slip:
+        return curve.slope * slip, slip * speed, False
+    return curve.peak_force, (demand - gain * curve.peak_force) / damping, True
+
+
+def _parameters(configuration: LinearConfiguration) -> LinearParameters:
+    return LinearParameters(configuration.stiffness, configuration.friction)
+
+
+def _start(seen: Landmarks) -> FloatArray:
+    return np.array([np.mean(seen.slope / seen.load), np.mean(seen.peak_force / seen.load)])
+
+
+def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
+    return {
+        "largest_load": float(largest_load),
+        "stiffness": float(values[0]),
+        "friction": float(values[1]),
+    }
+
+
+MODEL = TireModel(
+    description="Proportional to slip and load, saturated at the friction limit",
+    configuration=LinearConfiguration,
+    parameters_type=LinearParameters,
+    curve_type=LinearCurve,
+    parameters=_parameters,
+    largest_load=lambda configuration: configuration.largest_load,
+    curve_at=curve_at,
+    force_at=force_at,
+    contact=contact,
+    fit=FitRecipe(
+        keys=("stiffness", "friction"),
+        lower=(0.0, 0.0),
+        upper=(np.inf, np.inf),
+        loads=1,
+        start=_start,
+        values=np.copy,
+        scale=lambda values, _: np.abs(values),
+        parameters=lambda values, _: LinearParameters(*(float(value) for value in values)),
+        mapping=_mapping,
+    ),
+)

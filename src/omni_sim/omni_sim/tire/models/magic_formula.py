@@ -1,0 +1,292 @@
+"""The Magic Formula with load-dependent peak and stiffness.
+
+Source: E. Bakker, H. B. Pacejka and L. Lidner, "A new tire model with an application in vehicle
+dynamics studies", SAE 890087, 1989. The force over slip is
+
+    F = D sin(C atan(x - E (x - atan x))),  x = B s
+
+with the peak ``D = mu(F_z) F_z``, where ``mu = a_1 F_z + a_2``, and the slope at zero
+``B C D = (a_3 F_z + a_4) F_z``. Here slip is a pure number and loads are in [N]; the original has
+per cent and [kN], and damps the slope by ``exp(-a_5 F_z)``, of which this parabola is the
+beginning. Shape ``C`` and curvature ``E`` do not depend on the load, so where the curve peaks and
+where it falls fastest are constants in ``x``. Shifts of the origin are left out: a wheel that
+rolls freely must not pull.
+
+A friction factor scales ``D``; with ``B C D`` kept, ``B`` falls and the slips grow alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_sim.tire.contact import solve_contact
+from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+
+FloatArray = NDArray[np.float64]
+
+_SHAPE_RANGE = (1.05, 1.95)
+_CURVATURE_RANGE = (-20.0, 0.95)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MagicFormulaConfiguration(Configuration):
+    """A Magic Formula tire; the defaults resemble the longitudinal tire of Table 1."""
+
+    largest_load: float = parameter(
+        6000.0, description="Largest permissible wheel load", unit="N", above=0.0
+    )
+    friction: float = parameter(
+        1.25, description="Largest force per wheel load at small loads, a_2", above=0.0
+    )
+    friction_gradient: float = parameter(
+        -0.25 / 3000.0, description="Its change with the load, a_1", unit="1/N"
+    )
+    stiffness: float = parameter(
+        62500.0 / 3000.0,
+        description="Slope dF/ds at zero slip per wheel load at small loads, a_4",
+        above=0.0,
+    )
+    stiffness_gradient: float = parameter(
+        -12500.0 / 3000.0**2, description="Its change with the load, a_3", unit="1/N"
+    )
+    shape: float = parameter(
+        1.23,
+        description="Shape C; the force at unlimited slip is sin(C 90 deg) of the peak",
+        minimum=_SHAPE_RANGE[0],
+        maximum=_SHAPE_RANGE[1],
+    )
+    curvature: float = parameter(
+        -1.3,
+        description="Curvature E around the peak",
+        minimum=_CURVATURE_RANGE[0],
+        maximum=_CURVATURE_RANGE[1],
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse forces and slopes that turn negative or fall with the load."""
+        for name, value, gradient in (
+            ("friction_gradient", self.friction, self.friction_gradient),
+            ("stiffness_gradient", self.stiffness, self.stiffness_gradient),
+        ):
+            if value + 2.0 * gradient * self.largest_load < 0.0:
+                raise ConfigurationError(
+                    name,
+                    f"{gradient:g} 1/N lets the tire lose with more load below largest_load = "
+                    f"{self.largest_load:g} N",
+                )
+
+
+class MagicFormulaParameters(NamedTuple):
+    """Constants of the kernels: a_1 to a_4, C, E, and landmarks of the unit curve in ``x``.
+
+    ``peak`` is the place of the peak; ``steepest`` and ``fall`` are place and size of the steepest
+    descent beyond it, ``slide`` the height at unlimited slip.
+    """
+
+    friction: float
+    friction_gradient: float
+    stiffness: float
+    stiffness_gradient: float
+    shape: float
+    curvature: float
+    peak: float
+    steepest: float
+    fall: float
+    slide: float
+
+
+class MagicFormulaCurve(NamedTuple):
+    """A curve at one load; see `tire_model.Curve` and `rising_falling.solve_contact`.
+
+    ``scale`` is B [1], ``shape`` C and ``curvature`` E.
+    """
+
+    slope: float
+    peak_slip: float
+    peak_force: float
+    slide_force: float
+    steepest_slip: float
+    steepest_fall: float
+    scale: float
+    shape: float
+    curvature: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
+    """Return ``F / D`` and its derivative by ``x = B s`` [1]."""
+    bend = math.atan(x)
+    inner = x - curvature * (x - bend)
+    angle = shape * math.atan(inner)
+    inner_gradient = 1.0 - curvature * (x * x / (1.0 + x * x))
+    return math.sin(angle), math.cos(angle) * shape * inner_gradient / (1.0 + inner * inner)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -> MagicFormulaCurve:
+    """Return the curve at a load [N] and a friction factor [1]."""
+    p = parameters
+    peak_force = (p.friction + p.friction_gradient * load) * load * friction
+    slope = (p.stiffness + p.stiffness_gradient * load) * load
+    # B over the load, which would otherwise be 0 / 0 for an unloaded wheel.
+    scale = (p.stiffness + p.stiffness_gradient * load) / (
+        p.shape * (p.friction + p.friction_gradient * load) * friction
+    )
+    return MagicFormulaCurve(
+        slope,
+        p.peak / scale,
+        peak_force,
+        p.slide * peak_force,
+        p.steepest / scale,
+        p.fall * scale * peak_force,
+        scale,
+        p.shape,
+        p.curvature,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def force_at(curve: MagicFormulaCurve, slip: float) -> tuple[float, float]:
+    """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
+    if curve.peak_force <= 0.0:
+        return 0.0, 0.0
+    height, gradient = unit_curve(curve.shape, curve.curvature, curve.scale * slip)
+    return curve.peak_force * height, curve.peak_force * curve.scale * gradient
+
+
+def _solve(curvature: float, place: float) -> float:
+    """Return the ``x`` where ``x - E (x - atan x)`` reaches `place`, by bisection."""
+    low, high = 0.0, 1.0
+    while high - curvature * (high - math.atan(high)) < place:
+        high *= 2.0
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if middle - curvature * (middle - math.atan(middle)) < place:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def constants(
+    friction: float,
+    friction_gradient: float,
+    stiffness: float,
+    stiffness_gradient: float,
+    shape: float,
+    curvature: float,
+) -> MagicFormulaParameters:
+    """Return the constants of the kernels.
+
+    Args:
+        friction: a_2 [1].
+        friction_gradient: a_1 [1/N].
+        stiffness: a_4 [1].
+        stiffness_gradient: a_3 [1/N].
+        shape: C, between 1 and 2.
+        curvature: E, below 1.
+    """
+    # The sine peaks where its argument is a right angle.
+    peak = _solve(curvature, math.tan(0.5 * math.pi / shape))
+
+    def fall(logarithm: float) -> float:
+        return -float(unit_curve(shape, curvature, math.exp(logarithm))[1])
+
+    # Steepest descent: golden section on log x; beyond the peak there is one.
+    low, high = math.log(peak), math.log(peak) + 12.0
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    for _ in range(80):
+        left, right = high - ratio * (high - low), low + ratio * (high - low)
+        if fall(left) > fall(right):
+            high = right
+        else:
+            low = left
+    steepest = 0.5 * (low + high)
+    return MagicFormulaParameters(
+        friction,
+        friction_gradient,
+        stiffness,
+        stiffness_gradient,
+        shape,
+        curvature,
+        peak,
+        math.exp(steepest),
+        fall(steepest),
+        math.sin(0.5 * math.pi * shape),
+    )
+
+
+def _parameters(configuration: MagicFormulaConfiguration) -> MagicFormulaParameters:
+    return constants(
+        configuration.friction,
+        configuration.friction_gradient,
+        configuration.stiffness,
+        configuration.stiffness_gradient,
+        configuration.shape,
+        configuration.curvature,
+    )
+
+
+_KEYS = (
+    "friction",
+    "friction_gradient",
+    "stiffness",
+    "stiffness_gradient",
+    "shape",
+    "curvature",
+)
+
+
+def _start(seen: Landmarks) -> FloatArray:
+    values = []
+    for share in (seen.peak_force / seen.load, seen.slope / seen.load):
+        gradient = (share[1] - share[0]) / (seen.load[1] - seen.load[0])
+        values += [max(share[0] - gradient * seen.load[0], 0.1 * share[0]), gradient]
+    # The curvature that puts the peak where it was seen, with a shape in the middle.
+    shape = 1.4
+    x = seen.slope[1] / (shape * seen.peak_force[1]) * seen.peak_slip[1]
+    curvature = (x - math.tan(0.5 * math.pi / shape)) / (x - math.atan(x))
+    return np.array([*values, shape, np.clip(curvature, -10.0, 0.9)])
+
+
+def _scale(values: FloatArray, largest_load: float) -> FloatArray:
+    friction, stiffness = values[0], values[2]
+    return np.array(
+        [friction, friction / largest_load, stiffness, stiffness / largest_load, 1.0, 2.0]
+    )
+
+
+def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
+    mapping = {key: float(value) for key, value in zip(_KEYS, values, strict=True)}
+    return {"largest_load": float(largest_load), **mapping}
+
+
+MODEL = TireModel(
+    description="Pacejka's formula with load-dependent peak and stiffness",
+    configuration=MagicFormulaConfiguration,
+    parameters_type=MagicFormulaParameters,
+    curve_type=MagicFormulaCurve,
+    parameters=_parameters,
+    largest_load=lambda configuration: configuration.largest_load,
+    curve_at=curve_at,
+    force_at=force_at,
+    contact=solve_contact,
+    fit=FitRecipe(
+        keys=_KEYS,
+        lower=(1e-3, -np.inf, 1e-3, -np.inf, _SHAPE_RANGE[0], _CURVATURE_RANGE[0]),
+        upper=(np.inf, np.inf, np.inf, np.inf, _SHAPE_RANGE[1], _CURVATURE_RANGE[1]),
+        loads=2,
+        start=_start,
+        values=np.copy,
+        scale=_scale,
+        parameters=lambda values, _: constants(*(float(value) for value in values)),
+        mapping=_mapping,
+    ),
+)

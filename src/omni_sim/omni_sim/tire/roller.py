@@ -1,0 +1,61 @@
+"""The tire of a roller in both its directions, for every tire model.
+
+TMeasy has a curve for each direction, which `combined_slip` joins. Any other model has one curve,
+which then holds in all directions alike: the force lies against the slip.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import types
+from numba.extending import overload
+
+from omni_sim.tire.characteristic import CurvePoint
+from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.models.tmeasy import TMeasyParameters
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.tire.tmeasy import curve_coefficients
+
+Pair = tuple[float, float]
+
+
+def passive_parameters(tire: TireConfiguration) -> Any:
+    """Return the constants of a tire's model across the roller's axis.
+
+    Args:
+        tire: of every roller.
+    """
+    if tire.model != "tmeasy":
+        return tire.kernel_parameters
+    loads = tire.tmeasy.nominal_load_1, tire.tmeasy.nominal_load_2
+    return TMeasyParameters(curve_coefficients(tire.tmeasy.y, *loads))
+
+
+def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
+    """Return the curve over normalised slip in a direction; also inside kernels.
+
+    Args:
+        active: curve along the roller's axis, from `tire_model.curve_at`.
+        passive: curve across it.
+        q: unit vector of the normalised slip, active and passive component [1].
+
+    Returns:
+        Curve of the same model; factors that normalise the slips of both directions [1].
+    """
+    if isinstance(active, CurvePoint):
+        norms = slip_norms(active, passive)
+        return combined_curve(active, passive, norms, q), norms
+    return active, (1.0, 1.0)
+
+
+@overload(curve_in_direction)
+def _compile_curve_in_direction(active, passive, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
+    if isinstance(active, types.BaseNamedTuple) and active.instance_class is CurvePoint:
+
+        def combined(active, passive, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+            norms = slip_norms(active, passive)
+            return combined_curve(active, passive, norms, q), norms
+
+        return combined
+    return lambda active, passive, q: (active, (1.0, 1.0))  # noqa: ARG005

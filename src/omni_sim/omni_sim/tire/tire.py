@@ -1,0 +1,168 @@
+"""The tire of a vehicle: a model of force over slip, chosen by name, on a spring and a damper (4).
+
+`TireConfiguration` holds what every tire has, the model's name, and the parameters of every model
+under its own name, of which only those of the chosen one count. `Tire` evaluates the steady
+characteristic for plots, fits and tests.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
+from omni_sim.tire.models import MODELS
+
+FloatArray = NDArray[np.float64]
+
+# A field for every model in the folder; dataclasses cannot be written down with fields like that.
+_ModelFields: Any = dataclasses.make_dataclass(
+    "_ModelFields",
+    [("model", str)]
+    + [
+        (
+            name,
+            model.configuration,
+            parameter(description=model.description, default_factory=model.configuration),
+        )
+        for name, model in MODELS.items()
+    ],
+    bases=(Configuration,),
+    namespace={"__module__": __name__, "__doc__": "The parameters of every model."},
+    frozen=True,
+    kw_only=True,
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TireConfiguration(_ModelFields):
+    """A tire; the default is TMeasy with Table 1. Parameters of other models are ignored."""
+
+    model: str = parameter(
+        "tmeasy",
+        description="Tire model; its parameters are those under its name",
+        choices=tuple(MODELS),
+    )
+    stiffness: float = parameter(
+        2.0e5,
+        description="Stiffness c_x of the tire against horizontal deflection",
+        unit="N/m",
+        minimum=1.0e3,
+        maximum=1.0e8,
+    )
+    damping: float = parameter(
+        5000.0,
+        description="Damping d_x of the horizontal deflection",
+        unit="N s/m",
+        minimum=0.0,
+        maximum=1.0e7,
+    )
+    vertical_stiffness: float = parameter(
+        1.0e6,
+        description="Vertical stiffness c_z, which sets the dynamic rolling radius",
+        unit="N/m",
+        minimum=1.0e4,
+        maximum=1.0e9,
+    )
+    slip_speed: float = parameter(
+        1.0e-6,
+        description="Speed v_num that keeps the slip of a standing wheel finite",
+        unit="m/s",
+        minimum=1.0e-9,
+        maximum=0.1,
+    )
+
+    @property
+    def tire_model(self) -> TireModel:
+        """The chosen model."""
+        return MODELS[self.model]
+
+    @property
+    def model_parameters(self) -> Configuration:
+        """The parameters of the chosen model."""
+        parameters: Configuration = getattr(self, self.model)
+        return parameters
+
+    @property
+    def kernel_parameters(self) -> Any:
+        """The constants of the chosen model for kernels, a NamedTuple of the model's own."""
+        return self.tire_model.parameters(self.model_parameters)
+
+    @property
+    def largest_load(self) -> float:
+        """Load at which the chosen model ends [N]."""
+        return float(self.tire_model.largest_load(self.model_parameters))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def steady_forces(
+    parameters: Any,
+    largest_load: float,
+    slip: FloatArray,
+    load: FloatArray,
+    friction: FloatArray,
+    force: FloatArray,
+) -> None:
+    """Write the steady forces [N] of any model, with the sign of the slip.
+
+    Args:
+        parameters: constants of a model.
+        largest_load: at which loads are clamped [N].
+        slip: [1], shape (n,).
+        load: wheel loads [N], shape (n,).
+        friction: ``mu/mu_0`` [1], shape (n,).
+        force: receives the forces [N], shape (n,).
+    """
+    for i in range(slip.size):
+        curve = curve_at(parameters, min(max(load[i], 0.0), largest_load), friction[i])
+        magnitude = force_at(curve, abs(slip[i]))[0]
+        force[i] = magnitude if slip[i] >= 0.0 else -magnitude
+
+
+class Tire:
+    """The steady characteristic of a tire of any model.
+
+    Attributes:
+        configuration: the tire.
+    """
+
+    def __init__(self, configuration: TireConfiguration) -> None:
+        self.configuration = configuration
+        self._parameters = configuration.kernel_parameters
+
+    def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
+        """Tell where a load [N] lies beyond the model, so that it is clamped; any shape."""
+        beyond: NDArray[np.bool_] = np.asarray(load) > self.configuration.largest_load
+        return beyond
+
+    def curve(self, load: float, friction: float = 1.0) -> Curve:
+        """Return slope [N], peak and sliding force [N] and peak slip [1] at a load.
+
+        Args:
+            load: wheel load [N], clamped to the model's range.
+            friction: ``mu/mu_0`` [1].
+        """
+        clamped = min(max(float(load), 0.0), self.configuration.largest_load)
+        curve: Curve = curve_at(self._parameters, clamped, float(friction))
+        return curve
+
+    def force(self, slip: ArrayLike, load: ArrayLike, friction: ArrayLike = 1.0) -> FloatArray:
+        """Return the steady force, with the sign of the slip.
+
+        Args:
+            slip: [1], any sign.
+            load: wheel load [N], clamped to the model's range.
+            friction: ``mu/mu_0`` [1].
+
+        Returns:
+            Force [N] in the common shape of the arguments.
+        """
+        shape, flat = flat_together(slip, load, friction)
+        force = np.empty(flat[0].size)
+        steady_forces(self._parameters, self.configuration.largest_load, *flat, force)
+        return force.reshape(shape)

@@ -1,0 +1,1 @@
+"""The body on its wheels: configuration, loads, Newton's equations, uneven ground."""

@@ -1,0 +1,202 @@
+"""What a vehicle is made of: the configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import WheelMount, cross
+from omni_platform.kinematics import PlatformKinematics
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.vehicle.loads import (
+    GRAVITY,
+    MAXIMUM_WHEELS,
+    MassConfiguration,
+    MassProperties,
+    support_polygon,
+)
+from omni_sim.wheel.passive_losses import PassiveLossConfiguration
+from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geometries
+from omni_sim.wheel.roller_geometry import RollerGeometry
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrakeConfiguration(Configuration):
+    """The brake of each wheel."""
+
+    max_torque: float = parameter(
+        2000.0,
+        description="Torque of a wheel's brake with the pedal fully down",
+        unit="N m",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    dead_time: float = parameter(
+        0.0,
+        description="Time until the pressure in a brake begins to follow pedal and valve",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    time_constant: float = parameter(
+        0.0,
+        description="Time constant with which the pressure then builds up and falls",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DriveConfiguration(Configuration):
+    """The drive of each wheel: an exact speed source behind a clutch (Appendix A)."""
+
+    clutch_threshold: float = parameter(
+        0.05,
+        description="Pedal position from which on the clutch is open",
+        above=0.0,
+        maximum=1.0,
+    )
+    stiffness: float = parameter(
+        5000.0,
+        description="Torque of the engaged clutch per difference of speed",
+        unit="N m s/rad",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    max_torque: float = parameter(
+        1500.0,
+        description="Largest torque of the engaged clutch",
+        unit="N m",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleConfiguration(Configuration):
+    """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
+
+    wheels: Mapping[str, WheelMount] = parameter(
+        description="Wheels by name; their order is the order of all wheel arrays"
+    )
+    chassis_length: float = parameter(
+        1.6,
+        description="Length of the chassis; only pictures and places for sensors depend on it",
+        unit="m",
+        above=0.0,
+    )
+    chassis_width: float = parameter(
+        1.2,
+        description="Width of the chassis; only pictures and places for sensors depend on it",
+        unit="m",
+        above=0.0,
+    )
+    body: MassConfiguration = parameter(description="Chassis with its wheels and drives")
+    load: MassConfiguration = parameter(
+        description="Movable load",
+        default_factory=lambda: MassConfiguration(mass=0.0, height=0.0),
+    )
+    tire: TireConfiguration = parameter(
+        description="Tire of every wheel", default_factory=TireConfiguration
+    )
+    wheel_model: str = parameter(
+        "single",
+        description="Model of every wheel: 'single' with one idealised roller (section 2.4.2), or "
+        "'rollers' with free rollers of their own (section 2.4.1)",
+        choices=("single", "rollers"),
+    )
+    contact: str = parameter(
+        "ideal",
+        description="Contact of the wheel model 'single': 'ideal' under the wheel's centre, or "
+        "'roller', which moves along the roller on the ground and jumps to the next (8)-(10)",
+        choices=("ideal", "roller"),
+    )
+    rollers: RollerConfiguration = parameter(
+        description="Rollers of every wheel; count where the wheel model or its contact has them",
+        default_factory=RollerConfiguration,
+    )
+    brake: BrakeConfiguration = parameter(
+        description="Brake of every wheel", default_factory=BrakeConfiguration
+    )
+    drive: DriveConfiguration = parameter(
+        description="Drive of every wheel", default_factory=DriveConfiguration
+    )
+    passive_losses: PassiveLossConfiguration = parameter(
+        description="Losses of every wheel's rollers", default_factory=PassiveLossConfiguration
+    )
+    wheel_inertia: float = parameter(
+        1.0,
+        description="Moment of inertia of a wheel about its axis",
+        unit="kg m^2",
+        above=0.0,
+        maximum=1.0e4,
+    )
+    load_transfer_time: float = parameter(
+        0.02,
+        description="Time constant with which wheel loads follow the acceleration; stands for "
+        "pitch and roll on the tires",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    @property
+    def contacts_move(self) -> bool:
+        """Whether the contact points follow the rollers."""
+        return self.wheel_model == "rollers" or self.contact == "roller"
+
+    @property
+    def roller_geometries(self) -> tuple[RollerGeometry, ...]:
+        """Geometry of the rollers of each wheel.
+
+        Raises:
+            ConfigurationError: the rollers do not fit on a wheel.
+        """
+        squeeze = self.tire.largest_load / self.tire.vertical_stiffness
+        return roller_geometries(self.wheels, self.rollers, squeeze)
+
+    def check_consistency(self) -> None:
+        """Refuse platforms that cannot move or stand.
+
+        Raises:
+            ConfigurationError: no wheel may sit so, its rollers do not fit, or the vehicle falls
+                over at standstill.
+        """
+        if self.contacts_move:
+            _ = self.roller_geometries  # refuses rollers that do not fit
+        if self.wheel_model == "rollers" and self.passive_losses.active:
+            raise ConfigurationError(
+                "passive_losses",
+                "belong to the wheel model 'single'; set them to 0 for individual rollers",
+            )
+        if self.body.mass + self.load.mass <= 0.0:
+            raise ConfigurationError("body.mass", "body and load together must have a mass")
+        kinematics = PlatformKinematics(self.wheels)
+        position = kinematics.geometry.position
+        if len(position) > MAXIMUM_WHEELS:
+            raise ConfigurationError("wheels", f"at most {MAXIMUM_WHEELS} wheels are supported")
+        masses = MassProperties.of(self.body, self.load)
+        if masses.yaw_inertia <= 0.0:
+            raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
+        hull = position[support_polygon(position)]
+        edges = np.roll(hull, -1, axis=0) - hull
+        inside = cross(edges, masses.centre - hull) / np.linalg.norm(edges, axis=1)
+        if len(hull) < 3 or float(np.min(inside)) <= 0.0:
+            x, y = masses.centre
+            raise ConfigurationError(
+                "body",
+                f"the centre of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
+                "so the vehicle falls over; move body, load or wheels",
+            )
+        weight = masses.mass * GRAVITY
+        for name, mount in self.wheels.items():
+            if weight >= 0.5 * mount.radius * self.tire.vertical_stiffness:
+                raise ConfigurationError(
+                    "tire.vertical_stiffness",
+                    f"the whole weight on wheel {name} would flatten it by more than half its "
+                    "radius",
+                )

@@ -1,0 +1,157 @@
+"""Masses of the vehicle and the vertical loads of its wheels.
+
+Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
+chassis, so their loads lie on a plane ``a + b x + c y`` over the wheel positions that balances
+the weight and its moments, including those of inertia at the height of the centre of gravity:
+the loads balance about the zero-moment point ``z = r_g - h a / g``. A wheel never pulls: those
+that the plane would pull are lifted, and the rest carry the weight. Where no such balance exists
+(the zero-moment point leaves the support polygon) the vehicle would tip over; then the nearest
+edge of the polygon carries it and `tipping` is reported, since the planar model ends there.
+Neglected: the product of inertia of masses at different heights under yaw acceleration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.geometry import cross
+from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2]."""
+
+MAXIMUM_WHEELS = 32
+"""Wheels that the contact set of the load equilibrium can hold."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MassConfiguration(Configuration):
+    """A rigid mass on the platform, in the body frame."""
+
+    mass: float = parameter(description="Mass", unit="kg", minimum=0.0, maximum=1.0e5)
+    x: float = parameter(
+        0.0, description="Centre of gravity, forward of the platform centre", unit="m"
+    )
+    y: float = parameter(
+        0.0, description="Centre of gravity, left of the platform centre", unit="m"
+    )
+    height: float = parameter(
+        description="Centre of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
+    )
+    yaw_inertia: float = parameter(
+        0.0,
+        description="Moment of inertia about the vertical through its own centre of gravity",
+        unit="kg m^2",
+        minimum=0.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class MassProperties:
+    """What the planar dynamics need of all masses together.
+
+    Attributes:
+        mass: m [kg].
+        centre: ``r_g``, centre of gravity in the body frame [m], shape (2,).
+        height: of the centre of gravity above the ground [m].
+        yaw_inertia: J about the vertical through the centre of gravity [kg m^2].
+    """
+
+    mass: float
+    centre: FloatArray
+    height: float
+    yaw_inertia: float
+
+    @classmethod
+    def of(cls, *masses: MassConfiguration) -> MassProperties:
+        """Combine masses by Steiner's rule; their sum must not be zero."""
+        mass = np.array([part.mass for part in masses])
+        position = np.array([[part.x, part.y] for part in masses])
+        total = float(mass.sum())
+        centre = mass @ position / total
+        offset = np.sum((position - centre) ** 2, axis=1)
+        inertia = sum(part.yaw_inertia for part in masses) + float(mass @ offset)
+        height = float(mass @ np.array([part.height for part in masses])) / total
+        return cls(total, centre, height, inertia)
+
+
+def support_polygon(position: FloatArray) -> IntArray:
+    """Return the indices of the wheels on the convex hull, counter-clockwise.
+
+    Args:
+        position: wheel contacts [m], shape (N, 2).
+    """
+    order = np.lexsort((position[:, 1], position[:, 0]))
+    chains = []
+    for indices in (order, order[::-1]):
+        chain: list[int] = []
+        for index in indices:
+            while len(chain) >= 2:
+                edge = position[chain[-1]] - position[chain[-2]]
+                if cross(edge, position[index] - position[chain[-1]]) > 0.0:
+                    break
+                chain.pop()
+            chain.append(int(index))
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1], dtype=np.int64)
+
+
+def load_plane(position: FloatArray) -> FloatArray:
+    """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while all wheels stand.
+
+    Args:
+        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+
+    Returns:
+        [1], [1/m], [1/m], shape (N, 3).
+    """
+    basis = np.column_stack((np.ones(len(position)), position))
+    rows = np.linalg.solve(basis.T @ basis, basis.T).T
+    return np.ascontiguousarray(rows, dtype=np.float64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def wheel_loads(
+    position: FloatArray,
+    plane: FloatArray,
+    hull: IntArray,
+    weight: float,
+    z_x: float,
+    z_y: float,
+    loads: FloatArray,
+) -> bool:
+    """Distribute the weight over the wheels.
+
+    Args:
+        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+        plane: from `load_plane`.
+        hull: from `support_polygon`.
+        weight: m g [N].
+        z_x: zero-moment point relative to the centre of gravity, ``-h a_x / g`` [m].
+        z_y: likewise in y [m].
+        loads: receives the loads [N], shape (N,).
+
+    Returns:
+        Whether the vehicle would tip: fewer than three wheels carry it.
+    """
+    n = position.shape[0]
+    lifted = False
+    for i in range(n):
+        loads[i] = weight * (plane[i, 0] + plane[i, 1] * z_x + plane[i, 2] * z_y)
+        lifted = lifted or loads[i] < 0.0
+    if not lifted:
+        return False
+    if stand_on_edge(position, hull, weight, z_x, z_y, loads):
+        return True
+    carrying: int = stand_on_some(position, weight, z_x, z_y, loads)
+    if carrying == 0:
+        stand_on_triangle(position, hull, weight, z_x, z_y, loads)
+    return 0 < carrying < 3

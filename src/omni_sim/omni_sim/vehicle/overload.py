@@ -1,0 +1,95 @@
+"""Wheels that carry more than their tire model covers: counted, named and told in a sentence.
+
+Above the largest permissible load the parabola (3) has no physical meaning (section 2.3.1), so
+the dynamics compute with the force at that load. Here is what a user must be told of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Overload:
+    """Overload since the start of a run.
+
+    Attributes:
+        model: name of the tire model.
+        limit: largest load that it covers [N].
+        largest_load: seen at the end of a control period, of each wheel that was overloaded then
+            [N].
+        time: for which wheels were overloaded, added up over the wheels [s].
+    """
+
+    model: str
+    limit: float
+    largest_load: Mapping[str, float]
+    time: float
+
+    def sentence(self) -> str:
+        """Return what happened, as a sentence for people."""
+        wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
+        return (
+            f"overload: wheels carried more than the {self.limit:.0f} N that the tire model "
+            f"{self.model} covers, for {self.time:.3g} s in sum"
+            f"{f' ({wheels})' if wheels else ''}; their forces were computed at {self.limit:.0f} N"
+        )
+
+
+class OverloadWatch:
+    """Follows the wheel loads of a run.
+
+    Attributes:
+        overload: what has happened so far, None if nothing.
+    """
+
+    def __init__(
+        self, wheel_names: Sequence[str], model: str, limit: float, physics_step: float
+    ) -> None:
+        """Start with nothing seen.
+
+        Args:
+            wheel_names: in the order of all wheel arrays.
+            model: name of the tire model.
+            limit: largest load that it covers [N].
+            physics_step: [s].
+        """
+        self.overload: Overload | None = None
+        self._names = tuple(wheel_names)
+        self._model = model
+        self._limit = limit
+        self._step = physics_step
+        self._largest = np.zeros(len(self._names))
+        self._count = 0
+
+    def update(self, load: FloatArray, overloaded_steps: int) -> bool:
+        """Take a control period into account.
+
+        Args:
+            load: wheel loads at its end [N], shape (N,).
+            overloaded_steps: physics steps with overload since the start, added up over wheels.
+
+        Returns:
+            Whether a wheel was overloaded within it.
+        """
+        self._largest = np.maximum(self._largest, load)
+        happened = overloaded_steps > self._count
+        self._count = overloaded_steps
+        if happened:
+            self.overload = Overload(
+                self._model,
+                self._limit,
+                {
+                    name: float(largest)
+                    for name, largest in zip(self._names, self._largest, strict=True)
+                    if largest > self._limit
+                },
+                overloaded_steps * self._step,
+            )
+        return happened

@@ -1,0 +1,210 @@
+"""Contact of a wheel with uneven ground: road plane, contact points and camber, Eqs. (5)-(7).
+
+Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
+section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x, y)`` is replaced
+under each wheel by the plane of four points before, behind, left and right of its projection.
+
+Equation (6) prints ``e_zR = e_x x e_yR`` for the radial direction, and so it is here: it points
+from the contact to the centre of the wheel. Frames are world-parallel, z up.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from omni_sim.ground.elevation import elevation_at
+
+FloatArray = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def plane_of_points(
+    front: float, back: float, left: float, right: float, distance: float
+) -> tuple[float, float, float, float]:
+    """Return the plane of four points at ``distance`` around a projection, Eq. (5).
+
+    With ``r_21`` from back to front and ``r_43`` from right to left, both of horizontal length
+    ``2 distance``, ``e_n = r_21 x r_43 / |r_21 x r_43|``.
+
+    Args:
+        front: height of the point before the projection [m].
+        back: of the point behind it [m].
+        left: of the point on its left [m].
+        right: of the point on its right [m].
+        distance: of the points from the projection [m].
+
+    Returns:
+        Height of the plane at the projection [m], then ``e_n`` along forward, left and up [1].
+    """
+    along = (front - back) / (2.0 * distance)
+    across = (left - right) / (2.0 * distance)
+    up = 1.0 / math.sqrt(1.0 + along * along + across * across)
+    return 0.25 * (front + back + left + right), -along * up, -across * up, up
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def road_plane_at(
+    table: FloatArray, distance: float, x: float, y: float, cos: float, sin: float
+) -> tuple[float, float, float, float]:
+    """Return the local road plane of an analytic ground, Eq. (5), for the kernels.
+
+    Args:
+        table: from `ground_elevation.ElevationConfiguration.table`.
+        distance: of the four points [m].
+        x: projection of the wheel centre in the world [m].
+        y: likewise [m].
+        cos: of the direction that counts as forward.
+        sin: likewise.
+
+    Returns:
+        Height [m] and ``e_n`` in the world frame [1], three components.
+    """
+    d_x, d_y = distance * cos, distance * sin
+    z, forward, left, up = plane_of_points(
+        elevation_at(table, x + d_x, y + d_y),
+        elevation_at(table, x - d_x, y - d_y),
+        elevation_at(table, x - d_y, y + d_x),
+        elevation_at(table, x + d_y, y - d_x),
+        distance,
+    )
+    return z, cos * forward - sin * left, sin * forward + cos * left, up
+
+
+@dataclasses.dataclass(frozen=True)
+class RoadPlane:
+    """The plane that stands for the ground under a wheel.
+
+    Attributes:
+        point: of the plane above or below the wheel's projection [m], shape (3,).
+        normal: ``e_n``, upwards [1], shape (3,).
+    """
+
+    point: FloatArray
+    normal: FloatArray
+
+
+def road_plane(
+    ground: Callable[[float, float], float],
+    x: float,
+    y: float,
+    heading: float = 0.0,
+    distance: float = 0.05,
+) -> RoadPlane:
+    """Return the local road plane of any ground function, Eq. (5).
+
+    Args:
+        ground: height ``z(x, y)`` of the ground [m].
+        x: projection of the wheel centre in the world [m].
+        y: likewise [m].
+        heading: direction that counts as forward [rad].
+        distance: of the four points from the projection [m].
+
+    Raises:
+        ValueError: the distance is not positive.
+    """
+    if not distance > 0.0:
+        raise ValueError(f"distance {distance!r} m of the four points must be positive")
+    cos, sin = math.cos(heading), math.sin(heading)
+    d_x, d_y = distance * cos, distance * sin
+    z, forward, left, up = plane_of_points(
+        ground(x + d_x, y + d_y),
+        ground(x - d_x, y - d_y),
+        ground(x - d_y, y + d_x),
+        ground(x + d_y, y - d_x),
+        distance,
+    )
+    normal = np.array([cos * forward - sin * left, sin * forward + cos * left, up])
+    return RoadPlane(np.array([x, y, z]), normal)
+
+
+@dataclasses.dataclass(frozen=True)
+class WheelContact:
+    """How a wheel stands on its road plane.
+
+    Attributes:
+        point: geometric contact point P, Eq. (6), world frame [m], shape (3,).
+        longitudinal: ``e_x``, where road plane and wheel plane meet [1], shape (3,).
+        lateral: ``e_y`` in the road plane, to the left of ``e_x`` [1], shape (3,).
+        normal: ``e_n`` of the road plane [1], shape (3,).
+        radial: ``e_zR`` from P to the wheel centre [1], shape (3,).
+        camber: ``beta`` between wheel axis and road plane [rad].
+        static_radius: ``r_S``, distance from the wheel centre to P [m].
+    """
+
+    point: FloatArray
+    longitudinal: FloatArray
+    lateral: FloatArray
+    normal: FloatArray
+    radial: FloatArray
+    camber: float
+    static_radius: float
+
+
+def wheel_contact(centre: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> WheelContact:
+    """Return the geometric contact of a wheel, Eq. (6), and its camber.
+
+    Args:
+        centre: wheel centre ``r_0M`` in the world [m], shape (3,), above the plane.
+        axis: unit vector ``e_yR`` along the wheel axis, to the left, shape (3,).
+        plane: local road plane.
+
+    Raises:
+        ValueError: the axis is along the normal, so that the wheel lies on its side, or the
+            centre is not above the plane.
+    """
+    middle = np.asarray(centre, dtype=np.float64)
+    e_yr = np.asarray(axis, dtype=np.float64)
+    e_n = plane.normal
+    along = np.cross(e_yr, e_n)
+    size = float(np.linalg.norm(along))
+    if size < 1e-9:
+        raise ValueError("the wheel axis is along the road's normal: the wheel lies on its side")
+    e_x = along / size
+    e_zr = np.cross(e_x, e_yr)
+    clearance = float(e_n @ (middle - plane.point))
+    if clearance <= 0.0:
+        raise ValueError("the wheel centre must be above its road plane")
+    static_radius = clearance / float(e_n @ e_zr)
+    return WheelContact(
+        point=middle - static_radius * e_zr,  # Eq. (6)
+        longitudinal=e_x,
+        lateral=np.cross(e_n, e_x),
+        normal=e_n,
+        radial=e_zr,
+        camber=camber_angle(e_yr, e_n),
+        static_radius=static_radius,
+    )
+
+
+def camber_angle(axis: ArrayLike, normal: ArrayLike) -> float:
+    """Return ``beta = arcsin(e_yR . e_n)`` [rad] of a wheel axis over a road normal."""
+    product = float(np.dot(np.asarray(axis), np.asarray(normal)))
+    return math.asin(min(max(product, -1.0), 1.0))
+
+
+def static_contact_offset(camber: float, width: float, deflection: float) -> float:
+    """Return the sideways offset ``y_Q`` of the static contact point [m], Eq. (7).
+
+    Along ``e_y`` from the geometric contact point: a cambered tire presses most where it is
+    pressed in most.
+
+    Args:
+        camber: ``beta`` [rad].
+        width: ``b`` of the tire [m].
+        deflection: of the tire in the middle of its width, ``Delta z`` [m].
+
+    Raises:
+        ValueError: the tire does not touch the ground over its whole width, as (7) supposes.
+    """
+    if not 2.0 * deflection > width * abs(math.tan(camber)):
+        raise ValueError(
+            f"deflected by {deflection:.3g} m, a tire of width {width:.3g} m and camber "
+            f"{camber:.3g} rad does not touch the ground over its whole width"
+        )
+    return -width * width / (12.0 * deflection) * math.tan(camber) / math.cos(camber)

@@ -1,0 +1,124 @@
+"""How a vehicle follows uneven ground: heave, roll and pitch, the path's tilt, gravity.
+
+The vehicle keeps to the ground. Under each wheel lies a road plane, Eq. (5), of height ``z_i`` and
+gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the shares ``w_i`` at
+rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the centre of gravity
+stands over ``Z = sum w_i z_i`` and moves in the plane of the gradient ``sum w_i s_i`` (the *path
+plane*, of unit normal ``n``).
+
+The planar dynamics go on in that plane, in a frame which is the world's turned by the shortest way
+from the vertical to ``n``. On an even slope it stands still and the motion is exactly that of flat
+ground with gravity's component ``g (n_x, n_y)`` and the load ``m g n_z``. On curved ground the
+frame is carried along without spin about ``n``; the ground presses by ``m (g n_z - n_dot . v)``,
+and gravity turns the vehicle by ``-m g dZ/dyaw``. All this keeps ``T + m g Z``. Yaw is the angle in
+that frame, about ``n``; positions are in the level world. Where the ground falls away so fast that
+the vehicle would take off, it carries nothing and counts as tipping.
+
+Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
+kinetic energy of roll and pitch, and the height of the centre of gravity in its path (only load
+transfer knows it); the difference between a wheel's own road plane and the path plane in the
+direction of its force (second order in the angle between them); loads by twisted ground, as if
+the frame of the vehicle yielded.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_sim.vehicle.road_plane import road_plane_at
+
+FloatArray = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, float]:
+    """Return the level components of a vector of the path plane.
+
+    Args:
+        tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, which changes nothing.
+        tilt_y: ``n_y`` [1].
+        x: component in the frame of the path plane.
+        y: likewise.
+    """
+    normal = math.sqrt(1.0 - tilt_x * tilt_x - tilt_y * tilt_y)
+    along = (tilt_x * x + tilt_y * y) / (1.0 + normal)
+    return x - tilt_x * along, y - tilt_y * along
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stand(
+    table: FloatArray,
+    distance: float,
+    position: FloatArray,
+    plane: FloatArray,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Return how the wheels stand.
+
+    Args:
+        table: from `ground_elevation.ElevationConfiguration.table`.
+        distance: of the four points of Eq. (5) [m].
+        position: wheel contacts relative to the centre of gravity in the body frame [m], (N, 2+).
+        plane: from `loads.load_plane`.
+        x: centre of gravity in the world [m].
+        y: likewise [m].
+        cos: of the yaw.
+        sin: likewise.
+
+    Returns:
+        Height ``Z`` of the ground under the centre of gravity [m]; gradient of the vehicle's plane
+        forward and to the left [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
+    """
+    height, forward, left, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(position.shape[0]):
+        r_x = cos * position[i, 0] - sin * position[i, 1]
+        r_y = sin * position[i, 0] + cos * position[i, 1]
+        z, n_x, n_y, n_z = road_plane_at(table, distance, x + r_x, y + r_y, cos, sin)
+        height += plane[i, 0] * z
+        forward += plane[i, 1] * z
+        left += plane[i, 2] * z
+        slope_x -= plane[i, 0] * n_x / n_z
+        slope_y -= plane[i, 0] * n_y / n_z
+        turn -= plane[i, 0] * (n_y * r_x - n_x * r_y) / n_z
+    up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    return height, forward, left, -slope_x * up, -slope_y * up, turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
+    """Return by how much directions turn in the frame of the path plane as ``n`` changes [rad].
+
+    The frame spins about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``; what does not spin seems
+    to turn the other way.
+    """
+    normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
+    return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)
+
+
+def orientation(yaw: float, forward: float, left: float) -> FloatArray:
+    """Return the rotation from the body to the world, shape (3, 3).
+
+    Args:
+        yaw: in the frame of the vehicle's plane [rad].
+        forward: gradient of that plane forward [1].
+        left: likewise to the left [1].
+    """
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    c = 1.0 / math.sqrt(1.0 + forward * forward + left * left)
+    a, b = -c * (forward * cos - left * sin), -c * (forward * sin + left * cos)
+    share = 1.0 / (1.0 + c)
+    tilt = np.array(
+        [
+            [1.0 - a * a * share, -a * b * share, a],
+            [-a * b * share, 1.0 - b * b * share, b],
+            [-a, -b, c],
+        ]
+    )
+    return np.asarray(tilt @ [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

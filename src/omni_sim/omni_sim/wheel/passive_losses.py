@@ -1,0 +1,121 @@
+"""Losses along the passive direction: rolling resistance (19), bearing friction, roller inertia.
+
+Section 2.4.2 of the dissertation lists them and leaves them out; here they are off by default.
+The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity there,
+
+    w = u_w . v_i - omega r_D (u_w . u_i),
+
+so a wheel that rolls in its own direction with rollers at 0 deg, or a Mecanum wheel straight
+ahead, turns no roller and loses nothing. The force ``f`` along ``u_w`` acts on the vehicle at the
+wheel, and by ``-r_D (u_w . u_i) f`` on the wheel's spin:
+
+    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
+
+Rolling resistance and bearing friction hold a roller that stands, up to the same force. The
+roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected: that a
+roller which comes into contact has to be brought to speed, and the resistance of the wheel that
+rolls as a whole.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from numba import njit
+
+from omni_platform.configuration import Configuration, parameter
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PassiveLossConfiguration(Configuration):
+    """What opposes the rollers of every wheel; nothing by default."""
+
+    rolling_resistance: float = parameter(
+        0.0,
+        description="Rolling resistance of the rollers per load, as far as it does not depend on "
+        "the load; about 0.015 for car tires on concrete",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    elasticity: float = parameter(
+        0.0,
+        description="C of Eq. (19), the resistance that grows with the load",
+        unit="m/N",
+        minimum=0.0,
+        maximum=1.0e-3,
+    )
+    roller_diameter: float = parameter(
+        0.08, description="D of Eq. (19)", unit="m", minimum=1.0e-3, maximum=10.0
+    )
+    section_ratio: float = parameter(
+        1.0,
+        description="h_t / w of Eq. (19), height over width of the rollers' tread",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    bearing_friction: float = parameter(
+        0.0,
+        description="Friction of the rollers' bearings per load, at the rollers' surface",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    roller_mass: float = parameter(
+        0.0,
+        description="Mass of the roller in contact, a solid cylinder",
+        unit="kg",
+        minimum=0.0,
+        maximum=1.0e3,
+    )
+
+    @property
+    def constant_share(self) -> float:
+        """Friction per load that does not depend on the load [1]."""
+        return self.rolling_resistance + self.bearing_friction
+
+    @property
+    def growing_share(self) -> float:
+        """Friction per load and load, Eq. (19) [1/N]."""
+        return self.elasticity / self.roller_diameter * math.sqrt(self.section_ratio)
+
+    @property
+    def inertia(self) -> float:
+        """Inertia ``I / r^2 = m_r / 2`` of a roller against its surface speed [kg]."""
+        return 0.5 * self.roller_mass
+
+    @property
+    def active(self) -> bool:
+        """Whether there are any losses."""
+        return max(self.constant_share, self.growing_share, self.inertia) > 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def passive_force(
+    coming: float,
+    now: float,
+    before: float,
+    mobility: float,
+    capacity: float,
+    inertia: float,
+    dt: float,
+) -> float:
+    """Return the force of one roller on the vehicle along the passive direction [N].
+
+    Implicit in the roller's speed at the end of the step, as Coulomb friction that holds and
+    inertia are.
+
+    Args:
+        coming: roller's surface speed at the end of the step if no force changed [m/s].
+        now: that at its start [m/s].
+        before: the force of the last step [N].
+        mobility: by how much the force changes the speed [m/s per N].
+        capacity: largest friction, rolling resistance and bearing [N].
+        inertia: of the roller against its surface speed [kg].
+        dt: step [s].
+    """
+    rate = inertia / dt
+    gain = 1.0 + mobility * rate
+    free = (coming - mobility * before + mobility * rate * now) / gain
+    friction = min(max(-free * gain / mobility, -capacity), capacity)
+    speed = free + mobility * friction / gain
+    return friction - rate * (speed - now)

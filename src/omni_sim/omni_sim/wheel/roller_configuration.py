@@ -1,0 +1,94 @@
+"""The rollers of a vehicle's wheels: configuration, and whether they fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import WheelMount
+from omni_sim.wheel.roller_geometry import RollerGeometry
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RollerConfiguration(Configuration):
+    """The rollers of every wheel of a vehicle.
+
+    A roller starts undeflected whenever it comes to the ground, so it reaches its force only if
+    its relaxation length ``dF0 / c`` is short against the way that it carries the wheel. The
+    default stands for solid rubber: Table 1's slope at zero slip with 25 mm, about the length of
+    a roller's contact patch, where the wheel as one tire has 250 mm.
+    """
+
+    count: int = parameter(12, description="Rollers of a wheel, n", minimum=4, maximum=64)
+    radius: float = parameter(
+        0.045, description="Radius of a roller at its middle", unit="m", above=0.0, maximum=1.0
+    )
+    inertia: float = parameter(
+        8.0e-4,
+        description="Moment of inertia of a roller about its axis",
+        unit="kg m^2",
+        minimum=1.0e-7,
+        maximum=10.0,
+    )
+    stiffness: float = parameter(
+        2.0e6,
+        description="Stiffness of a roller's tread against horizontal deflection; takes the place "
+        "of the tire's in the wheel model 'rollers'",
+        unit="N/m",
+        minimum=1.0e3,
+        maximum=1.0e8,
+    )
+    damping: float = parameter(
+        5000.0,
+        description="Damping of that deflection",
+        unit="N s/m",
+        minimum=0.0,
+        maximum=1.0e7,
+    )
+    overlap: float = parameter(
+        0.1,
+        description="Share of half a pitch before and after a change of rollers, in which both "
+        "carry the load",
+        minimum=0.01,
+        maximum=0.5,
+    )
+
+
+def roller_geometries(
+    wheels: Mapping[str, WheelMount], rollers: RollerConfiguration, squeeze: float
+) -> tuple[RollerGeometry, ...]:
+    """Return the geometry of the rollers of each wheel, in the order of the wheels.
+
+    Args:
+        wheels: mounts by wheel name.
+        rollers: of every wheel.
+        squeeze: by how much the largest load flattens a tire [m].
+
+    Raises:
+        ConfigurationError: the rollers do not fit on a wheel; names it and the radii that fit.
+    """
+    reach = math.cos(math.pi / rollers.count * (1.0 + rollers.overlap))
+    geometries = []
+    for name, mount in wheels.items():
+        distance = mount.radius - rollers.radius
+        if distance <= 0.0 or mount.radius - distance / reach <= squeeze:
+            least = mount.radius - (mount.radius - squeeze) * reach
+            raise ConfigurationError(
+                "rollers.radius",
+                f"{rollers.radius:g} m leaves no room between the ground and the ends of the "
+                f"{rollers.count} rollers of wheel {name}; more than {least:.3g} m and less than "
+                f"{mount.radius:g} m fit",
+            )
+        geometries.append(
+            RollerGeometry(
+                alpha=math.radians(mount.heading_deg + 90.0),
+                delta=math.radians(90.0 + mount.roller_angle_deg),
+                distance=distance,
+                radius=mount.radius,
+                rollers=rollers.count,
+                centre=(mount.x, mount.y),
+            )
+        )
+    return tuple(geometries)
