@@ -10,8 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from omni_analysis.line_trials.trials import Matches, View, view_grid
-from omni_analysis.line_trials.trials import trials as line_trials
+from omni_analysis.line_trials import trials as line_trials
+from omni_analysis.line_trials import view_grid
+from omni_analysis.line_trials.trials import Matches, View
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import (
     StudyResult,

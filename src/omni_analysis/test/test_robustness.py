@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
+from omni_analysis.campaign import distribute as campaign
 from omni_analysis.campaign.distribute import ResultTable, connected, run_campaign, run_chunk
-from omni_analysis.campaign.distribute import distribute as campaign
 from omni_analysis.campaign.random_braking import RandomBraking, draw, experiment_file
 from omni_analysis.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
 from omni_analysis.loop.compiled import run_fast_loop
