@@ -68,7 +68,7 @@ def test_imports_follow_the_arrows(path: Path) -> None:
     package = package_of(path)
     own = set(imported(path)) & set(MAY_USE) - {package}
     assert own <= MAY_USE[package]
-    if not knows_ros(path) and package not in {"omni_bringup", "omni_ros"}:
+    if not knows_ros(path) and package not in {"omni_bringup", "omni_recording", "omni_ros"}:
         assert "omni_ros" not in own, "only a node may need what the nodes share of ROS"
 
 

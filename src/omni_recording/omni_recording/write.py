@@ -10,6 +10,7 @@ power cut also needs `synchronize`.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import struct
 from collections.abc import Iterator, Sequence
@@ -201,8 +202,15 @@ class Rosbag2Writer:
         return channels
 
     def _commit(self) -> None:
-        """Note that everything so far is whole and with the operating system."""
+        """Note that everything so far is whole and with the operating system.
+
+        A chunk counts only if the few bytes of an end would fit behind it.
+        """
         self._file.flush()
+        descriptor, end = self._file.fileno(), self._file.tell()
+        if os.pwrite(descriptor, _END_WITHOUT_SUMMARY, end) < len(_END_WITHOUT_SUMMARY):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.ftruncate(descriptor, end)
         self._synchronize_file(self._file.fileno())
         self._pending = 0
         self._safe_end = self._file.tell()

@@ -227,7 +227,7 @@ def test_configuration_survives_its_mapping(name: str) -> None:
 def test_a_fourth_model_is_one_file(tmp_path: Path) -> None:
     package = Path(omni_sim.__file__).parent
     shutil.copytree(package, tmp_path / "omni_sim", ignore=shutil.ignore_patterns("__pycache__"))
-    models = tmp_path / "omni_sim" / "tire_models"
+    models = tmp_path / "omni_sim" / "tire" / "models"
     text = (models / "linear.py").read_text()
     (models / "twice.py").write_text(text.replace("peak_force = ", "peak_force = 2.0 * "))
     program = """
