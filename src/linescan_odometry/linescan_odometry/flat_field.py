@@ -42,7 +42,8 @@ class FlatField:
 
         Args:
             pixels: n of a line.
-            places: number of places that the profile is the mean over, forgetting older ones.
+            places: number of places that the profile is the mean over, forgetting older ones;
+                0 for no correction.
         """
         self._group = max(1, pixels // _GROUPS)
         self._groups = pixels // self._group
@@ -69,6 +70,13 @@ class FlatField:
         smooth: NDArray[np.float64] = basis @ (basis.T @ self._mean)
         smooth /= smooth.mean()
         return smooth
+
+    def apply(self, lines: Lines) -> Lines:
+        """Learn from the newest of some lines, and return them over the profile."""
+        if self._places == 0:
+            return lines
+        self.learn(lines[-1])
+        return self.correct(lines)
 
     def learn(self, line: Lines) -> bool:
         """Take a line into the profile if it shows another place than those before.

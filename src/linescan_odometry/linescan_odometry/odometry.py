@@ -8,6 +8,7 @@ duration of a batch, 5 ms at 100 batches per second (0.05 m/s at 10 m/s^2).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -38,6 +39,27 @@ __all__ = [
 _UNKNOWNS = 3  # components of the twist
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
 _SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost to rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class _Solution:
+    """A twist and what it was made of.
+
+    Attributes:
+        twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        covariance: of the twist, shape (3, 3).
+        measured: which of the sensors, and of the axle as the last one, it was made of.
+        assumed: whether the axle has part in it.
+        scores: standard deviations by which each contradicts the others, shape (S,) or (S + 1,).
+        last_variance: of the last sensor, or of the axle [m^2/s^2].
+    """
+
+    twist: FloatArray
+    covariance: FloatArray
+    measured: tuple[bool, ...]
+    assumed: bool
+    scores: FloatArray
+    last_variance: float
 
 
 class LineScanOdometry:
@@ -107,6 +129,19 @@ class LineScanOdometry:
         return reading
 
     def _estimate(self, readings: dict[str, SensorReading]) -> TwistEstimate:
+        """Solve, check, exclude whoever is wrong, and solve again."""
+        while True:
+            solution = self._solve(readings)
+            if solution is None:
+                covariance = UNMEASURED_VARIANCE * np.eye(3)
+                return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
+            wrong = self._contradicting(solution, readings) or self._covered(solution, readings)
+            if not wrong:
+                return self._judged(solution, readings)
+            readings = readings | wrong
+
+    def _solve(self, readings: Mapping[str, SensorReading]) -> _Solution | None:
+        """Return the twist of the sensors that measured, None where they do not suffice."""
         measured = tuple(reading.measured for reading in readings.values())
         velocity = np.array([reading.velocity for reading in readings.values()])
         variance = np.array([r.variance for r in readings.values()])
@@ -121,48 +156,59 @@ class LineScanOdometry:
             assumed = bool(self._solver.problem((*measured, False)))
             measured = (*measured, assumed)
         if self._solver.problem(measured):
-            covariance = UNMEASURED_VARIANCE * np.eye(3)
-            return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
+            return None
         twist, covariance = self._solver.solve(velocity, variance, measured)
-        limit = self._configuration.contradiction_limit
-        score = 0.0
-        if sum(measured) > _UNKNOWNS and limit > 0.0:
+        scores = np.zeros(len(velocity))
+        if sum(measured) > _UNKNOWNS and self._configuration.contradiction_limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
-            worst = int(np.argmax(scores))
-            score = float(scores[worst])
-            others = tuple(use and i != worst for i, use in enumerate(measured))
-            if score > limit and sum(others) > _UNKNOWNS and not self._solver.problem(others):
-                return self._without(readings, worst, score)
-        # A twist that a wrong sensor has part in would find the good ones covered.
-        if self._covers is not None:
-            covered = self._covers.contradicted(readings, twist)
-            if covered:
-                return self._estimate(readings | covered)
-        inflation = 1.0
-        if score > limit > 0.0:
-            # Too few to tell which one is wrong: the variances grow until they explain it.
-            inflation = score**2
-        covariance = covariance * inflation
+        return _Solution(twist, covariance, measured, assumed, scores, float(variance[-1]))
+
+    def _contradicting(
+        self, solution: _Solution, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return the sensor that contradicts the others most, unmeasured, if they can tell."""
+        worst = int(np.argmax(solution.scores))
+        score = float(solution.scores[worst])
+        others = tuple(use and i != worst for i, use in enumerate(solution.measured))
+        too_few = sum(others) <= _UNKNOWNS or bool(self._solver.problem(others))
+        if not score > self._configuration.contradiction_limit > 0.0 or too_few:
+            return {}
+        name = list(readings)[worst]
+        reason = f"contradicts the other sensors by {score:.3g} standard deviations"
+        reading = readings[name]
+        return {name: SensorReading.unmeasured(reason, reading.correlation, reading.inlier_share)}
+
+    def _covered(
+        self, solution: _Solution, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return a sensor that is covered, unmeasured.
+
+        Only a twist that no wrong sensor has part in tells: others would seem covered.
+        """
+        return {} if self._covers is None else self._covers.contradicted(readings, solution.twist)
+
+    def _judged(self, solution: _Solution, readings: Mapping[str, SensorReading]) -> TwistEstimate:
+        """Return the twist with what is left to say of it."""
+        limit = self._configuration.contradiction_limit
+        score = float(solution.scores.max())
+        # Too few to tell which one is wrong: the variances grow until they explain it.
+        inflation = score**2 if score > limit > 0.0 else 1.0
+        covariance = solution.covariance * inflation
         skid = ""
-        if self._axle is not None and not assumed:
-            skid = self._skid(self._axle, twist, covariance, float(variance[-1]))
-            if skid and sum(measured) == _UNKNOWNS:
+        if self._axle is not None and not solution.assumed:
+            skid = self._skid(self._axle, solution.twist, covariance, solution.last_variance)
+            if skid and sum(solution.measured) == _UNKNOWNS:
                 skid += "; or one of the three sensors is wrong"
         return TwistEstimate(
-            self._stamp_ns, twist, covariance, True, readings, assumed, skid, inflation
+            self._stamp_ns,
+            solution.twist,
+            covariance,
+            True,
+            readings,
+            solution.assumed,
+            skid,
+            inflation,
         )
-
-    def _without(
-        self, readings: dict[str, SensorReading], worst: int, score: float
-    ) -> TwistEstimate:
-        """Leave out the sensor that contradicts the others most."""
-        name = list(readings)[worst]
-        left_out = SensorReading.unmeasured(
-            f"contradicts the other sensors by {score:.3g} standard deviations",
-            readings[name].correlation,
-            readings[name].inlier_share,
-        )
-        return self._estimate(readings | {name: left_out})
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
         """Say how far what the sensors see is from what the kinematics allow, if it is too far."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from linescan_odometry.matching.pairs import PairDisplacements
 from omni_platform.sensors import LineSensor
 
 
@@ -21,7 +22,7 @@ class Plausibility:
 
         Args:
             sensor: the line camera.
-            maximum_acceleration: of the sensor along its axis [m/s^2].
+            maximum_acceleration: of the sensor along its axis [m/s^2]; 0 for any.
             tolerance: error that a single displacement may have besides [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
@@ -31,6 +32,17 @@ class Plausibility:
         self._displacement = 0.0
         self._stamp_ns: float | None = None
 
+    def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
+        """Mark displacements that are not plausible as not usable; return how many were usable.
+
+        Args:
+            stamp_ns: exposure of the newest line [ns].
+            pairs: displacements of consecutive lines, the last one ending there.
+        """
+        off = pairs.usable & ~self.judge(stamp_ns, pairs.displacement)
+        pairs.usable[off] = False
+        return int(np.count_nonzero(off))
+
     def judge(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which displacements are plausible.
 
@@ -38,7 +50,7 @@ class Plausibility:
             stamp_ns: exposure of the newest line [ns].
             displacement: of consecutive pairs of lines, the last ending there [px], shape (m,).
         """
-        if self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
+        if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
             return np.ones(len(displacement), np.bool_)
         ends = stamp_ns - self._period_ns * np.arange(len(displacement) - 1, -1, -1)
         reach = self._tolerance + self._rate * np.abs(ends - self._stamp_ns)

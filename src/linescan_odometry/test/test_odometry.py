@@ -95,17 +95,17 @@ def test_any_split_into_batches_gives_the_same_displacements(
     cuts: list[int], expose: Expose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lines = expose(np.cumsum(np.linspace(-40.0, 60.0, 60)), 256, noise=2.0)
-    expected = one_sensor().measure(lines)
+    expected = one_sensor()._matcher.match(lines)
     sensor = one_sensor()
     seen = []
-    measure = sensor.measure
+    measure = sensor._matcher.match
 
     def record(chained: Any) -> Any:
         pairs = measure(chained)
         seen.append(pairs)
         return pairs
 
-    monkeypatch.setattr(sensor, "measure", record)
+    monkeypatch.setattr(sensor._matcher, "match", record)
     edges = [0, *cuts, 60]
     for first, last in itertools.pairwise(edges):
         sensor.update(batch(lines[first:last], last - 1))

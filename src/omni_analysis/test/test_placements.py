@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from linescan_odometry.odometry import LineBatch, LineScanOdometry, TwistEstimate
-from linescan_odometry.two_sensors import (
+from two_sensors import (
     PlanarDisplacement,
     SensorDisplacement,
     two_sensor_displacement,
 )
+
+from linescan_odometry.odometry import LineBatch, LineScanOdometry, TwistEstimate
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_sim.camera.camera import LineCameraArray

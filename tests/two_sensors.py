@@ -1,4 +1,4 @@
-"""Displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
+"""Reference: displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
 
 The reference point R lies on the line between the sensors, sensor 1 at the distance d_1 to its
 left (+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors

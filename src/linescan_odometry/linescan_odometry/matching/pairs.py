@@ -1,0 +1,74 @@
+"""The displacement of every line against the one before it: search, then refinement."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.matching.search import ShiftSearch
+from linescan_odometry.matching.subpixel import SubpixelRefiner
+from linescan_odometry.measurements import FloatArray, Lines
+
+
+@dataclasses.dataclass(frozen=True)
+class PairDisplacements:
+    """Displacements of consecutive lines; pair i is line i + 1 against line i.
+
+    Attributes:
+        displacement: motion of the sensor along its +axis [px], shape (m,).
+        variance: of each, from its match [px^2], shape (m,).
+        similarity: at the peak, shape (m,).
+        usable: whether the pair has a peak of its own that is high enough, shape (m,).
+    """
+
+    displacement: FloatArray
+    variance: FloatArray
+    similarity: FloatArray
+    usable: NDArray[np.bool_]
+
+
+class PairMatcher:
+    """Matches consecutive lines; remembers the last ones for the variance of their mean."""
+
+    def __init__(
+        self, search: ShiftSearch, refiner: SubpixelRefiner, minimum_correlation: float
+    ) -> None:
+        """Take the stages.
+
+        Args:
+            search: finds whole pixels.
+            refiner: finds their fractions.
+            minimum_correlation: below which a pair is not usable.
+        """
+        self._search = search
+        self._refiner = refiner
+        self._minimum_correlation = minimum_correlation
+
+    def reset(self) -> None:
+        """Forget all lines so far: the next one does not follow them."""
+        self._search.reset()
+
+    def match(self, lines: Lines) -> PairDisplacements:
+        """Return the displacement of every line against the one before it.
+
+        Args:
+            lines: m + 1 lines, oldest first, C-contiguous, shape (m + 1, pixels).
+        """
+        pairs = len(lines) - 1
+        shift = np.empty(pairs, np.int64)
+        similarity, displacement, variance = np.empty((3, pairs))
+        self._search.match(lines, shift, similarity)  # Eq. (81)
+        self._refiner.refine(lines, shift, displacement, variance)
+        usable = (similarity >= self._minimum_correlation) & np.isfinite(variance)
+        return PairDisplacements(displacement, variance, similarity, usable)
+
+    def mean_variance(self, displacement: FloatArray, weight: FloatArray) -> float:
+        """Return the variance of a weighted mean of the pairs matched last [px^2].
+
+        Args:
+            displacement: as matched [px], shape (m,).
+            weight: of each in the mean, zero for those left out, sum 1, shape (m,).
+        """
+        return self._refiner.mean_variance(displacement, weight)
