@@ -28,7 +28,8 @@ def study(name: str, folder: Path, *arguments: str) -> StudyResult:
     parser = argparse.ArgumentParser()
     module.add_arguments(parser)
     options = parser.parse_args(arguments, argparse.Namespace(report=lambda *_: None))
-    return module.run(options, ExperimentLibrary(CONFIG), folder)
+    result: StudyResult = module.run(options, ExperimentLibrary(CONFIG), folder)
+    return result
 
 
 @pytest.fixture(scope="module")

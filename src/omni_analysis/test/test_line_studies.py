@@ -16,6 +16,7 @@ from omni_analysis.line_trials.trials import Matches, View
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import (
     StudyResult,
+    StudyRun,
     accuracy,
     contrast,
     correlation_functions,
@@ -26,6 +27,7 @@ from omni_analysis.studies import (
     overlap,
     study_names,
 )
+from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.texture.texture import GroundTexture
 
@@ -33,11 +35,15 @@ CONFIG = Path(__file__).parents[3] / "config"
 
 
 def study(module: ModuleType, folder: Path, *arguments: str) -> StudyResult:
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser)
-    result: StudyResult = module.run(
-        parser.parse_args(arguments), ExperimentLibrary(CONFIG), folder
-    )
+    library = ExperimentLibrary(CONFIG)
+    if hasattr(module, "Options"):
+        result: StudyResult = module.run(
+            parse_options(module.Options, arguments), StudyRun(library, folder)
+        )
+    else:
+        parser = argparse.ArgumentParser()
+        module.add_arguments(parser)
+        result = module.run(parser.parse_args(arguments), library, folder)
     assert {path.name for path in result.files} == {path.name for path in folder.iterdir()}
     assert result.findings
     return result

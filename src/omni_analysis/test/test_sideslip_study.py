@@ -114,7 +114,10 @@ def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.Monk
     def run(text: str) -> StudyResult:
         path = tmp_path / "one.yaml"
         path.write_text(text, encoding="utf-8")
-        return study.run(options("--sensors", str(path)), ExperimentLibrary(CONFIG), tmp_path)
+        result: StudyResult = study.run(
+            options("--sensors", str(path)), ExperimentLibrary(CONFIG), tmp_path
+        )
+        return result
 
     result = run("only: {x: 0.7, y: 0.5, heading_deg: 90, width: 0.01}\n")
     assert any("60 % overlap is 10 m/s" in finding for finding in result.findings)

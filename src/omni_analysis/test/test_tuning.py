@@ -142,7 +142,8 @@ def run_study(folder: Path, *arguments: str) -> StudyResult:
     study.add_arguments(parser)
     options = parser.parse_args(["--k", "7", "--dwell", "0", "--situations", "2", *arguments])
     options.report = lambda _share, _words: None
-    return study.run(options, LIBRARY, folder)
+    result: StudyResult = study.run(options, LIBRARY, folder)
+    return result
 
 
 def test_study_recommends_for_another_vehicle(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import wheels
+from omni_analysis.studies import StudyRun, wheels
 from omni_analysis.wheels.trials import (
     ROLLERS,
     SINGLE,
@@ -23,6 +22,7 @@ from omni_analysis.wheels.trials import (
     start_angles,
     with_wheels,
 )
+from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
@@ -87,7 +87,7 @@ def test_study_shows_agreement_rest_and_cost(
     monkeypatch.setattr(wheels, "_REPEATS", 1)
     monkeypatch.setattr(wheels, "movement_after_stop", lambda *_: 0.0)
     monkeypatch.setattr(wheels, "creep", lambda *_: 0.0)
-    result = wheels.run(argparse.Namespace(starts=3, seed=1), library, tmp_path)
+    result = wheels.run(wheels.Options(starts=3), StudyRun(library, tmp_path))
     limited = {key: metric for key, metric in result.metrics.items() if metric.limit is not None}
     assert len(limited) == 2 * 6 * 3 + 2 * 3 * 3
     for key, metric in limited.items():
@@ -99,9 +99,7 @@ def test_study_shows_agreement_rest_and_cost(
     assert len((tmp_path / "differences.csv").read_text().splitlines()) == 1 + 2 * 6 * 2
 
 
-@pytest.mark.parametrize(("starts", "seed"), [(1, 1), (16, -1)])
-def test_study_refuses_bad_options(
-    starts: int, seed: int, library: ExperimentLibrary, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("words", [["--starts", "1"], ["--seed", "-1"]])
+def test_study_refuses_bad_options(words: list[str]) -> None:
     with pytest.raises(ConfigurationError, match="--s"):
-        wheels.run(argparse.Namespace(starts=starts, seed=seed), library, tmp_path)
+        parse_options(wheels.Options, words)

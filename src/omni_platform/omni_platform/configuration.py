@@ -7,6 +7,7 @@ every run, and (in `omni_ros.parameters`) the ROS parameters with their descript
 
 A field is a bool, int, float, str, a tuple of floats or strings, another `Configuration`, or a
 `Mapping[str, Configuration]` for things that have names of their own (wheels, sensors, patches).
+An option of a command (`omni_platform.command_options`) may also be a `Path`, or ``X | None``.
 Nothing is ever repaired: a value that does not fit raises `ConfigurationError`, which names the
 key, the value and what would be right.
 """
@@ -20,7 +21,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 _METADATA = "omni_parameter"
@@ -154,6 +155,13 @@ def element_configuration(kind: Any) -> type[Configuration] | None:
     return None
 
 
+def without_none(kind: Any) -> Any:
+    """Return the type ``X`` of a field that is declared ``X | None``, else the type itself."""
+    members = typing.get_args(kind) if isinstance(kind, types.UnionType) else ()
+    kept = [member for member in members if member is not type(None)]
+    return kept[0] if len(kept) == 1 and len(members) == 2 else kind
+
+
 def is_configuration(kind: Any) -> bool:
     """Tell whether a field's type is a nested configuration."""
     return isinstance(kind, type) and issubclass(kind, Configuration)
@@ -212,10 +220,15 @@ def to_mapping(configuration: Configuration) -> dict[str, Any]:
     return result
 
 
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean ...?`` if one of the known names is close to the one given."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
 def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"is not a known key; {hint}known here: {', '.join(sorted(known))}"
+    hint = did_you_mean(name, known)
+    return f"is not a known key{hint}{'' if hint else ';'} known here: {', '.join(sorted(known))}"
 
 
 def _convert(value: Any, kind: Any, key: str) -> Any:
@@ -242,6 +255,10 @@ def _convert(value: Any, kind: Any, key: str) -> Any:
 
 
 def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
+    if without_none(kind) is not kind:
+        if value is None:
+            return
+        kind = without_none(kind)
     if typing.get_origin(kind) is tuple:
         item = typing.get_args(kind)[0]
         if not isinstance(value, tuple):
@@ -262,7 +279,8 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
     if isinstance(value, int | float) and not isinstance(value, bool):
         _check_range(name, value, info)
     if info.choices is not None and value not in info.choices:
-        raise ConfigurationError(name, f"{value!r} is not one of {', '.join(info.choices)}")
+        hint = did_you_mean(str(value), info.choices)
+        raise ConfigurationError(name, f"{value!r} is not one of {', '.join(info.choices)}{hint}")
 
 
 def _check_names(name: str, value: Any) -> None:

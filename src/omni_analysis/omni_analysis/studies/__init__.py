@@ -1,26 +1,44 @@
 """Studies: computations that answer one question, with figures, data and metrics.
 
-A study is a module of this package. It has a docstring whose first line says what it shows, a
-function ``add_arguments(parser)`` for its own options, and ``run(options, library, folder) ->
-StudyResult``. It writes its figures and data into `folder` and knows nothing of the terminal; one
-that takes long calls ``options.report(share, words)``, a `Report`, as it goes on.
+A study is a module of this package. It has a docstring whose first line says what it shows, its
+options as a `Configuration` called ``Options`` (they become ``--like-this``), and a function
+``run(options, study) -> StudyResult``. It writes its figures and data into ``study.folder`` and
+knows nothing of the terminal; one that takes long calls ``study.report(share, words)``.
 """
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
+from omni_platform.configuration import Configuration
 
 Report = Callable[[float, str], None]
 """Takes the share done, 0..1, and a few words about it."""
+
+
+def _silent(share: float, words: str) -> None: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyRun:
+    """Where a study runs.
+
+    Attributes:
+        library: the configuration files by name.
+        folder: for its figures and data.
+        report: called as the study goes on.
+    """
+
+    library: ExperimentLibrary
+    folder: Path
+    report: Report = _silent
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,14 +60,10 @@ class Study(Protocol):
     """The module of a study."""
 
     __doc__: str
+    Options: type[Configuration]
 
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the study's own options."""
-
-    def run(
-        self, options: argparse.Namespace, library: ExperimentLibrary, folder: Path
-    ) -> StudyResult:
-        """Compute, and write figures and data into `folder`."""
+    def run(self, options: Any, study: StudyRun) -> StudyResult:
+        """Compute, and write figures and data into the folder; `options` is its `Options`."""
 
 
 def study_names() -> list[str]:
@@ -57,11 +71,10 @@ def study_names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def load_study(name: str) -> Study:
+def load_study(name: str) -> Any:  # Study, once all of them are
     """Return the module of a study.
 
     Args:
         name: one of `study_names`.
     """
-    study: Study = importlib.import_module(f"{__name__}.{name}")
-    return study
+    return importlib.import_module(f"{__name__}.{name}")

@@ -7,14 +7,13 @@ towards whole pixels ("locking"), which is the part of the error that depends on
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from linescan_odometry.matching.search import METRICS
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_analysis.figures.style import (
     BLACK,
@@ -34,12 +33,11 @@ from omni_analysis.line_trials.trials import (
     ground,
     match,
 )
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.options.data import write_table
-from omni_analysis.options.studies import add_metric_option, add_seed_option, check_seed
-from omni_analysis.studies import StudyResult
-from omni_platform.configuration import ConfigurationError
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.command_options import option
+from omni_platform.configuration import Configuration, parameter
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
 _VIEWS = {
@@ -102,33 +100,29 @@ class Case:
         return float(np.mean(self.error**2 / self.variance))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the distance, the number of pairs and the seed."""
-    add_metric_option(parser)
-    parser.add_argument(
-        "--peak-recovery",
-        type=int,
-        default=OdometryConfiguration.peak_recovery,
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is measured, and how often."""
+
+    metric: str = parameter("pearson", choices=tuple(METRICS), description="distance between lines")
+    peak_recovery: int = option(
+        OdometryConfiguration.peak_recovery,
         metavar="PX",
-        help="as the odometry's parameter of this name (default: %(default)s)",
+        description="as the odometry's parameter of this name",
+        minimum=0,
+        maximum=16,
     )
-    parser.add_argument(
-        "--pairs",
-        type=int,
-        default=480,
-        metavar="N",
-        help="pairs of lines for each resolution, noise and ground (default: %(default)s)",
+    pairs: int = parameter(
+        480,
+        description="pairs of lines for each resolution, noise and ground",
+        minimum=2 * _FRACTIONS,
+        maximum=100_000,
     )
-    add_seed_option(parser)
+    seed: int = parameter(1, description="of places and noise", minimum=0)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Match pairs of lines of every case; write figure, data and metrics."""
-    if not 2 * _FRACTIONS <= options.pairs <= 100_000:
-        raise ConfigurationError("--pairs", f"{options.pairs} must be in {2 * _FRACTIONS} to 1e5")
-    check_seed(options)
-    if not 0 <= options.peak_recovery <= 16:
-        raise ConfigurationError("--peak-recovery", f"{options.peak_recovery} must be in 0 to 16")
     cases = [
         trial(
             pixels,
@@ -145,9 +139,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     ]
     metrics = _metrics(cases)
     files = (
-        save_figure(_draw(cases), folder / "accuracy.png"),
+        save_figure(_draw(cases), study.folder / "accuracy.png"),
         write_table(
-            folder / "accuracy.csv",
+            study.folder / "accuracy.csv",
             (
                 "metric", "ground", "pixels", "noise", "rmse_px", "bound_px", "rmse_over_bound",
                 "rmse_mm", "rmse_percent_of_10_m_per_s", "bias_px", "locking_px",

@@ -7,10 +7,8 @@ largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera ar
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,13 +28,11 @@ from omni_analysis.figures.style import (
 )
 from omni_analysis.line_trials.trials import ground
 from omni_analysis.line_trials.twist_trials import TwistTrial, cameras_over, drive
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.options.data import write_table
-from omni_analysis.options.studies import add_noise_option, add_seed_option, check_seed
 from omni_analysis.placement.classical import tangential
-from omni_analysis.studies import StudyResult
-from omni_platform.configuration import ConfigurationError
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor
 
 _GROUNDS = ("cork", "asphalt", "stone")
@@ -105,32 +101,30 @@ class Case:
         return float(np.mean([trial.measured for trial in self.trials]))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the number of batches, the noise and the seed."""
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=12,
-        metavar="N",
-        help=f"random places and directions, with {_BATCHES} batches of 10 ms from each, for each "
-        "camera, ground and motion (default: %(default)s)",
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """How much is driven, and with how much noise."""
+
+    starts: int = parameter(
+        12,
+        description=f"random places and directions, with {_BATCHES} batches of 10 ms from each, "
+        "for each camera, ground and motion",
+        minimum=2,
+        maximum=10_000,
     )
-    add_noise_option(parser)
-    add_seed_option(parser)
+    noise: float = parameter(
+        1.0, description="standard deviation in grey levels", minimum=0.0, maximum=50.0
+    )
+    seed: int = parameter(1, description="of places and noise", minimum=0)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive every case; write figure, data and metrics."""
-    if not 2 <= options.starts <= 10_000:
-        raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 10000")
-    if not 0.0 <= options.noise <= 50.0:
-        raise ConfigurationError("--noise", f"{options.noise:g} must be in 0 to 50 grey levels")
-    check_seed(options)
     cases = [case for kind in _GROUNDS for name in _CAMERAS for case in _drive(name, kind, options)]
     files = (
-        save_figure(_draw(cases), folder / "covariance.png"),
+        save_figure(_draw(cases), study.folder / "covariance.png"),
         write_table(
-            folder / "covariance.csv",
+            study.folder / "covariance.csv",
             (
                 "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
                 "normalised_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
@@ -142,7 +136,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     return StudyResult(_metrics(cases), files, _findings(cases))
 
 
-def _drive(name: str, kind: str, options: argparse.Namespace) -> list[Case]:
+def _drive(name: str, kind: str, options: Options) -> list[Case]:
     """Drive all motions with one kind of camera over one ground."""
     camera = _CAMERAS[name]
     sensors = tangential(_RADIUS, camera)

@@ -8,18 +8,16 @@ study also refines the step, parks on a slope and after a stop, and measures wha
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from omni_analysis.figures.style import save_figure
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.options.data import write_table
-from omni_analysis.options.studies import add_seed_option, check_seed
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.wheels.cost import real_time_factor
 from omni_analysis.wheels.figures import draw_contact, draw_differences, draw_forces, draw_motions
 from omni_analysis.wheels.trials import (
@@ -38,7 +36,7 @@ from omni_analysis.wheels.trials import (
     stopping_distance,
     with_wheels,
 )
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP
 
@@ -59,25 +57,20 @@ _REPEATS = 40
 Outcomes = dict[str, dict[str, dict[int, Outcome]]]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the number of start angles and the seed."""
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=16,
-        metavar="N",
-        help="start angles of the wheels to average over (default: 16)",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """How much is averaged."""
+
+    starts: int = parameter(
+        16, description="start angles of the wheels to average over", minimum=2, maximum=1000
     )
-    add_seed_option(parser, "the start angles")
+    seed: int = parameter(1, description="of the start angles", minimum=0)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Compare the wheels and write figures, data and metrics."""
-    if not 2 <= options.starts <= 1000:
-        raise ConfigurationError("--starts", f"{options.starts} must be in 2 to 1000")
-    check_seed(options)
     vehicles = {
-        name: library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
+        name: study.library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
         for name, vehicle in _PLATFORMS.items()
     }
     singles: dict[str, dict[str, Outcome]] = {}
@@ -97,8 +90,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         }
     metrics = _agreement(singles, rollers) | _standing(vehicles) | _cost(vehicles["mecanum"])
     files = [
-        *_draw(vehicles, singles, contacts, rollers, folder),
-        _write(singles, rollers, folder / "differences.csv"),
+        *_draw(vehicles, singles, contacts, rollers, study.folder),
+        _write(singles, rollers, study.folder / "differences.csv"),
     ]
     return StudyResult(metrics, tuple(files), _findings(metrics))
 

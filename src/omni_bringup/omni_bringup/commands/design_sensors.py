@@ -1,17 +1,23 @@
-"""``./omni design-sensors``: where line cameras measure the twist best."""
+"""``./omni design-sensors``: place line cameras under a chassis so that the twist errs least.
+
+Search the places of line cameras with the smallest mean twist error, draw them, and judge given and
+classical placements beside them.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 
 if TYPE_CHECKING:
     from omni_analysis.loop.experiment import ExperimentLibrary
@@ -25,98 +31,86 @@ _TEXELS = 4096  # of the ground over 0.2 m
 _DRAWN = 4
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options to the parser of ``omni design-sensors``."""
-    parser.add_argument(
-        "--vehicle",
-        default="mecanum_forklift",
-        metavar="NAME",
-        help="a file of config/vehicles/, or a path that ends in .yaml (default: %(default)s)",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni design-sensors``."""
+
+    vehicle: str = parameter(
+        "mecanum_forklift",
+        description="a file of config/vehicles/, or a path that ends in .yaml",
     )
-    parser.add_argument(
-        "--sensors", type=int, metavar="N", help="how many, 3 to 8 (default: 3, or as --check)"
+    sensors: int | None = parameter(
+        None, description="how many, 3 to 8 (default: 3, or as --check)"
     )
-    parser.add_argument(
-        "--type",
-        metavar="NAME",
-        help="type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, or a "
-        "path that ends in .yaml; its places are judged too (default: generic, or as --check)",
+    type: str | None = parameter(
+        None,
+        description="type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, "
+        "or a path that ends in .yaml; its places are judged too (default: generic, or as --check)",
     )
-    parser.add_argument(
-        "--check",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="judge this placement, a file as for --type; may be repeated; exit code 1 if one is "
-        "singular",
+    check: tuple[str, ...] = parameter(
+        (),
+        description="judge this placement, a file as for --type; exit code 1 if one is singular",
     )
-    parser.add_argument(
-        "--redundant",
-        action="store_true",
-        help="minimise the error without the camera whose failure is the worst; four or more",
+    redundant: bool = parameter(
+        False,
+        description="minimise the error without the camera whose failure is the worst; four or "
+        "more",
     )
-    parser.add_argument(
-        "--speed",
-        type=float,
+    speed: float | None = option(
+        None,
         metavar="M/S",
-        help="of the motions to design for (default: 10, or less if the cameras are too slow)",
+        description="of the motions to design for (default: 10, or less if the cameras are too "
+        "slow)",
     )
-    parser.add_argument(
-        "--yaw-rate",
-        type=float,
-        default=1.0,
+    yaw_rate: float = option(
+        1.0,
         metavar="RAD/S",
-        help="of the turning motion (default: %(default)g)",
+        description="of the turning motion",
+        minimum=0.0,
+        maximum=100.0,
     )
-    parser.add_argument(
-        "--mix",
-        default="1:1:1:1",
+    mix: str = option(
+        "1:1:1:1",
         metavar="A:B:C:D",
-        help="shares of straight, sideways, diagonal and turning motion (default: %(default)s)",
+        description="shares of straight, sideways, diagonal and turning motion",
     )
-    parser.add_argument(
-        "--ground",
-        default="cork",
-        metavar="KIND",
-        help="on which the camera's error is measured (default: %(default)s)",
+    ground: str = option(
+        "cork", metavar="KIND", description="on which the camera's error is measured"
     )
-    parser.add_argument(
-        "--noise",
-        type=float,
-        default=1.0,
+    noise: float = option(
+        1.0,
         metavar="LEVELS",
-        help="of the camera in grey levels (default: %(default)g)",
+        description="of the camera in grey levels",
+        minimum=0.0,
+        maximum=100.0,
     )
-    parser.add_argument(
-        "--housing",
-        type=float,
-        default=0.02,
+    housing: float = option(
+        0.02,
         metavar="M",
-        help="of a camera, around its field of view (default: %(default)g)",
+        description="of a camera, around its field of view",
+        minimum=0.0,
+        maximum=1.0,
     )
-    parser.add_argument(
-        "--clearance",
-        type=float,
-        default=0.02,
+    clearance: float = option(
+        0.02,
         metavar="M",
-        help="to the edge of the chassis, wheels and other cameras (default: %(default)g)",
+        description="to the edge of the chassis, wheels and other cameras",
+        minimum=0.0,
+        maximum=1.0,
     )
-    parser.add_argument(
-        "--confirm",
-        action="store_true",
-        help="drive every placement over rendered lines and compare the errors",
+    confirm: bool = parameter(
+        False, description="drive every placement over rendered lines and compare the errors"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
-    parser.add_argument(
-        "--out",
-        type=Path,
+    seed: int = parameter(1, description="of search, ground and noise", minimum=0)
+    out: Path | None = option(
+        None,
         metavar="DIR",
-        help="folder of placement and figure (default: results/design-sensors/VEHICLE)",
+        description="folder of placement and figure (default: results/design-sensors/VEHICLE)",
     )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    json: bool = json_option()
 
 
-def design_sensors(options: argparse.Namespace, workspace: Path) -> int:
+def run(options: Options, workspace: Path) -> int:
     """Place sensors as the command line asks and return the exit code."""
     from omni_analysis.figures.style import save_figure
     from omni_analysis.loop.experiment import ExperimentLibrary
@@ -124,7 +118,6 @@ def design_sensors(options: argparse.Namespace, workspace: Path) -> int:
     from omni_analysis.placement.figure import placement_figure
     from omni_analysis.placement.report import entries, sensor_file
     from omni_bringup.progress_bar import progress_bar
-    from omni_platform.configuration import ConfigurationError
 
     vehicle = Path(options.vehicle).stem
     folder: Path = options.out or workspace / "results" / "design-sensors" / vehicle
@@ -156,7 +149,7 @@ def design_sensors(options: argparse.Namespace, workspace: Path) -> int:
     return EXIT_FAILED if options.check and singular else EXIT_OK
 
 
-def _task(options: argparse.Namespace, library: ExperimentLibrary) -> DesignTask:
+def _task(options: Options, library: ExperimentLibrary) -> DesignTask:
     """Check the options and read what they name."""
     from omni_analysis.figures.scene import Scene
     from omni_analysis.line_trials.trials import ground
@@ -169,22 +162,13 @@ def _task(options: argparse.Namespace, library: ExperimentLibrary) -> DesignTask
     )
     from omni_analysis.placement.error import MotionMix
     from omni_analysis.placement.mounting_area import MountingArea
-    from omni_platform.configuration import ConfigurationError
     from omni_sim.texture.texture import KINDS
 
-    for name, low, high in (
-        ("noise", 0.0, 100.0),
-        ("housing", 0.0, 1.0),
-        ("clearance", 0.0, 1.0),
-        ("yaw_rate", 0.0, 100.0),
-        ("seed", 0, 2**63 - 1),
-    ):
-        value = getattr(options, name)
-        if not low <= value <= high:
-            option = f"--{name.replace('_', '-')}"
-            raise ConfigurationError(option, f"{value:g} must be in {low:g} to {high:g}")
     if options.ground not in KINDS:
-        raise ConfigurationError("--ground", f"{options.ground!r} is not one of {', '.join(KINDS)}")
+        hint = did_you_mean(options.ground, KINDS)
+        raise ConfigurationError(
+            "--ground", f"{options.ground!r} is not one of {', '.join(KINDS)}{hint}"
+        )
     vehicle = library.vehicle(options.vehicle)
     kind = options.type or (options.check[0] if options.check else "generic")
     given = {name: library.sensors(name) for name in options.check or [kind]}
@@ -227,7 +211,6 @@ def _task(options: argparse.Namespace, library: ExperimentLibrary) -> DesignTask
 
 
 def _weights(text: str) -> Sequence[float]:
-    from omni_platform.configuration import ConfigurationError
 
     try:
         weights = [float(part) for part in text.split(":")]
@@ -252,7 +235,7 @@ def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[s
     return cases
 
 
-def _conditions(task: DesignTask, options: argparse.Namespace) -> str:
+def _conditions(task: DesignTask, options: Options) -> str:
     return f"{task.speed:.3g} m/s on {options.ground}"
 
 
@@ -266,7 +249,7 @@ def _print(
     task: DesignTask,
     result: Design,
     driven: Mapping[str, PlacementTrial],
-    options: argparse.Namespace,
+    options: Options,
     files: tuple[Path, Path],
 ) -> None:
     from rich.console import Console
@@ -298,7 +281,7 @@ def _print(
     # The places are those under this chassis, the experiment's vehicle may be another one.
     vehicle = options.vehicle
     if vehicle.endswith(".yaml"):
-        vehicle = Path(vehicle).resolve()
+        vehicle = str(Path(vehicle).resolve())
     parts = (f"vehicle={vehicle}", f"sensors={files[0]}")
     command = shlex.join(("./omni", "run", *(word for part in parts for word in ("--set", part))))
     use = f"use it: {command}, or copy it into config/sensors"

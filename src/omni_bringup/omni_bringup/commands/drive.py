@@ -1,16 +1,22 @@
-"""``./omni drive``: the loop in real time for a person at a page in the browser."""
+"""``./omni drive``: drive a vehicle in real time from a page in the browser.
+
+Run the nodes in real time for a person, who drives from a page in the browser or by cmd_vel.
+Ctrl-C ends it.
+"""
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_analysis.loop.override_option import add_override_option
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
+from omni_bringup.interruption import clean_up_on_signals
+from omni_platform.command_options import option, overrides_option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 if TYPE_CHECKING:
     from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -20,43 +26,34 @@ if TYPE_CHECKING:
 _POLL = 0.05  # [s]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options to the parser of ``omni drive``."""
-    parser.add_argument(
-        "--vehicle", metavar="NAME", help="a file of config/vehicles/ (default: the experiment's)"
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni drive``."""
+
+    vehicle: str | None = parameter(
+        None, description="a file of config/vehicles/ (default: the experiment's)"
     )
-    parser.add_argument(
-        "--experiment",
-        default="small_stop",
-        metavar="NAME",
-        help="where ground, sensors and nodes come from, as its last variant has them "
-        "(default: %(default)s)",
+    experiment: str = parameter(
+        "small_stop",
+        description="where ground, sensors and nodes come from, as its last variant has them",
     )
-    add_override_option(parser)
-    parser.add_argument(
-        "--max-speed",
-        type=float,
-        default=5.0,
-        metavar="M/S",
-        help="speed of a full stick (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--port", type=int, default=0, metavar="PORT", help="TCP port of the page (default: any)"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="record the drive to this rosbag2 folder"
+    overrides: tuple[str, ...] = overrides_option()
+    max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
+    port: int = option(0, metavar="PORT", description="TCP port of the page; 0 is any")
+    out: Path | None = option(
+        None, metavar="DIR", description="record the drive to this rosbag2 folder"
     )
 
 
-def drive(options: argparse.Namespace, workspace: Path) -> int:
+def run(options: Options, workspace: Path) -> int:
     """Run the nodes until a signal ends the command or a node fails; return the exit code."""
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
     from omni_bringup.graph.process_group import ProcessError, process_group
     from omni_bringup.graph.run_variant import write_beside_bag
-    from omni_platform.configuration import ConfigurationError
     from omni_ros.environment import node_environment
 
+    clean_up_on_signals()
     try:
         configuration = _compose(ExperimentLibrary(workspace / "config"), options)
         with (
@@ -79,9 +76,7 @@ def drive(options: argparse.Namespace, workspace: Path) -> int:
     return EXIT_FAILED
 
 
-def _compose(library: ExperimentLibrary, options: argparse.Namespace) -> ExperimentConfiguration:
-    from omni_platform.configuration import ConfigurationError
-
+def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfiguration:
     if options.out is not None and options.out.exists():
         raise ConfigurationError("--out", f"{options.out} exists; choose another")
     vehicle = [f"vehicle={options.vehicle}"] if options.vehicle is not None else []

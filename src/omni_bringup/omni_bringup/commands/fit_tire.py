@@ -1,36 +1,68 @@
-"""``./omni fit-tire``: the parameters of a tire model from measured forces."""
+"""``./omni fit-tire``: fit a tire model to measured forces.
+
+Estimate the parameters of a tire model from measured forces, and write a tire that a vehicle can
+use and a figure of data against curve.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from omni_analysis.figures.style import save_figure
-from omni_analysis.tires.data import TireData, TireDataError, read_tire_data
-from omni_analysis.tires.fit import TireFit, fit_tire
-from omni_analysis.tires.fit_figure import fit_figure
 from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_platform.command_options import json_option, option
 from omni_platform.configuration import (
     Configuration,
     declared_parameters,
+    did_you_mean,
     is_configuration,
     join_key,
+    parameter,
 )
-from omni_sim.tire.models import MODELS
+
+if TYPE_CHECKING:
+    from omni_analysis.tires.data import TireData
+    from omni_analysis.tires.fit import TireFit
 
 
-def fit_tire_command(options: argparse.Namespace, workspace: Path) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni fit-tire``."""
+
+    data: Path = option(
+        positional=True,
+        metavar="DATA.csv",
+        description="file whose first line names the columns slip [1], load [N] and force [N]",
+    )
+    model: str = parameter(
+        "tmeasy", description="tire model, such as tmeasy, linear, magic_formula"
+    )
+    out: Path | None = option(
+        None,
+        metavar="DIR",
+        description="folder of the tire and the figure (default: results/fit-tire/DATA)",
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Path) -> int:
     """Fit a tire as the command line asks and return the exit code."""
+    from omni_analysis.figures.style import save_figure
+    from omni_analysis.tires.data import TireDataError, read_tire_data
+    from omni_analysis.tires.fit import fit_tire
+    from omni_analysis.tires.fit_figure import fit_figure
+    from omni_sim.tire.models import MODELS
+
     name = options.data.stem
     folder: Path = options.out or workspace / "results" / "fit-tire" / name
     try:
         if options.model not in MODELS:
-            raise TireDataError(f"--model {options.model!r} is not one of {', '.join(MODELS)}")
+            hint = did_you_mean(options.model, MODELS)
+            known = ", ".join(MODELS)
+            raise TireDataError(f"--model {options.model!r} is not one of {known}{hint}")
         data = read_tire_data(options.data)
         fit = fit_tire(data, options.model)
     except TireDataError as error:
@@ -56,6 +88,7 @@ def fit_tire_command(options: argparse.Namespace, workspace: Path) -> int:
 
 def _units(model: str) -> dict[str, str]:
     """Return the units of a model's parameters by dotted key."""
+    from omni_sim.tire.models import MODELS
 
     def walk(kind: type[Configuration], prefix: str) -> dict[str, str]:
         units: dict[str, str] = {}
@@ -94,6 +127,8 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 def _tire_file(fit: TireFit, model: str, data: TireData, source: str) -> str:
     """Return the YAML that a vehicle names as its tire."""
+    import yaml
+
     lines = [
         f"# {model} fitted to {data.slip.size} rows of {source}, loads from "
         f"{data.load.min():g} to {data.load.max():g} N,",

@@ -1,76 +1,75 @@
-"""``./omni replay``: recorded inputs through the real nodes once more."""
+"""``./omni replay``: run nodes on the recorded inputs once more.
+
+Publish the recorded inputs with /clock to the real nodes, record what they answer beside the
+recording, and compare it with what was recorded.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
-import math
 import sys
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_analysis.loop.override_option import add_override_option
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_platform.command_options import json_option, option, overrides_option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 if TYPE_CHECKING:
     from omni_recording.compare import TopicComparison
 
 
-# Rounding differs between processors; the values are in SI units and of the order of one.
-_TOLERANCE = 1e-6
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni replay``."""
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options to the parser of ``omni replay``."""
-    parser.add_argument(
-        "bag", type=Path, metavar="BAG", help="rosbag2 folder, or a single .mcap file"
+    bag: Path = option(
+        positional=True, metavar="BAG", description="rosbag2 folder, or a single .mcap file"
     )
-    parser.add_argument(
-        "--nodes",
-        nargs="+",
-        default=["linescan_odometry"],
+    nodes: tuple[str, ...] = option(
+        ("linescan_odometry",),
+        many=True,
         metavar="NODE",
-        help="nodes to run, of linescan_odometry and brake_assist (default: linescan_odometry)",
+        description="nodes to run, of linescan_odometry and brake_assist",
     )
-    add_override_option(parser, "odometry.median_lines=5")
-    parser.add_argument(
-        "--experiment",
-        metavar="NAME",
-        help="take the configuration of this experiment's last variant, not the recorded one",
+    overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
+    experiment: str | None = parameter(
+        None,
+        description="take the configuration of this experiment's last variant, not the recorded "
+        "one",
     )
-    parser.add_argument(
-        "--rate",
-        type=_rate,
-        default=0.0,
+    rate: float | None = option(
+        None,
         metavar="R",
-        help="speed as a multiple of the recorded one (default: as fast as the nodes follow)",
+        above=0.0,
+        description="speed as a multiple of the recorded one (default: as fast as the nodes "
+        "follow)",
     )
-    parser.add_argument(
-        "--offline", action="store_true", help="in one process and without topics; --rate is void"
+    offline: bool = parameter(
+        False, description="in one process and without topics; --rate is void"
     )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="exit code 1 unless the results are those that were recorded, within --tolerance",
-    )
-    parser.add_argument(
+    check: bool = parameter(
+        False,
+        description="exit code 1 unless the results are those that were recorded, within "
         "--tolerance",
-        type=_tolerance,
-        default=_TOLERANCE,
-        metavar="X",
-        help="largest difference of a value, in its SI unit (%(default)g)",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
+    tolerance: float = parameter(
+        # Rounding differs between processors; the values are in SI units and of the order of one.
+        1e-6,
+        minimum=0.0,
+        description="largest difference of a value, in its SI unit",
+    )
+    out: Path | None = option(
+        None,
         metavar="DIR",
-        help="new folder of the results (default: beside the recording, BAG_replayed_TIME)",
+        description="new folder of the results (default: beside the recording, BAG_replayed_TIME)",
     )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    json: bool = json_option()
 
 
-def replay(options: argparse.Namespace, workspace: Path) -> int:
+def run(options: Options, workspace: Path) -> int:
     """Replay a recording as the command line asks and return the exit code."""
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_bringup.graph.domain import NoFreeDomainError
@@ -79,7 +78,6 @@ def replay(options: argparse.Namespace, workspace: Path) -> int:
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
     from omni_bringup.replay.plan import check_inputs, replay_configuration, replay_plan
-    from omni_platform.configuration import ConfigurationError
     from omni_recording.compare import compare_topics
     from omni_recording.error import BagError
     from omni_recording.folder import open_bag
@@ -103,7 +101,7 @@ def replay(options: argparse.Namespace, workspace: Path) -> int:
         if options.offline:
             replay_offline(bag, plan, folder)
         else:
-            replay_over_graph(bag.path, plan, folder, options.rate)
+            replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known)
     except (BagError, ProcessError, NoFreeDomainError, RecordingError) as error:
@@ -117,7 +115,7 @@ def replay(options: argparse.Namespace, workspace: Path) -> int:
     return EXIT_FAILED if options.check and not agree else EXIT_OK
 
 
-def _result_folder(options: argparse.Namespace) -> Path:
+def _result_folder(options: Options) -> Path:
     from omni_bringup.graph.run_folder import check_unused, time_in_name
 
     if options.out is None:
@@ -129,9 +127,7 @@ def _result_folder(options: argparse.Namespace) -> Path:
     return folder
 
 
-def _report(
-    options: argparse.Namespace, folder: Path, comparisons: Collection[TopicComparison]
-) -> None:
+def _report(options: Options, folder: Path, comparisons: Collection[TopicComparison]) -> None:
     if options.json:
         metrics: dict[str, Any] = {}
         for one in comparisons:
@@ -171,17 +167,3 @@ def _in_words(one: TopicComparison, tolerance: float) -> str:
         words += f", the largest difference is {one.largest_difference:.3g} in {one.worst}"
     verdict = "within" if one.agrees(tolerance) else "not within"
     return f"{words}: {verdict} the tolerance of {tolerance:g}"
-
-
-def _rate(text: str) -> float:
-    rate = float(text)
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise argparse.ArgumentTypeError("must be a number above 0")
-    return rate
-
-
-def _tolerance(text: str) -> float:
-    tolerance = float(text)
-    if not (math.isfinite(tolerance) and tolerance >= 0.0):
-        raise argparse.ArgumentTypeError("must be a number of at least 0")
-    return tolerance

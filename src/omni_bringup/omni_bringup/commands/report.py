@@ -1,15 +1,21 @@
-"""``./omni report``: recordings as one HTML file for people."""
+"""``./omni report``: show recordings as a page for a browser.
+
+Write one HTML file that needs nothing else: the vehicle from above, the plots in step with it, the
+results, and the configuration with its differences.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration
 
 if TYPE_CHECKING:
     from omni_analysis.report.recording import ReportedRun
@@ -19,25 +25,24 @@ _SUFFIXES = (".html", ".htm")
 _LONGEST_TITLE = 200  # characters
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options to the parser of ``omni report``."""
-    parser.add_argument(
-        "bags",
-        type=Path,
-        nargs="+",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni report``."""
+
+    bags: tuple[Path, ...] = option(
+        positional=True,
         metavar="BAG",
-        help="rosbag2 folder, or a single .mcap file; several are laid over each other",
+        description="rosbag2 folder, or a single .mcap file; several are laid over each other",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
+    out: Path | None = option(
+        None,
         metavar="FILE",
-        help="the page (default: report.html beside the first recording)",
+        description="the page (default: report.html beside the first recording)",
     )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    json: bool = json_option()
 
 
-def report(options: argparse.Namespace) -> int:
+def run(options: Options, _workspace: Path) -> int:
     """Write the report that the command line asks for and return the exit code."""
     from omni_analysis.loop.metrics import results_document
     from omni_analysis.report.page import report_page

@@ -1,37 +1,84 @@
-"""``./omni run``: every variant of an experiment, recorded, measured and drawn."""
+"""``./omni run``: run an experiment over the ROS graph, record it and measure it.
+
+Run every variant of an experiment over real ROS processes, record it to a rosbag2 folder, print
+the results and draw the figures.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from omni_analysis.figures.comparison_table import comparison_table
-from omni_analysis.figures.run_figures import draw_run_figures
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
-from omni_analysis.loop.metrics import results_document
-from omni_analysis.loop.recorded_run import BagError
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
-from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
-from omni_bringup.graph.nodes import RecordingOptions
-from omni_bringup.graph.process_group import ProcessError
-from omni_bringup.graph.run_folder import (
-    check_unused,
-    time_in_name,
-    unfinished_recordings,
-    write_summary,
-)
-from omni_bringup.graph.run_variant import Progress, RunError, VariantResult, run_variant
-from omni_platform.configuration import ConfigurationError
-from omni_sim.texture.cache import TextureCache
+from omni_bringup.interruption import clean_up_on_signals
+from omni_platform.command_options import json_option, option, overrides_option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+if TYPE_CHECKING:
+    from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+    from omni_bringup.graph.run_variant import Progress, VariantResult
 
 
-def run(options: argparse.Namespace, workspace: Path) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni run``."""
+
+    experiment: str = option(
+        "straight_line",
+        positional=True,
+        metavar="EXPERIMENT",
+        description="a file of config/experiments/, or a path that ends in .yaml",
+    )
+    variant: tuple[str, ...] = parameter((), description="run only this variant")
+    out: Path | None = option(
+        None,
+        metavar="DIR",
+        description="folder of the recordings and figures (default: bags/EXPERIMENT/TIME)",
+    )
+    overrides: tuple[str, ...] = overrides_option()
+    ground: str | None = option(
+        None,
+        metavar="NAME|PICTURE",
+        description="a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with "
+        "--dpi",
+    )
+    dpi: float | None = parameter(
+        None, description="dots per inch of the picture on the ground, or to draw the ground in"
+    )
+    real_time: bool = parameter(
+        False,
+        description="pace the simulation to the wall clock instead of waiting for every reply",
+    )
+    compression: str = parameter(
+        "none",
+        choices=("none", "zstd", "lz4"),
+        description="of the recording; noisy lines shrink by about an eighth",
+    )
+    fsync: bool = parameter(
+        False,
+        description="wait for the disk at every flush, so that a power cut too loses at most a "
+        "second",
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Path) -> int:
     """Run an experiment as the command line asks and return the exit code."""
+    from omni_analysis.figures.run_figures import draw_run_figures
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_analysis.loop.recorded_run import BagError
+    from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
+    from omni_bringup.graph.nodes import RecordingOptions
+    from omni_bringup.graph.process_group import ProcessError
+    from omni_bringup.graph.run_folder import unfinished_recordings, write_summary
+    from omni_bringup.graph.run_variant import RunError, run_variant
+
+    clean_up_on_signals()
     library = ExperimentLibrary(workspace / "config")
     try:
         configurations = _compose(library, options)
@@ -81,10 +128,11 @@ def run(options: argparse.Namespace, workspace: Path) -> int:
     return EXIT_OK
 
 
-def _compose(
-    library: ExperimentLibrary, options: argparse.Namespace
-) -> dict[str, ExperimentConfiguration]:
+def _compose(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:
     """Check the configuration of every variant before anything starts."""
+    from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
+    from omni_sim.texture.cache import TextureCache
+
     variants = options.variant or library.variants(options.experiment)
     for variant in options.variant:
         # The second may have been meant to be another.
@@ -100,7 +148,9 @@ def _compose(
     return configurations
 
 
-def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:
+def _result_folder(options: Options, workspace: Path) -> Path:
+    from omni_bringup.graph.run_folder import check_unused, time_in_name
+
     if options.out is not None:
         folder: Path = options.out
         check_unused(folder)
@@ -114,6 +164,8 @@ def _result_folder(options: argparse.Namespace, workspace: Path) -> Path:
 
 
 def _document(experiment: str, results: list[VariantResult]) -> dict[str, object]:
+    from omni_analysis.loop.metrics import results_document
+
     by_variant = {result.variant: result.metrics for result in results}
     return results_document(Path(experiment).stem, by_variant)
 
@@ -145,6 +197,8 @@ def _progress(variant: str) -> Iterator[Progress]:
 
 def _print_results(results: list[VariantResult], pictures: list[Path], folder: Path) -> None:
     from rich.console import Console
+
+    from omni_analysis.figures.comparison_table import comparison_table
 
     console = Console()
     console.print(comparison_table({result.variant: result.metrics for result in results}))

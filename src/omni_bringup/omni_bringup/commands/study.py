@@ -1,42 +1,87 @@
-"""``./omni study``: computations without ROS that answer one question each."""
+"""``./omni study``: compute figures and numbers that answer one question."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.loop.metrics import results_entry
-from omni_analysis.studies import StudyResult, load_study
-from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
-from omni_bringup.progress_bar import progress_bar
-from omni_platform.configuration import ConfigurationError
+from omni_bringup.exit_codes import EXIT_OK
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, ConfigurationError
+
+if TYPE_CHECKING:
+    from omni_analysis.studies import Study, StudyResult
+
+PACKAGE = "omni_analysis.studies"
 
 
-def study(options: argparse.Namespace, workspace: Path) -> int:
-    """Run a study as the command line asks and return the exit code."""
-    folder: Path = options.out or workspace / "results" / options.study
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        module = load_study(options.study)
-        with progress_bar(options.study) as options.report:
-            result = module.run(options, ExperimentLibrary(workspace / "config"), folder.resolve())
-    except ConfigurationError as error:
-        print(f"omni study {options.study}: {error}", file=sys.stderr)
-        return EXIT_REFUSED
-    except OSError as error:
-        print(f"omni study {options.study}: cannot write {folder}: {error}", file=sys.stderr)
-        return EXIT_REFUSED
-    entries = {name: results_entry(metric) for name, metric in result.metrics.items()}
-    document = {"name": options.study, "metrics": entries}
-    (folder / "summary.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    if options.json:
-        print(json.dumps(document, indent=2, allow_nan=False))
-    else:
-        _print(result)
-    return EXIT_OK
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Output(Configuration):
+    """What every study is told besides its own options."""
+
+    out: Path | None = option(
+        None, metavar="DIR", description="folder of the figures and data (results/STUDY)"
+    )
+    json: bool = json_option()
+
+
+def command(name: str) -> _StudyCommand:
+    """Return a study as a command."""
+    from omni_analysis.studies import load_study
+
+    return _StudyCommand(name, load_study(name))
+
+
+class _StudyCommand:
+    """A study, with where its results go."""
+
+    def __init__(self, name: str, study: Study) -> None:
+        self._name = name
+        self._study: Any = study
+        self.__doc__ = study.__doc__
+        if hasattr(study, "add_arguments"):
+            self.add_arguments = self._add_arguments
+        else:
+            self.Options = dataclasses.make_dataclass(
+                "Options", [], bases=(_Output, study.Options), frozen=True, kw_only=True
+            )
+
+    def _add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        self._study.add_arguments(parser)
+        parser.add_argument("--out", type=Path, metavar="DIR")
+        parser.add_argument("--json", action="store_true")
+
+    def run(self, options: Any, workspace: Path) -> int:
+        """Run the study and return the exit code."""
+        from omni_analysis.loop.experiment import ExperimentLibrary
+        from omni_analysis.loop.metrics import results_entry
+        from omni_analysis.studies import StudyRun
+        from omni_bringup.progress_bar import progress_bar
+
+        folder: Path = options.out or workspace / "results" / self._name
+        library = ExperimentLibrary(workspace / "config")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with progress_bar(self._name) as report:
+                if hasattr(self._study, "add_arguments"):
+                    options.report = report
+                    result = self._study.run(options, library, folder.resolve())
+                else:
+                    result = self._study.run(options, StudyRun(library, folder.resolve(), report))
+        except OSError as error:
+            raise ConfigurationError("", f"cannot write {folder}: {error}") from None
+        entries = {key: results_entry(metric) for key, metric in result.metrics.items()}
+        document = {"name": self._name, "metrics": entries}
+        text = json.dumps(document, indent=2, allow_nan=False)
+        (folder / "summary.json").write_text(text + "\n")
+        if options.json:
+            print(text)
+        else:
+            _print(result)
+        return EXIT_OK
 
 
 def _print(result: StudyResult) -> None:

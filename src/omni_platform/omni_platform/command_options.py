@@ -1,0 +1,182 @@
+"""A `Configuration` as the options of a command line.
+
+A command declares its options as the fields of a `Configuration`; type, bounds, default and words
+of help follow from them. A field ``peak_recovery`` becomes ``--peak-recovery N``, a bool becomes a
+switch, a tuple an option that may be repeated, and ``X | None`` an option that may be left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+import typing
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    ParameterInfo,
+    declared_parameters,
+    parameter,
+    without_none,
+)
+
+_SPELLING = "omni_option"
+_METAVARS = {int: "N", float: "X", str: "NAME", Path: "PATH"}
+
+C = TypeVar("C", bound=Configuration)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Spelling:
+    """How an option is written where that does not follow from its field."""
+
+    flag: str | None = None
+    metavar: str | None = None
+    positional: bool = False
+    many: bool = False
+
+
+def option(
+    default: Any = dataclasses.MISSING,
+    *,
+    flag: str | None = None,
+    metavar: str | None = None,
+    positional: bool = False,
+    many: bool = False,
+    **declared: Any,
+) -> Any:
+    """Declare a field of which more is to be said to a command line than `parameter` can.
+
+    Args:
+        default: value used where none is given; without it the option is required.
+        flag: such as ``--set`` where the field's name does not give it.
+        metavar: what stands for the value in the help.
+        positional: whether it is given by its place, without a flag.
+        many: whether one flag takes several values of a tuple.
+        **declared: the other arguments of `parameter`.
+    """
+    field = parameter(default, **declared)
+    spelling = _Spelling(flag, metavar, positional, many)
+    field.metadata = {**field.metadata, _SPELLING: spelling}
+    return field
+
+
+def json_option() -> Any:
+    """Declare ``--json``, which every command that measures has."""
+    return parameter(False, description="print the results as JSON")
+
+
+def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
+    """Declare ``--set KEY=VALUE``; `example` is shown in its help."""
+    words = f"override a configuration value, such as {example}"
+    return option((), flag="--set", metavar="KEY=VALUE", description=words)
+
+
+def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> None:
+    """Declare the parameters of `cls` as options; they are left out of what is parsed if not given.
+
+    Args:
+        parser: of the command.
+        cls: declares the options.
+    """
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    for name, kind, info in declared_parameters(cls):
+        spelling = _spelling(fields[name])
+        single = without_none(kind)
+        repeated = typing.get_origin(single) is tuple
+        single = typing.get_args(single)[0] if repeated else single
+        given: dict[str, Any] = {
+            "help": _help(info, fields[name].default, repeated).replace("%", "%%"),
+            "default": argparse.SUPPRESS,
+        }
+        if single is bool:
+            given["action"] = "store_true"
+        else:
+            given["type"] = single
+            given["metavar"] = spelling.metavar or (
+                "{" + ",".join(info.choices) + "}" if info.choices else _METAVARS[single]
+            )
+        required = fields[name].default is dataclasses.MISSING
+        if spelling.positional:
+            if repeated:
+                given["nargs"] = "+" if required else "*"
+            elif not required:
+                given["nargs"] = "?"
+            parser.add_argument(name, **given)
+            continue
+        if repeated:
+            given |= {"action": "extend", "nargs": "+"} if spelling.many else {"action": "append"}
+        parser.add_argument(_flag(name, spelling), dest=name, required=required, **given)
+
+
+def parse_options(
+    cls: type[C], words: Sequence[str], parser: argparse.ArgumentParser | None = None
+) -> C:
+    """Return the options that the words of a command line give.
+
+    Args:
+        cls: declares the options.
+        words: as people type them, such as ``--pairs 64``.
+        parser: without options; a new one by default.
+
+    Raises:
+        ConfigurationError: a value does not fit; its key is the option as people write it.
+        SystemExit: the words are no options of `cls`; said on standard error.
+    """
+    parser = parser or argparse.ArgumentParser()
+    add_options(parser, cls)
+    return read_options(cls, parser.parse_args(words))
+
+
+def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
+    """Return the options that were parsed, checked.
+
+    Args:
+        cls: declares the options.
+        parsed: what a parser with `add_options` returned.
+
+    Raises:
+        ConfigurationError: a value does not fit; its key is the option as people write it.
+    """
+    given = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in vars(parsed).items()
+        if name in {name for name, _, _ in declared_parameters(cls)}
+    }
+    try:
+        return cls(**given)
+    except ConfigurationError as error:
+        raise ConfigurationError(option_of(cls, error.key), error.problem) from None
+
+
+def option_of(cls: type[Configuration], key: str) -> str:
+    """Return the option that a person gives for a field, such as ``--peak-recovery``."""
+    name = re.split(r"[.\[]", key)[0]
+    for field in dataclasses.fields(cls):
+        if field.name == name:
+            spelling = _spelling(field)
+            shown = spelling.metavar or name.upper()
+            return shown if spelling.positional else _flag(name, spelling)
+    return key
+
+
+def _spelling(field: dataclasses.Field[Any]) -> _Spelling:
+    return typing.cast(_Spelling, field.metadata.get(_SPELLING, _Spelling()))
+
+
+def _flag(name: str, spelling: _Spelling) -> str:
+    return spelling.flag or "--" + name.replace("_", "-")
+
+
+def _help(info: ParameterInfo, default: Any, repeated: bool) -> str:
+    words = f"{info.description} [{info.unit}]" if info.unit else info.description
+    notes = ["may be repeated"] if repeated else []
+    if default not in (dataclasses.MISSING, None, "", ()) and not isinstance(default, bool):
+        values = default if isinstance(default, tuple) else (default,)
+        words_of = (f"{value:g}" if isinstance(value, float) else str(value) for value in values)
+        notes.append(f"default: {', '.join(words_of)}")
+    return f"{words} ({'; '.join(notes)})" if notes else words
