@@ -8,12 +8,14 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform.sensors import LineSensor
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
+from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation, SimulatorConfiguration
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito).
@@ -25,6 +27,11 @@ _SKY = (0.337, 0.706, 0.914)
 _GREY = (0.6, 0.6, 0.6)
 _METRES_PER_NEWTON = 1e-4
 _SECONDS_PER_ARROW = 0.1
+
+FloatArray = NDArray[np.float64]
+
+IMU_FRAME = "imu"
+"""Frame of the unit: axes of `base_link`, at its mounting."""
 
 
 def camera_info(name: str, sensor: LineSensor) -> CameraInfo:
@@ -46,6 +53,19 @@ def camera_info(name: str, sensor: LineSensor) -> CameraInfo:
         r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p=[along, 0.0, centre, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
     )
+
+
+def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Imu:
+    """Return yaw rate and specific force of the IMU; it knows no orientation and no other axis."""
+    message = Imu(header=header(stamp_ns, IMU_FRAME))
+    message.orientation_covariance[0] = -1.0  # the convention for: not measured
+    message.angular_velocity.z = float(reading[0])
+    message.angular_velocity_covariance[8] = imu.gyro_noise**2
+    message.linear_acceleration.x = float(reading[1])
+    message.linear_acceleration.y = float(reading[2])
+    for axis in (0, 4):
+        message.linear_acceleration_covariance[axis] = imu.noise**2
+    return message
 
 
 def ground_truth(observation: Observation) -> Odometry:

@@ -19,8 +19,12 @@ from omni_sim.camera.clock import LineClock
 from omni_sim.camera.optics import check_exposure
 from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
 from omni_sim.driver.scripted import Driver, ManeuverConfiguration, ScriptedDriver
+from omni_sim.encoders import EncoderConfiguration
+from omni_sim.faults import FaultConfiguration
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
+from omni_sim.imu import ImuConfiguration
+from omni_sim.measurement import build_instruments, draws, measure
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -139,6 +143,15 @@ class SimulatorConfiguration(Configuration):
     velocity_sensor: VelocitySensorConfiguration = parameter(
         default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
     )
+    imu: ImuConfiguration = parameter(
+        default_factory=ImuConfiguration, description="Inertial measurement unit"
+    )
+    encoders: EncoderConfiguration = parameter(
+        default_factory=EncoderConfiguration, description="Wheel encoders"
+    )
+    faults: Mapping[str, FaultConfiguration] = parameter(
+        default_factory=dict, description="Faults of velocity sensor, IMU and encoders by name"
+    )
     simulation: SimulationConfiguration = parameter(
         default_factory=SimulationConfiguration, description="Steps and end of the simulation"
     )
@@ -190,6 +203,9 @@ class Observation:
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the noisy sampled sensor, as `twist`, shape (3,).
         velocity_sensor_covariance: of that reading, shape (3, 3).
+        imu: what it reads: yaw rate [rad/s], specific force along x and y at the mounting [m/s^2],
+            shape (3,); no numbers without one.
+        encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
         wheel_load: [N], shape (N,).
         wheel_force: along the active directions [N], shape (N,).
         wheel_force_body: the same as vectors in the body frame [N], shape (N, 2).
@@ -208,6 +224,8 @@ class Observation:
     twist: FloatArray
     velocity_sensor: FloatArray
     velocity_sensor_covariance: FloatArray
+    imu: FloatArray
+    encoder_speed: FloatArray
     wheel_load: FloatArray
     wheel_force: FloatArray
     wheel_force_body: FloatArray
@@ -263,10 +281,23 @@ class Simulator:
         self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
         # Streams of their own, so that one draw more of one does not change the other.
-        sensor_seed, camera_seed = np.random.SeedSequence(configuration.seed).spawn(2)
+        sensor_seed, camera_seed, instrument_seed = np.random.SeedSequence(
+            configuration.seed
+        ).spawn(3)
         self._velocity_sensor = VelocitySensor(
             configuration.velocity_sensor, np.random.default_rng(sensor_seed)
         )
+        wheels = len(configuration.vehicle.wheels)
+        self._instruments = build_instruments(
+            configuration.imu,
+            configuration.encoders,
+            configuration.faults,
+            wheels,
+            simulation.control_period,
+        )
+        self._noise = np.random.default_rng(instrument_seed)
+        self._measured_ns = -1
+        self._reading, self._imu, self._encoder = np.zeros(3), np.zeros(3), np.zeros(wheels)
         self._cameras: LineCameraArray | None = None
         self._batches: Mapping[str, LineBatch] = {}
         if simulation.render_lines:
@@ -287,7 +318,7 @@ class Simulator:
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose
-        reading = self._velocity_sensor.measure(self._stamp_ns, twist)
+        self._measure()
         return Observation(
             stamp_ns=self._stamp_ns,
             wheel_angle=vehicle.wheel_angle,
@@ -298,13 +329,38 @@ class Simulator:
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
-            velocity_sensor=reading,
-            velocity_sensor_covariance=self._reading_covariance(reading),
+            velocity_sensor=self._reading.copy(),
+            velocity_sensor_covariance=self._reading_covariance(self._reading),
+            imu=self._imu.copy(),
+            encoder_speed=self._encoder.copy(),
             wheel_load=vehicle.wheel_load,
             wheel_force=vehicle.wheel_force,
             wheel_force_body=vehicle.wheel_force_body,
             slip=vehicle.slip,
             line_batches=self._batches,
+        )
+
+    def _measure(self) -> None:
+        """Read all sensors but the cameras, once per stamp."""
+        if self._measured_ns == self._stamp_ns:
+            return
+        self._measured_ns = self._stamp_ns
+        vehicle = self.vehicle
+        motion, tilt_x, tilt_y = vehicle.motion
+        self._reading = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
+        measure(
+            self._instruments,
+            self._stamp_ns // self.control_period_ns,
+            self.control_period_ns,
+            motion,
+            tilt_x,
+            tilt_y,
+            vehicle.wheel_angle,
+            vehicle.wheel_speed,
+            self._noise.standard_normal(draws(len(self._encoder))),
+            self._reading,
+            self._imu,
+            self._encoder,
         )
 
     def advance(self, brake_enable: FloatArray) -> None:

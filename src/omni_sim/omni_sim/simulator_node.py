@@ -23,7 +23,7 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
 from visualization_msgs.msg import MarkerArray
 
 from omni_platform.configuration import Configuration, parameter
@@ -42,7 +42,7 @@ from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import camera_info, ground_truth, scene_markers
+from omni_sim.messages import camera_info, ground_truth, imu_message, scene_markers
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
 
@@ -120,6 +120,7 @@ class SimulatorNode(Node):
         create = self.create_publisher
         self._clock = create(Clock, "/clock", RELIABLE)
         self._wheel_states = create(JointState, "wheel_states", RELIABLE)
+        self._imu = create(Imu, "imu", RELIABLE)
         self._pedal = create(JointState, "brake/pedal", RELIABLE)
         self._command = create(TwistStamped, "cmd_vel", RELIABLE)
         self._truth = create(Odometry, "ground_truth/odom", RELIABLE)
@@ -141,6 +142,7 @@ class SimulatorNode(Node):
         # Nobody answers these, so one listener fewer.
         self.recorded_outputs = (
             self._clock,
+            self._imu,
             self._velocity,
             self._command,
             self._truth,
@@ -165,10 +167,12 @@ class SimulatorNode(Node):
                 stamp_ns,
                 self._wheels,
                 position=observation.wheel_angle,
-                velocity=observation.wheel_speed,
+                velocity=observation.encoder_speed,
                 effort=observation.brake_torque,
             ),
         )
+        if self.configuration.imu.enabled:
+            self._send(self._imu, imu_message(stamp_ns, observation.imu, self.configuration.imu))
         self._send(
             self._velocity,
             planar_twist_with_covariance(

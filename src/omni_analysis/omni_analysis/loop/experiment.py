@@ -28,6 +28,9 @@ from omni_platform.configuration import (
     parameter,
 )
 from omni_platform.sensors import LineSensor
+from omni_sim.encoders import EncoderConfiguration
+from omni_sim.faults import FaultConfiguration
+from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import (
     CameraConfiguration,
     GroundConfiguration,
@@ -68,6 +71,15 @@ class ExperimentConfiguration(Configuration):
     )
     velocity_sensor: VelocitySensorConfiguration = parameter(
         default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    )
+    imu: ImuConfiguration = parameter(
+        default_factory=ImuConfiguration, description="Inertial measurement unit"
+    )
+    encoders: EncoderConfiguration = parameter(
+        default_factory=EncoderConfiguration, description="Wheel encoders"
+    )
+    faults: Mapping[str, FaultConfiguration] = parameter(
+        default_factory=dict, description="Faults of velocity sensor, IMU and encoders by name"
     )
     simulation: SimulationConfiguration = parameter(
         default_factory=SimulationConfiguration, description="Steps and end of the simulation"
@@ -122,6 +134,9 @@ class ExperimentConfiguration(Configuration):
             camera=self.camera,
             maneuver=self.maneuver,
             velocity_sensor=self.velocity_sensor,
+            imu=self.imu,
+            encoders=self.encoders,
+            faults=self.faults,
             simulation=self.simulation,
         )
 

@@ -36,6 +36,8 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         GROUND_TRUTH: "nav_msgs/msg/Odometry",
         "/markers": "visualization_msgs/msg/MarkerArray",
     }
+    if configuration.imu.enabled:
+        topics["/imu"] = "sensor_msgs/msg/Imu"
     if configuration.odometry.sideslip:
         topics["/odometry/sideslip"] = "sensor_msgs/msg/JointState"
     for sensor in configuration.sensors:

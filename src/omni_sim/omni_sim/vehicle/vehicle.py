@@ -380,6 +380,18 @@ class Vehicle:
         return self._motion()[:3]
 
     @property
+    def motion(self) -> tuple[FloatArray, float, float]:
+        """Position and yaw in the path plane with the body twist, shape (6,), and its tilt [1].
+
+        The tilt is the level part of the plane's normal; yaw and velocity are in the plane.
+        """
+        return (
+            self._motion(),
+            float(self._body[dynamics.TILT_X]),
+            float(self._body[dynamics.TILT_Y]),
+        )
+
+    @property
     def twist(self) -> FloatArray:
         """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
         return self._motion()[3:]

@@ -1,0 +1,87 @@
+"""Wheel encoders: the mean speed of each wheel over a control period, in whole counts.
+
+``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` with ``q`` the angle of a count,
+plus white noise; without a resolution the speed of the stamp itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EncoderConfiguration(Configuration):
+    """Resolution and noise of the wheel encoders; perfect ones by default."""
+
+    resolution: int = parameter(
+        0,
+        description="Counts per turn of a wheel (0: any angle is told apart)",
+        minimum=0,
+        maximum=100_000_000,
+    )
+    noise: float = parameter(
+        0.0, description="Standard deviation of a speed", unit="rad/s", minimum=0.0
+    )
+
+
+class Encoders(NamedTuple):
+    """The encoders as the kernel reads them.
+
+    Attributes:
+        grain: angle of a count [rad], 0 for none.
+        noise: standard deviation [rad/s].
+        angle: of the stamp before, in whole counts [rad], shape (N,).
+    """
+
+    grain: float
+    noise: float
+    angle: FloatArray
+
+
+def build_encoders(configuration: EncoderConfiguration, wheels: int) -> Encoders:
+    """Lay out the encoders for the kernel, without any reading yet."""
+    resolution = configuration.resolution
+    count = 2.0 * math.pi / resolution if resolution else 0.0
+    return Encoders(count, configuration.noise, np.zeros(wheels))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_encoders(
+    encoders: Encoders,
+    step: int,
+    period: float,
+    angle: FloatArray,
+    speed: FloatArray,
+    draw: FloatArray,
+    reading: FloatArray,
+) -> None:
+    """Read the encoders; once per stamp.
+
+    Args:
+        encoders: changed in place.
+        step: number of the stamp; at the first there is no difference of angles, and the true
+            speed is read.
+        period: between two stamps [s].
+        angle: true ones [rad], shape (N,).
+        speed: likewise [rad/s], shape (N,).
+        draw: standard normal noise, shape (N,).
+        reading: receives the speeds [rad/s], shape (N,).
+    """
+    for i in range(speed.size):
+        reading[i] = speed[i]
+        if encoders.grain > 0.0:
+            whole = math.floor(angle[i] / encoders.grain) * encoders.grain
+            if step > 0:
+                reading[i] = (whole - encoders.angle[i]) / period
+            encoders.angle[i] = whole
+        reading[i] += encoders.noise * draw[i]

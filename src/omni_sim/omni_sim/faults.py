@@ -1,0 +1,227 @@
+"""Lies and failures of sensors: what a channel reads in place of what it should.
+
+Each fault takes one channel from an onset on for a while: the velocity sensor, the gyro, the
+accelerometer or the wheel encoders; one axis (or wheel) of it or all. With ``y`` what the channel
+would read and ``tau`` the time since the onset it reads
+
+    offset   y + a                   drop_out  no number
+    drift    y + a tau               zero      0
+    ramp     y + a min(tau / T, 1)   stuck     y of the onset
+    scale    (1 + a) y               whisper   y of the onset, with 1e-9 of noise
+    sine     y + a sin(2 pi tau / T) delay     y a time T ago
+    noise    y + a * N(0, 1)         swap      the axes in each other's place
+    sign     -y                      echo      a y + (1 - a) times y of the onset
+
+so that a channel may lie in any way, plausibly or not. Faults of one channel add up in their order.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+FloatArray = NDArray[np.float64]
+
+CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
+"""What may fail: the velocity sensor, either half of the IMU, the wheel encoders."""
+
+KINDS = (
+    "offset",
+    "drift",
+    "ramp",
+    "scale",
+    "sine",
+    "noise",
+    "sign",
+    "drop_out",
+    "zero",
+    "stuck",
+    "whisper",
+    "delay",
+    "swap",
+    "echo",
+)
+"""The ways in which a channel fails."""
+
+TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
+(_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _WHISPER, _DELAY,
+ _SWAP, _ECHO) = range(len(KINDS))  # fmt: skip
+
+# Columns of the table of faults.
+_CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
+_COLUMNS = 7
+
+_REMEMBERED = 64  # readings that a delay can go back
+_WHISPER_NOISE = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FaultConfiguration(Configuration):
+    """One fault of one sensor."""
+
+    channel: str = parameter(description="What fails", choices=CHANNELS)
+    kind: str = parameter(description="How it fails", choices=KINDS)
+    axis: int = parameter(
+        -1,
+        description="Which axis of it, or which wheel in their order; -1 for all",
+        minimum=-1,
+        maximum=63,
+    )
+    time: float = parameter(0.0, description="Onset", unit="s", minimum=0.0, maximum=3600.0)
+    duration: float = parameter(
+        3600.0, description="For how long", unit="s", above=0.0, maximum=3600.0
+    )
+    amplitude: float = parameter(
+        0.0,
+        description="Size ``a`` in the unit of the channel, of a drift per second, of a scale "
+        "and an echo as a share",
+    )
+    period: float = parameter(
+        0.1,
+        description="Time ``T`` of a ramp, a sine or a delay",
+        unit="s",
+        above=0.0,
+        maximum=3600.0,
+    )
+
+
+class Faults(NamedTuple):
+    """The faults of a run and what they remember.
+
+    Attributes:
+        table: one row per fault, shape (K, 7).
+        held: readings at the onsets, shape (K, W).
+        begun: whether the onset of each has been seen, shape (K,).
+        past: the latest readings before each fault, a ring by stamp, shape (K, 64, W).
+    """
+
+    table: FloatArray
+    held: FloatArray
+    begun: FloatArray
+    past: FloatArray
+
+
+def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
+    """Lay out faults for the kernel.
+
+    Args:
+        faults: by name.
+        wheels: number of encoders.
+
+    Raises:
+        ConfigurationError: a fault is of an axis or wheel that there is not.
+    """
+    sizes = (3, 1, 2, wheels)
+    for name, fault in faults.items():
+        size = sizes[CHANNELS.index(fault.channel)]
+        if fault.axis >= size:
+            raise ConfigurationError(
+                f"faults.{name}.axis",
+                f"{fault.axis} must be -1 to {size - 1}, {fault.channel} has {size}",
+            )
+    rows = [
+        (
+            CHANNELS.index(fault.channel),
+            KINDS.index(fault.kind),
+            fault.axis,
+            round(fault.time * 1e9),
+            round((fault.time + fault.duration) * 1e9),
+            fault.amplitude,
+            fault.period,
+        )
+        for fault in faults.values()
+    ]
+    count, width = len(rows), max(wheels, 3)
+    return Faults(
+        np.array(rows, dtype=np.float64).reshape(count, _COLUMNS),
+        np.zeros((count, width)),
+        np.zeros(count),
+        np.zeros((count, _REMEMBERED, width)),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lie(  # noqa: PLR0911, PLR0912 - a line for each kind
+    row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
+) -> float:
+    """Return what a failed axis reads; letters as in the head of the module."""
+    kind: float = row[_KIND]
+    a: float = row[_AMPLITUDE]
+    period: float = row[_PERIOD]
+    if kind == _OFFSET:
+        return y + a
+    if kind == _DRIFT:
+        return y + a * tau
+    if kind == _RAMP:
+        return y + a * min(tau / period, 1.0)
+    if kind == _SCALE:
+        return (1.0 + a) * y
+    if kind == _SINE:
+        return y + a * math.sin(2.0 * math.pi * tau / period)
+    if kind == _NOISE:
+        return y + a * draw
+    if kind == _SIGN:
+        return -y
+    if kind == _DROP_OUT:
+        return math.nan
+    if kind == _ZERO:
+        return 0.0
+    if kind == _STUCK:
+        return held
+    if kind == _WHISPER:
+        return held + _WHISPER_NOISE * draw
+    if kind == _DELAY:
+        return delayed
+    if kind == _SWAP:
+        return other
+    return a * y + (1.0 - a) * held
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def corrupt(
+    faults: Faults,
+    channel: int,
+    step: int,
+    period_ns: int,
+    draw: FloatArray,
+    values: FloatArray,
+) -> None:
+    """Put the faults of a channel into a reading; once per stamp and channel.
+
+    Args:
+        faults: of the run.
+        channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
+        step: number of the stamp.
+        period_ns: between two stamps [ns].
+        draw: standard normal noise, shape (n,).
+        values: changed in place, shape (n,).
+    """
+    now_ns, size = step * period_ns, values.size
+    for k in range(faults.table.shape[0]):
+        row = faults.table[k]
+        if row[_CHANNEL] != channel:
+            continue
+        ring = faults.past[k]
+        ring[step % _REMEMBERED, :size] = values
+        if not row[_START] <= now_ns < row[_END]:
+            continue
+        if faults.begun[k] == 0.0:
+            faults.begun[k] = 1.0
+            faults.held[k, :size] = values
+        tau = (now_ns - row[_START]) * 1e-9
+        back = min(round(row[_PERIOD] * 1e9 / period_ns), _REMEMBERED - 1, step)
+        delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
+        for j in range(size):
+            if row[_AXIS] < 0.0 or row[_AXIS] == j:
+                # Of the twist only the velocities change places: they have one unit.
+                pair = 2 if channel == TWIST and j < 2 else size
+                other = true[(j + 1) % pair] if j < pair else true[j]
+                values[j] = _lie(row, tau, true[j], faults.held[k, j], delayed[j], other, draw[j])

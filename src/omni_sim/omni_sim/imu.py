@@ -1,0 +1,162 @@
+"""The inertial measurement unit: yaw rate and specific force at the place where it is mounted.
+
+The accelerometer gives the mean over a control period, as a unit that sums its samples up does:
+with ``V`` the velocity of the mounting point in the ground plane and ``g`` the component of gravity
+along the (sloping) plane
+
+    f = R(psi)^T ((V - V_before) / T - g)
+
+taken to the body axes at the middle of the period and turned by the error of the mounting. The
+gyro gives the yaw rate of the stamp. Both have a scale error, a bias and white noise, and come late
+by the latency; none of the errors is known to whoever listens.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_platform.configuration import Configuration, parameter
+from omni_sim.vehicle.loads import GRAVITY
+
+FloatArray = NDArray[np.float64]
+
+IMU_DRAWS = 3
+"""Standard normal draws that a reading needs."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImuConfiguration(Configuration):
+    """Mounting and errors of the inertial measurement unit, those of a good MEMS one by default."""
+
+    enabled: bool = parameter(True, description="Whether the vehicle has one")
+    x: float = parameter(0.0, description="Mounting, forward of the platform centre", unit="m")
+    y: float = parameter(0.0, description="Mounting, left of the platform centre", unit="m")
+    misalignment_deg: float = parameter(
+        0.2,
+        description="Error of the mounting angle",
+        unit="deg",
+        minimum=-180.0,
+        maximum=180.0,
+    )
+    gyro_bias: float = parameter(0.005, description="Constant error", unit="rad/s")
+    gyro_noise: float = parameter(
+        0.003, description="Standard deviation of the yaw rate", unit="rad/s", minimum=0.0
+    )
+    gyro_scale: float = parameter(0.002, description="Error of the scale", minimum=-0.9)
+    bias_x: float = parameter(0.05, description="Constant error of the x axis", unit="m/s^2")
+    bias_y: float = parameter(-0.05, description="Constant error of the y axis", unit="m/s^2")
+    noise: float = parameter(
+        0.05, description="Standard deviation of an acceleration", unit="m/s^2", minimum=0.0
+    )
+    scale: float = parameter(0.003, description="Error of the scale of both axes", minimum=-0.9)
+    latency: float = parameter(
+        0.0,
+        description="How late a reading is, rounded to control periods",
+        unit="s",
+        minimum=0.0,
+        maximum=0.2,
+    )
+
+
+class Imu(NamedTuple):
+    """The unit as the kernel reads it.
+
+    Attributes:
+        enabled: whether there is one.
+        x: mounting [m].
+        y: likewise [m].
+        cos: of the error of the mounting angle.
+        sin: likewise.
+        rate: bias, noise and scale of the gyro, shape (3,).
+        force: bias of x and y, noise and scale of the accelerometer, shape (4,).
+        memory: yaw [rad] and velocity of the mounting point [m/s] one stamp ago, shape (3,).
+        late: the latest readings, a ring by stamp, shape (L, 3).
+    """
+
+    enabled: bool
+    x: float
+    y: float
+    cos: float
+    sin: float
+    rate: FloatArray
+    force: FloatArray
+    memory: FloatArray
+    late: FloatArray
+
+
+def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
+    """Lay out the unit for the kernel, without any reading yet.
+
+    Args:
+        configuration: mounting and errors.
+        control_period: [s].
+    """
+    c = configuration
+    angle = math.radians(c.misalignment_deg)
+    return Imu(
+        c.enabled,
+        c.x,
+        c.y,
+        math.cos(angle),
+        math.sin(angle),
+        np.array([c.gyro_bias, c.gyro_noise, c.gyro_scale]),
+        np.array([c.bias_x, c.bias_y, c.noise, c.scale]),
+        np.zeros(3),
+        np.zeros((round(c.latency / control_period) + 1, 3)),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_imu(
+    imu: Imu,
+    step: int,
+    period: float,
+    motion: FloatArray,
+    tilt_x: float,
+    tilt_y: float,
+    draw: FloatArray,
+    reading: FloatArray,
+) -> None:
+    """Read the unit; once per stamp.
+
+    Args:
+        imu: changed in place.
+        step: number of the stamp.
+        period: between two stamps [s].
+        motion: x, y, yaw and body twist of `base_link`, shape (6,).
+        tilt_x: level component of the normal of the plane in which the vehicle moves [1].
+        tilt_y: likewise.
+        draw: standard normal noise, shape (3,).
+        reading: receives yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,);
+            no numbers where there is no unit.
+    """
+    if not imu.enabled:
+        reading[:] = math.nan
+        return
+    yaw, rate = motion[2], motion[5]
+    v_x, v_y = motion[3] - rate * imu.y, motion[4] + rate * imu.x
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    world_x, world_y = cos * v_x - sin * v_y, sin * v_x + cos * v_y
+    f_x, f_y = -GRAVITY * tilt_x, -GRAVITY * tilt_y
+    middle = yaw
+    if step > 0:
+        f_x += (world_x - imu.memory[1]) / period
+        f_y += (world_y - imu.memory[2]) / period
+        middle = 0.5 * (yaw + imu.memory[0])
+    imu.memory[0], imu.memory[1], imu.memory[2] = yaw, world_x, world_y
+    cos, sin = math.cos(middle), math.sin(middle)
+    body_x, body_y = cos * f_x + sin * f_y, cos * f_y - sin * f_x
+    bias_x, bias_y, noise, scale = imu.force[0], imu.force[1], imu.force[2], 1.0 + imu.force[3]
+    late = imu.late.shape[0]
+    now = imu.late[step % late]
+    now[0] = (1.0 + imu.rate[2]) * rate + imu.rate[0] + imu.rate[1] * draw[0]
+    now[1] = scale * (imu.cos * body_x + imu.sin * body_y) + bias_x + noise * draw[1]
+    now[2] = scale * (imu.cos * body_y - imu.sin * body_x) + bias_y + noise * draw[2]
+    # Before the first reading has arrived it is the oldest that there is.
+    reading[:] = imu.late[max(step - late + 1, 0) % late]

@@ -1,0 +1,100 @@
+"""What IMU, encoders and velocity sensor say at a stamp, with their faults: one kernel for all.
+
+The noise of a stamp is one row of standard normal draws, so that drawing row by row and drawing
+all rows at once give the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
+from omni_sim.faults import (
+    ACCELEROMETER,
+    ENCODER,
+    GYRO,
+    TWIST,
+    FaultConfiguration,
+    Faults,
+    build_faults,
+    corrupt,
+)
+from omni_sim.imu import IMU_DRAWS, Imu, ImuConfiguration, build_imu, read_imu
+
+FloatArray = NDArray[np.float64]
+
+
+class Instruments(NamedTuple):
+    """IMU and encoders of a vehicle and the faults of all sensors, with their memories."""
+
+    imu: Imu
+    encoders: Encoders
+    faults: Faults
+
+
+def build_instruments(
+    imu: ImuConfiguration,
+    encoders: EncoderConfiguration,
+    faults: Mapping[str, FaultConfiguration],
+    wheels: int,
+    control_period: float,
+) -> Instruments:
+    """Lay out the sensors of a vehicle with a number of wheels for the kernel."""
+    return Instruments(
+        build_imu(imu, control_period),
+        build_encoders(encoders, wheels),
+        build_faults(faults, wheels),
+    )
+
+
+def draws(wheels: int) -> int:
+    """Return the number of standard normal draws of a stamp: the sensors', then the faults'."""
+    return 2 * (IMU_DRAWS + wheels) + 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(
+    instruments: Instruments,
+    step: int,
+    period_ns: int,
+    motion: FloatArray,
+    tilt_x: float,
+    tilt_y: float,
+    angle: FloatArray,
+    speed: FloatArray,
+    draw: FloatArray,
+    twist: FloatArray,
+    inertial: FloatArray,
+    wheels: FloatArray,
+) -> None:
+    """Read all sensors; once per stamp.
+
+    Args:
+        instruments: changed in place.
+        step: number of the stamp.
+        period_ns: between two stamps [ns].
+        motion: x, y, yaw and body twist of `base_link`, shape (6,).
+        tilt_x: level component of the normal of the plane in which the vehicle moves [1].
+        tilt_y: likewise.
+        angle: true wheel angles [rad], shape (N,).
+        speed: true wheel speeds [rad/s], shape (N,).
+        draw: standard normal noise, shape (`draws(N)`,).
+        twist: what the velocity sensor reads; its faults are put into it, shape (3,).
+        inertial: receives what `read_imu` gives, with faults, shape (3,).
+        wheels: receives what `read_encoders` gives, with faults, shape (N,).
+    """
+    period, count = period_ns / 1e9, speed.size
+    wheel_draw, spare = draw[IMU_DRAWS : IMU_DRAWS + count], draw[IMU_DRAWS + count :]
+    read_imu(instruments.imu, step, period, motion, tilt_x, tilt_y, draw[:IMU_DRAWS], inertial)
+    read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)
+    faults = instruments.faults
+    if faults.table.shape[0] > 0:
+        corrupt(faults, TWIST, step, period_ns, spare[0:3], twist)
+        corrupt(faults, GYRO, step, period_ns, spare[3:4], inertial[:1])
+        corrupt(faults, ACCELEROMETER, step, period_ns, spare[4:6], inertial[1:])
+        corrupt(faults, ENCODER, step, period_ns, spare[6:], wheels)

@@ -1,0 +1,151 @@
+"""IMU, encoders and their faults against closed forms."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError
+from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoders
+from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
+from omni_sim.imu import ImuConfiguration, build_imu, read_imu
+from omni_sim.vehicle.loads import GRAVITY
+
+FloatArray = NDArray[np.float64]
+
+PERIOD = 0.01
+PERFECT = dict.fromkeys(
+    (
+        "misalignment_deg",
+        "gyro_bias",
+        "gyro_noise",
+        "gyro_scale",
+        "bias_x",
+        "bias_y",
+        "noise",
+        "scale",
+    ),
+    0.0,
+)
+
+
+def read(
+    motions: list[FloatArray], tilt: tuple[float, float] = (0.0, 0.0), **changes: Any
+) -> FloatArray:
+    imu = build_imu(ImuConfiguration(**(PERFECT | changes)), PERIOD)
+    readings, random = np.empty((len(motions), 3)), np.random.default_rng(1)
+    for step, motion in enumerate(motions):
+        read_imu(imu, step, PERIOD, motion, *tilt, random.standard_normal(3), readings[step])
+    return readings
+
+
+def circle(speed: float, rate: float, count: int = 50) -> list[FloatArray]:
+    """A vehicle that drives forward on a circle, base_link at rest in its own axes."""
+    return [np.array([0.0, 0.0, rate * PERIOD * k, speed, 0.0, rate]) for k in range(count)]
+
+
+def test_on_a_circle_the_force_points_to_its_centre() -> None:
+    readings = read(circle(3.0, 0.8))
+    assert readings[:, 0] == pytest.approx(0.8)
+    assert readings[1:, 1] == pytest.approx(0.0, abs=1e-4)
+    assert readings[1:, 2] == pytest.approx(3.0 * 0.8, rel=1e-5)
+
+
+def test_a_spinning_vehicle_is_felt_off_centre_only() -> None:
+    assert read(circle(0.0, 2.0), x=0.5)[1:, 1] == pytest.approx(-4.0 * 0.5, rel=1e-3)
+    assert read(circle(0.0, 2.0))[1:, 1:] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_gravity_along_a_slope_is_felt_in_the_axes_of_the_body() -> None:
+    still = [np.array([0.0, 0.0, math.pi / 2, 0.0, 0.0, 0.0])] * 5
+    assert read(still, tilt=(0.1, 0.0))[:, 2] == pytest.approx(0.1 * GRAVITY)
+
+
+def test_bias_noise_scale_and_latency_are_what_they_say() -> None:
+    readings = read(circle(0.0, 1.0, 4000), gyro_bias=0.1, gyro_noise=0.05, gyro_scale=0.5)
+    assert np.mean(readings[:, 0]) == pytest.approx(1.6, abs=0.003)
+    assert np.std(readings[:, 0]) == pytest.approx(0.05, rel=0.05)
+    speeding = [np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1 * k]) for k in range(10)]
+    late = read(speeding, latency=0.03)[:, 0]
+    assert late == pytest.approx([0, 0, 0, 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+
+
+def test_without_a_unit_there_are_no_numbers() -> None:
+    assert np.all(np.isnan(read(circle(1.0, 0.0, 2), enabled=False)))
+
+
+def test_counts_lose_no_angle() -> None:
+    encoders = build_encoders(EncoderConfiguration(resolution=64), 2)
+    angle, speed, total = np.zeros(2), np.array([3.0, -0.7]), np.zeros(2)
+    for step in range(200):
+        reading = np.empty(2)
+        read_encoders(encoders, step, PERIOD, angle, speed, np.zeros(2), reading)
+        total += reading * PERIOD * (step > 0)
+        angle = angle + speed * PERIOD
+    assert total == pytest.approx(199 * PERIOD * speed, abs=2 * math.pi / 64)
+
+
+def test_perfect_encoders_read_the_speed() -> None:
+    reading = np.empty(1)
+    encoders = build_encoders(EncoderConfiguration(), 1)
+    read_encoders(encoders, 7, PERIOD, np.ones(1), np.array([2.5]), np.zeros(1), reading)
+    assert reading[0] == 2.5
+
+
+def told(kind: str, channel: str = "encoder", steps: int = 20, **entries: Any) -> FloatArray:
+    """Return what ``(1, 2, 3) + step / 10`` becomes by a fault from 0.1 s on."""
+    fault = FaultConfiguration(channel=channel, kind=kind, time=0.1, **entries)
+    faults, size = build_faults({"fault": fault}, 3), 3
+    rows, random = [], np.random.default_rng(1)
+    for step in range(steps):
+        values = np.arange(1.0, size + 1.0) + 0.1 * step
+        draw = random.standard_normal(size)
+        corrupt(faults, CHANNELS.index(channel), step, 10_000_000, draw, values)
+        rows.append(values)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("offset", 2.5 + 0.5),
+        ("drift", 2.5 + 0.5 * 0.05),
+        ("ramp", 2.5 + 0.5 * 0.5),
+        ("scale", 2.5 * 1.5),
+        ("sine", 2.5 + 0.5 * math.sin(math.pi)),
+        ("sign", -2.5),
+        ("zero", 0.0),
+        ("stuck", 2.0),
+        ("whisper", 2.0),
+        ("delay", 1.5),
+        ("swap", 3.5),
+        ("echo", 0.5 * 2.5 + 0.5 * 2.0),
+    ],
+)
+def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None:
+    readings = told(kind, amplitude=0.5, period=0.1)
+    assert readings[:10, 0] == pytest.approx(1.0 + 0.1 * np.arange(10))
+    assert readings[15, 0] == pytest.approx(expected, abs=1e-7)
+    assert np.ptp(told("whisper")[10:, 0]) > 0.0
+
+
+def test_a_channel_that_drops_out_reads_no_number_and_comes_back() -> None:
+    readings = told("drop_out", axis=1, duration=0.05)
+    assert np.flatnonzero(np.isnan(readings[:, 1])).tolist() == [10, 11, 12, 13, 14]
+    assert np.all(np.isfinite(readings[:, 0]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fault_leaves_other_channels_alone(kind: str) -> None:
+    fault = FaultConfiguration(channel="gyro", kind=kind, amplitude=1.0)
+    values = np.ones(3)
+    corrupt(build_faults({"f": fault}, 3), 0, 30, 10_000_000, np.ones(3), values)
+    assert values.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_wheel_that_there_is_not_is_refused_by_name() -> None:
+    fault = FaultConfiguration(channel="encoder", kind="zero", axis=4)
+    with pytest.raises(ConfigurationError, match=r"faults.hub.axis: 4 must be -1 to 3"):
+        build_faults({"hub": fault}, 4)
