@@ -1,0 +1,338 @@
+"""The shortest stop that is possible: integrated over the way, with patches, pedal and brake lag.
+
+Whatever holds the brakes back (pedal, dead time, lag) only ever grows less while a stop goes on,
+and friction depends on where the wheels are. So the least distance is that of the strongest
+deceleration at every place: ``d(v^2)/ds = -2 a(s, t)``; being slower at a place means being there
+later, with no less torque. A wheel's spin cannot add to it: a braked wheel turns no faster than
+rolling, so the impulse of its force is at most that of its brake.
+
+A stop that keeps heading and line passes over known ground; where a wheel comes within
+`EDGE_MARGIN` of an edge the better friction counts. For stops with any heading and path a wheel may
+be anywhere that its distance travelled allows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_analysis.limit.forces import Case, Deceleration, LimitVehicle
+from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver, in_turned_frame
+from omni_sim.ground.friction import FrictionMap
+from omni_sim.simulator import GroundConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+
+FloatArray = NDArray[np.float64]
+
+EDGE_MARGIN = 0.02
+"""How near an edge of a patch counts as beyond it [m]."""
+
+_TIME_STEP = 2e-3  # of the torque that builds up [s]
+_PLACES = 200  # along the way over patches
+_LEAST = 1e-6  # deceleration that is none [m/s^2]
+_SLOPE = "the ground is not level, and gravity's pull along it is left out"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Maneuver:
+    """The motion when the pedal goes down, and how the brakes then come.
+
+    Attributes:
+        pose: x, y [m], yaw [rad] of base_link, shape (3,).
+        twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
+        pedal: its final position [1].
+        ramp_time: that the pedal takes [s].
+    """
+
+    pose: FloatArray
+    twist: FloatArray
+    pedal: float = 1.0
+    ramp_time: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Bound:
+    """A lower bound of the stopping distance.
+
+    Attributes:
+        distance: [m], NaN where there is none.
+        gap: by how much the bound may be below what forces that exist can do [1].
+        tolerance: by how much the lag of the loads may let a run go below it [m].
+        reason: why there is none, else empty.
+    """
+
+    distance: float
+    gap: float = 0.0
+    tolerance: float = 0.0
+    reason: str = ""
+
+
+def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
+    """Return the motion when the scripted driver's pedal goes down."""
+    driver = ScriptedDriver(configuration)
+    pose, twist = driver.start_pose, driver.start_twist
+    time, rate = configuration.brake_time, float(twist[2])
+    turned = rate * time
+    # Mean direction over the way: the velocity turns with the body, or keeps its own.
+    half = 0.0 if configuration.hold_world_direction else 0.5 * turned
+    chord = 1.0 if half == 0.0 else math.sin(half) / half
+    cos, sin = math.cos(pose[2] + half), math.sin(pose[2] + half)
+    way = (
+        time * chord * np.array([cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1]])
+    )
+    if configuration.hold_world_direction:
+        twist[:2] = in_turned_frame(float(twist[0]), float(twist[1]), turned)
+    return Maneuver(
+        np.array([pose[0] + way[0], pose[1] + way[1], pose[2] + turned]),
+        twist,
+        configuration.pedal,
+        configuration.pedal_ramp_time,
+    )
+
+
+def straight_bound(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> Bound:
+    """Return the bound of stops that keep heading and line.
+
+    Args:
+        vehicle: what brakes.
+        ground: what it brakes on.
+        maneuver: from where.
+    """
+    if len(ground.elevation.table()):
+        return Bound(math.nan, reason=_SLOPE)
+    return _Way(vehicle, ground).straight(maneuver)
+
+
+def any_heading_bound(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> Bound:
+    """Return the bound of the path of the centre of gravity in any stop; see `straight_bound`."""
+    if len(ground.elevation.table()):
+        return Bound(math.nan, reason=_SLOPE)
+    return _Way(vehicle, ground).any_heading(maneuver)
+
+
+class _Way:
+    """A vehicle on its ground."""
+
+    def __init__(self, vehicle: VehicleConfiguration, ground: GroundConfiguration) -> None:
+        self._limit = LimitVehicle(vehicle)
+        self._brake = vehicle.brake
+        self._transfer_time = vehicle.load_transfer_time
+        self._friction = FrictionMap(ground.friction, ground.patches)
+
+    def _torque(self, maneuver: Maneuver, time: float) -> float:
+        """Return the largest torque of a brake a time [s] after the pedal began to move [N m]."""
+        brake, ramp = self._brake, maneuver.ramp_time
+        on = time - brake.dead_time
+        if on <= 0.0:
+            return 0.0
+        share, lag = 1.0, brake.time_constant
+        if ramp > 0.0:
+            share = min(on / ramp, 1.0)
+        elif lag > 0.0:
+            share = -math.expm1(-on / lag)
+        return brake.max_torque * maneuver.pedal * share
+
+    def _integrate(self, maneuver: Maneuver, speed: float, cases: _Cases) -> float:
+        """Return the distance [m] over which the strongest deceleration takes all speed."""
+        enough = cases.enough_torque
+        final = self._brake.max_torque * maneuver.pedal
+        distance = time = 0.0
+        while speed > 0.0:
+            torque = self._torque(maneuver, time + _TIME_STEP)
+            settled = torque >= min(enough, 0.999 * final)
+            torque = math.inf if torque >= enough else (final if settled else torque)
+            if settled and cases.uniform:
+                rate = cases.deceleration(distance, distance, torque)
+                return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
+            step = max(speed, 1e-3) * _TIME_STEP if not settled else cases.step
+            rate = cases.deceleration(distance, distance + step, torque)
+            if settled and rate <= _LEAST and distance > 1e4:
+                return math.inf
+            square = speed**2 - 2.0 * rate * step
+            if square <= 0.0:
+                return distance + speed**2 / (2.0 * rate)
+            after = math.sqrt(square)
+            time += 2.0 * step / (speed + after)
+            distance, speed = distance + step, after
+        return distance
+
+    def _cap(self, maneuver: Maneuver) -> float:
+        return self._brake.max_torque * maneuver.pedal
+
+    def straight(self, maneuver: Maneuver) -> Bound:
+        """Bound stops that keep heading and line."""
+        speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
+        if speed <= 0.0:
+            return Bound(math.nan, reason="the vehicle stands, or only spins")
+        if maneuver.twist[2] != 0.0:
+            return Bound(
+                math.nan,
+                reason="the vehicle turns when the pedal goes down: it has no heading to keep",
+            )
+        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver))
+        best, strict = cases.first, cases.first_strict
+        if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
+            return Bound(
+                math.nan,
+                reason="no forces of the wheels that this motion drags slow the vehicle down "
+                "without turning it or pushing it off its line",
+            )
+        distance = self._integrate(maneuver, speed, cases)
+        if not math.isfinite(distance):
+            return Bound(math.nan, reason="friction or brakes end before the vehicle stands")
+        gap = best.bound / best.feasible - 1.0
+        lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
+        gain = max(lagging / best.bound - 1.0, 0.0)
+        return Bound(distance, gap, speed * self._transfer_time * gain)
+
+    def any_heading(self, maneuver: Maneuver) -> Bound:
+        """Bound every stop."""
+        centre = self._limit.masses.centre
+        v = maneuver.twist[:2] + maneuver.twist[2] * np.array([-centre[1], centre[0]])
+        speed = math.hypot(*v)
+        if speed <= 0.0:
+            return Bound(0.0)
+        cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
+        distance = self._integrate(maneuver, speed, cases)
+        if not math.isfinite(distance):
+            return Bound(math.nan, reason="friction or brakes end before the vehicle stands")
+        # While the loads lag they may be anything.
+        first = cases.deceleration(0.0, 0.0, math.inf)
+        loose = self._limit.loose(cases.friction(0.0, 0.0))
+        gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
+        return Bound(distance, cases.tolerance, speed * self._transfer_time * gain)
+
+
+class _Cases:
+    """Decelerations by place and torque; each distinct case is solved once."""
+
+    def __init__(self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver) -> None:
+        self._limit = limit
+        self._map = friction
+        self._maneuver = maneuver
+        self._solved: dict[tuple[object, ...], float] = {}
+        top = max((friction.base, *friction.table[:, 6]))
+        self.enough_torque = top * limit.strongest_peak / float(np.min(limit.torque_force))
+        self.uniform = len(friction.table) == 0
+        self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
+        self.step = max(self.step, 1e-3)
+
+    def deceleration(self, start: float, end: float, torque: float) -> float:
+        """Return the strongest deceleration [m/s^2] between two places of the way [m]."""
+        friction = self.friction(start, end)
+        key = (*friction.tolist(), torque)
+        if key not in self._solved:
+            self._solved[key] = self._solve(friction, torque)
+        return self._solved[key]
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        """Return the largest friction factor of each wheel between two places, shape (N,)."""
+        raise NotImplementedError
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        raise NotImplementedError
+
+
+class _Straight(_Cases):
+    """A stop that keeps its heading and its line."""
+
+    def __init__(
+        self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver, cap: float
+    ) -> None:
+        super().__init__(limit, friction, maneuver)
+        self._cap = cap
+        v = maneuver.twist[:2]
+        self._direction = v / math.hypot(*v)
+        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
+        self._turn = np.array([[cos, -sin], [sin, cos]])
+        self._start = maneuver.pose[:2] + limit.position @ self._turn.T
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        along = self._turn @ self._direction
+        return np.array(
+            [
+                _largest_friction(self._map, wheel + start * along, wheel + end * along)
+                for wheel in self._start
+            ]
+        )
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        found = self._limit.strongest(self._direction, Case(friction, True, torque))
+        return 0.0 if found is None else found.bound
+
+    @property
+    def first(self) -> Deceleration | None:
+        case = Case(self.friction(0.0, 0.0), True, self._cap)
+        return self._limit.strongest(self._direction, case)
+
+    @property
+    def first_strict(self) -> Deceleration | None:
+        """Likewise, without the wheels that the motion does not drag."""
+        case = Case(self.friction(0.0, 0.0), True, standing=False)
+        return self._limit.strongest(self._direction, case)
+
+    def lagging(self, lag: float) -> float:
+        """Return the strongest deceleration while the loads lag behind [m/s^2]."""
+        case = Case(self.friction(0.0, 0.0), True, self._cap, lag)
+        found = self._limit.strongest(self._direction, case)
+        return 0.0 if found is None else found.bound
+
+
+class _AnyHeading(_Cases):
+    """Any stop."""
+
+    tolerance = 1e-3
+
+    def __init__(
+        self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver, cap: float
+    ) -> None:
+        super().__init__(limit, friction, maneuver)
+        self._cap = cap
+        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
+        turn = np.array([[cos, -sin], [sin, cos]])
+        self._centre = maneuver.pose[:2] + turn @ limit.masses.centre
+        self._reach = np.hypot(*(limit.position - limit.masses.centre).T)
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        del start
+        return np.array(
+            [_reachable_friction(self._map, self._centre, end + arm) for arm in self._reach]
+        )
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        return self._limit.largest(Case(friction, False, min(torque, self._cap)), self.tolerance)
+
+
+def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+    """Return how far a point lies beyond each patch's sides, along and across [m]."""
+    d_x, d_y = x - table[:, 0], y - table[:, 1]
+    along = np.abs(d_x * table[:, 2] + d_y * table[:, 3]) - table[:, 4]
+    across = np.abs(d_y * table[:, 2] - d_x * table[:, 3]) - table[:, 5]
+    return along, across
+
+
+def _largest_friction(friction: FrictionMap, start: FloatArray, end: FloatArray) -> float:
+    """Return the largest friction [1] within the margin of a short way from start to end [m]."""
+    middle = 0.5 * (start + end)
+    return _reachable_friction(friction, middle, 0.5 * math.hypot(*(end - start)) + EDGE_MARGIN)
+
+
+def _reachable_friction(friction: FrictionMap, centre: FloatArray, radius: float) -> float:
+    """Return the largest friction factor [1] within a distance of a point [m]."""
+    largest = -math.inf
+    if len(friction.table):
+        along, across = _box_distances(friction.table, float(centre[0]), float(centre[1]))
+        for row in reversed(range(len(friction.table))):  # the last one counts
+            if max(along[row], across[row]) > radius:
+                continue
+            largest = max(largest, float(friction.table[row, 6]))
+            if max(along[row], across[row]) <= -radius:  # wholly within this patch
+                return largest
+    return max(largest, friction.base)

@@ -1,0 +1,340 @@
+"""The strongest deceleration that the wheels of a vehicle can make: a small convex program.
+
+A wheel ``i`` pushes along its active direction only, ``f_i n_wi`` with ``|f_i| <= P(N_i)``, the
+peak of its tire's curve. The loads are affine in the forces (`omni_sim.vehicle.loads`) and ``P`` is
+concave, so the forces that friction allows are a convex set. It is enclosed in a polyhedron by
+tangents of ``P``, over which a linear program finds the largest deceleration; the answer of its
+dual is a bound that no forces exceed, and its forces, shrunk until they obey the true ``P``, exist.
+
+Neglected, each to the side on which the result stays a bound: the wheels' spin (the body feels
+only the forces of the ground, however the wheels turn), and their slip (the peak is there at once).
+Loads follow the acceleration at once; `bounds` says what their lag can yield. A wheel may lift off:
+then the loads leave their plane, and only weight and moments need to balance. So beside the stops
+with all wheels on the ground there are those in which the plane would pull at wheel ``j``; and
+where the vehicle could tip over, no more is asked of the loads than that they carry the weight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from omni_platform.geometry import cross
+from omni_platform.kinematics import PlatformKinematics
+from omni_sim.tire.model import curve_at
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon
+
+FloatArray = NDArray[np.float64]
+
+_TANGENTS = 97
+_FIRST = 16  # every so many tangents are in the first program, others when they are needed
+_GRID_ERROR = 1e-3  # of a tangent's height, which is taken from a grid of loads [N]
+_EXCESS = 1e-3  # by which a force may exceed a tangent that is left out [N]
+# A wheel whose active direction is this square to the motion is not dragged either way [1].
+_STANDING = 1e-9
+
+PLANE, BALANCE, SUM = range(3)
+"""What is asked of the loads: their plane, the balance of weight and moments, the weight."""
+
+
+class Deceleration(NamedTuple):
+    """The strongest deceleration along a direction.
+
+    Attributes:
+        bound: which no forces exceed, from the dual program [m/s^2].
+        feasible: of forces that exist [m/s^2].
+        force: those forces [N], shape (N,).
+        load: the loads under them [N], (N,).
+    """
+
+    bound: float
+    feasible: float
+    force: FloatArray
+    load: FloatArray
+
+
+class Case(NamedTuple):
+    """Under which conditions the strongest deceleration is sought.
+
+    Attributes:
+        friction: factor of the ground under each wheel [1], shape (N,).
+        straight: whether no moment, no force across and no force that would drive may act.
+        torque: that every brake can exert [N m].
+        lag: share of the acceleration that the loads do not follow yet [1].
+        standing: whether wheels that the motion does not drag may hold against a push.
+    """
+
+    friction: FloatArray
+    straight: bool
+    torque: float = math.inf
+    lag: float = 0.0
+    standing: bool = True
+
+
+class LimitVehicle:
+    """What the limit needs to know of a vehicle.
+
+    Attributes:
+        masses: body and load together.
+        position: of the wheels in the body frame [m], shape (N, 2).
+        active: active directions [1], shape (N, 2).
+        lever: of the active directions about the centre of gravity [m], shape (N,).
+        torque_force: force that a brake of 1 N m can hold at its wheel [1/m], shape (N,).
+        strongest_peak: of the tire at any load, on ground of friction 1 [N].
+    """
+
+    def __init__(self, vehicle: VehicleConfiguration) -> None:
+        geometry = PlatformKinematics(vehicle.wheels).geometry
+        self.masses = MassProperties.of(vehicle.body, vehicle.load)
+        self.position = geometry.position
+        self.active = geometry.active
+        self._passive = geometry.passive
+        self._arm = geometry.position - self.masses.centre
+        self.lever = cross(self._arm, geometry.active)
+        self._passive_lever = cross(self._arm, geometry.passive)
+        tire = vehicle.tire
+        radius = geometry.radius - tire.largest_load / tire.vertical_stiffness
+        rim = np.abs(np.sum(geometry.active * geometry.rolling, axis=1))
+        self.torque_force = 1.0 / (radius * rim)
+        losses = vehicle.passive_losses
+        # Rolling resistance grows with the load; with its largest value it is a cone too.
+        self._loss = losses.constant_share + losses.growing_share * tire.largest_load
+        self._weight = self.masses.mass * GRAVITY
+        self._tire = tire
+        self._plane = load_plane(self._arm)
+        self._slope, self._offset = self._tangents()
+        self.strongest_peak = float(self._offset[-1])
+
+    def peak(self, load: FloatArray) -> FloatArray:
+        """Return the largest tire force ``P`` [N] at loads [N] on ground of friction 1."""
+        clamped = np.clip(load, 0.0, self._tire.largest_load)
+        constants = self._tire.kernel_parameters
+        return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
+
+    def _tangents(self) -> tuple[FloatArray, FloatArray]:
+        """Return slopes [1] and offsets [N] of lines that lie above ``P`` everywhere."""
+        fine = np.linspace(0.0, self._tire.largest_load, 16 * (_TANGENTS - 1) + 1)
+        peak = self.peak(fine)
+        slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
+        slope = np.append(slope, 0.0)
+        # The highest that a line of this slope must be: true for any curve, concave or not.
+        offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _GRID_ERROR
+        return slope, offset
+
+    def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
+        """Return rows and right sides of the equations that tie the loads to the forces."""
+        wheels = len(self.active)
+        z = self._zero_moment_point(lag)
+        if model == PLANE:
+            rows = np.hstack((-self._weight * self._plane[:, 1:] @ z, np.eye(wheels)))
+            return rows, self._weight * self._plane[:, 0]
+        rows = np.zeros((1 if model == SUM else 3, 3 * wheels))
+        rows[0, 2 * wheels :] = 1.0
+        if model == BALANCE:
+            rows[1:, 2 * wheels :] = self._arm.T
+            rows[1:, : 2 * wheels] = -self._weight * z
+        return rows, np.append(self._weight, np.zeros(len(rows) - 1))
+
+    def _zero_moment_point(self, lag: float = 0.0) -> FloatArray:
+        """Return ``z = -h a / g`` per force of the wheels [m/N], shape (2, 2 N)."""
+        directions = np.vstack((self.active, self._passive)).T
+        return -(1.0 - lag) * self.masses.height / self._weight * directions
+
+    def strongest(self, direction: FloatArray, case: Case) -> Deceleration | None:
+        """Return the strongest deceleration along a direction, None if forces allow none.
+
+        Args:
+            direction: of motion in the body frame, unit vector, shape (2,).
+            case: conditions.
+        """
+        if not case.straight:
+            solutions = [self._solve(direction, case, *kind) for kind in self._kinds(case.friction)]
+            return max(
+                (found for found in solutions if found is not None),
+                key=lambda found: found.bound,
+                default=None,
+            )
+        # A straight stop leans along its direction only: do the wheels stay down then?
+        found = self._solve(direction, case, SUM)
+        if found is None:
+            return None
+        hull = self._arm[support_polygon(self._arm)]
+        edge = np.roll(hull, -1, axis=0) - hull
+        z = self.masses.height / GRAVITY * found.bound * direction
+        if np.min(cross(edge, z - hull)) <= 0.0:
+            return found
+        found = self._solve(direction, case, BALANCE)
+        if found is None:
+            return None
+        z = self.masses.height / GRAVITY * found.bound * direction
+        if np.min(self._plane @ np.array([1.0, *z])) <= 0.0:
+            return found
+        return self._solve(direction, case, PLANE)
+
+    def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
+        """Return the models of the loads, and the wheels that they lift, that need be tried."""
+        reach = self.masses.height / GRAVITY * self.loose(friction)
+        hull = self._arm[support_polygon(self._arm)]
+        edge = np.roll(hull, -1, axis=0) - hull
+        if reach >= np.min(cross(edge, -hull) / np.linalg.norm(edge, axis=1)):
+            return [(SUM, None)]
+        stays = self._plane[:, 0] > reach * np.hypot(self._plane[:, 1], self._plane[:, 2])
+        return [(PLANE, None), *((BALANCE, int(j)) for j in np.flatnonzero(~stays))]
+
+    def loose(self, friction: FloatArray) -> float:
+        """Return a bound of the deceleration [m/s^2] whatever the loads of the moment may be."""
+        mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
+        return float(len(self.active) * mean[0] / self.masses.mass) + GRAVITY * self._loss
+
+    def _solve(
+        self, direction: FloatArray, case: Case, model: int, lifted: int | None = None
+    ) -> Deceleration | None:
+        """Solve the linear program with one model of the loads.
+
+        Args:
+            direction: as in `strongest`.
+            case: likewise.
+            model: PLANE, BALANCE or SUM.
+            lifted: a wheel at which the plane would pull.
+        """
+        wheels = len(self.active)
+        along, passive_along = self.active @ direction, self._passive @ direction
+        cap = np.minimum(case.friction * self.strongest_peak, case.torque * self.torque_force)
+        low, high = -cap, cap.copy()
+        rows_eq, right_eq = self._loads(model, case.lag)
+        if case.straight:
+            across = np.array([-direction[1], direction[0]])
+            wrench = np.zeros((2, 3 * wheels))
+            wrench[0, : 2 * wheels] = np.append(self.active @ across, self._passive @ across)
+            wrench[1, : 2 * wheels] = np.append(self.lever, self._passive_lever)
+            rows_eq, right_eq = np.vstack((rows_eq, wrench)), np.append(right_eq, (0.0, 0.0))
+            dragged = np.abs(along) > _STANDING
+            high[(along > 0.0) & dragged] = 0.0
+            low[(along < 0.0) & dragged] = 0.0
+            if not case.standing:
+                low[~dragged] = high[~dragged] = 0.0
+        fixed = self._fixed_rows(lifted)
+        lost = math.inf if self._loss > 0.0 else 0.0
+        lower = np.concatenate((low, np.full(wheels, -lost), np.zeros(wheels)))
+        upper = np.concatenate((high, np.full(wheels, lost), np.full(wheels, math.inf)))
+        cost = np.concatenate((along, passive_along, np.zeros(wheels))) / self.masses.mass
+        chosen = np.zeros((wheels, len(self._slope)), dtype=np.bool_)
+        chosen[:, ::_FIRST] = chosen[:, -1] = True
+        while True:
+            rows, right = self._friction_rows(case.friction, chosen)
+            rows, right = np.vstack((rows, fixed[0])), np.append(right, fixed[1])
+            found = linprog(
+                cost,
+                rows,
+                right,
+                rows_eq,
+                right_eq,
+                np.column_stack((lower, upper)),
+                method="highs",
+            )
+            if found.x is None:
+                return None
+            force, load = found.x[:wheels], found.x[2 * wheels :]
+            lines = self._slope * load[:, None] + self._offset
+            needed = np.argmin(lines, axis=1)
+            limit = case.friction * np.min(lines, axis=1)
+            excess = np.abs(force) > limit + _EXCESS
+            new = excess & ~chosen[np.arange(wheels), needed]
+            if not np.any(new):
+                break
+            chosen[np.flatnonzero(new), needed[new]] = True
+        sides = np.where(np.isfinite(lower), lower, 0.0) @ found.lower.marginals
+        sides += np.where(np.isfinite(upper), upper, 0.0) @ found.upper.marginals
+        dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals + sides
+        bound = max(-float(dual), -float(found.fun))
+        # With the forces their loads return to those at rest, which are admissible, and the set is
+        # convex: forces shrunk by the worst excess exist.
+        excess_share = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
+        feasible = -float(found.fun) / max(1.0, float(np.max(excess_share)))
+        return Deceleration(bound, feasible, force, load)
+
+    def _friction_rows(
+        self, friction: FloatArray, chosen: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return ``|f_i| <= mu_i (slope N_i + offset)`` for the chosen tangents."""
+        wheels = len(friction)
+        wheel, line = np.nonzero(chosen)
+        count = np.arange(len(wheel))
+        rows = np.zeros((2, len(wheel), 3 * wheels))
+        rows[0, count, wheel], rows[1, count, wheel] = 1.0, -1.0
+        rows[:, count, 2 * wheels + wheel] = -friction[wheel] * self._slope[line]
+        return rows.reshape(-1, 3 * wheels), np.tile(friction[wheel] * self._offset[line], 2)
+
+    def _fixed_rows(self, lifted: int | None) -> tuple[FloatArray, FloatArray]:
+        """Return the inequalities of passive losses and of a wheel that lifts off."""
+        wheels = len(self.active)
+        rows, right = np.zeros((0, 3 * wheels)), np.zeros(0)
+        if self._loss > 0.0:
+            rows = np.zeros((2 * wheels, 3 * wheels))
+            rows[:, wheels : 2 * wheels] = np.vstack((np.eye(wheels), -np.eye(wheels)))
+            rows[:, 2 * wheels :] = -self._loss * np.vstack((np.eye(wheels),) * 2)
+            right = np.zeros(2 * wheels)
+        if lifted is not None:
+            pull = np.zeros(3 * wheels)
+            pull[: 2 * wheels] = self._plane[lifted, 1:] @ self._zero_moment_point()
+            rows, right = np.vstack((rows, pull)), np.append(right, -self._plane[lifted, 0])
+        return rows, right
+
+    def largest(self, case: Case, tolerance: float) -> float:
+        """Return a bound of the deceleration over all headings [m/s^2].
+
+        Args:
+            case: conditions; the motion need not be straight.
+            tolerance: what the bound may be too large by [1].
+        """
+
+        def support(angle: float) -> float:
+            found = self.strongest(np.array([math.cos(angle), math.sin(angle)]), case)
+            return 0.0 if found is None else found.bound
+
+        return farthest(support, tolerance)
+
+
+def farthest(support: Callable[[float], float], tolerance: float) -> float:
+    """Return a bound of the distance of the points of a convex set from the origin.
+
+    Between two directions no point is farther than where their two lines meet; the interval with
+    the farthest such point is halved until little can be gained.
+
+    Args:
+        support: largest component of the set's points along a direction [rad], at least 0.
+        tolerance: what the bound may be too large by [1].
+    """
+    angles = np.linspace(-math.pi, math.pi, 9).tolist()
+    heights = [support(angle) for angle in angles[:-1]]
+    ends = list(zip(angles, [*heights, heights[0]], strict=True))
+    intervals = list(pairwise(ends))
+    best = max(heights)
+    while True:
+        worst = max(intervals, key=_corner)
+        bound = _corner(worst)
+        if bound <= best * (1.0 + tolerance) or best <= 0.0:
+            return bound
+        intervals.remove(worst)
+        angle = 0.5 * (worst[0][0] + worst[1][0])
+        middle = (angle, support(angle))
+        best = max(best, middle[1])
+        intervals += [(worst[0], middle), (middle, worst[1])]
+
+
+def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
+    """Return how far the points between two directions can be, given support in both."""
+    (start, one), (end, other) = interval
+    cos = math.cos(end - start)
+    across = (other - one * cos) / math.sin(end - start)
+    # Where the lines meet outside of the interval, the farthest point lies in a direction itself.
+    if across <= 0.0 or one <= other * cos:
+        return max(one, other)
+    return math.hypot(one, across)

@@ -1,0 +1,182 @@
+"""``./omni limit``: tell how short a stop can be at best.
+
+Bound the stopping distance from below by what friction, loads and pedal allow, with and without
+keeping heading and line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omni_bringup.exit_codes import EXIT_OK
+from omni_platform.command_options import json_option, option, overrides_option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from omni_analysis.limit.bounds import Bound, Maneuver
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_sim.simulator import GroundConfiguration
+    from omni_sim.vehicle.configuration import VehicleConfiguration
+
+_WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, any path"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
+
+    experiment: str | None = option(
+        None,
+        positional=True,
+        metavar="EXPERIMENT",
+        description="a file of config/experiments/, or a path that ends in .yaml "
+        "(default: straight_line)",
+    )
+    vehicle: str | None = parameter(
+        None, description="a file of config/vehicles/ instead of an experiment"
+    )
+    speed: float | None = parameter(
+        None,
+        description="of the vehicle before braking (default: 10)",
+        unit="m/s",
+        minimum=0.0,
+        maximum=50.0,
+    )
+    direction: float | None = parameter(
+        None,
+        description="of its motion, counter-clockwise from forward (default: 0)",
+        unit="deg",
+        minimum=-360.0,
+        maximum=360.0,
+    )
+    friction: float | None = parameter(
+        None, description="factor of the ground (default: 1)", minimum=0.0, maximum=2.0
+    )
+    overrides: tuple[str, ...] = overrides_option()
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Path) -> int:
+    """Compute the bounds as the command line asks and return the exit code."""
+    # Imported late: the help answers at once.
+    from omni_analysis.limit.bounds import any_heading_bound, straight_bound
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_analysis.loop.metrics import Metric, results_document
+
+    library = ExperimentLibrary(workspace / "config")
+    name, vehicle, ground, maneuver = _question(options, library)
+    bounds = {
+        "bound": straight_bound(vehicle, ground, maneuver),
+        "bound_any_heading": any_heading_bound(vehicle, ground, maneuver),
+    }
+    metrics = {
+        case: {
+            "stopping_distance": Metric(bound.distance, "m", note=bound.reason),
+            "duality_gap": Metric(bound.gap, "1"),
+            "tolerance": Metric(bound.tolerance, "m"),
+        }
+        for case, bound in bounds.items()
+    }
+    if options.json:
+        print(json.dumps(results_document(name, metrics), indent=2, allow_nan=False))
+    else:
+        _print(name, vehicle, ground, maneuver, bounds)
+    return EXIT_OK
+
+
+def _question(
+    options: Options, library: ExperimentLibrary
+) -> tuple[str, VehicleConfiguration, GroundConfiguration, Maneuver]:
+    import numpy as np
+
+    from omni_analysis.limit.bounds import Maneuver, maneuver_of
+    from omni_sim.simulator import GroundConfiguration
+
+    alone = {"speed": options.speed, "direction": options.direction, "friction": options.friction}
+    if options.vehicle is None:
+        given = [name for name, value in alone.items() if value is not None]
+        if given:
+            raise ConfigurationError(
+                f"--{given[0]}", "goes with --vehicle; change an experiment's with --set"
+            )
+        name = options.experiment or "straight_line"
+        variant = library.variants(name)[0]
+        experiment = library.load(name, variant, options.overrides)
+        return (
+            Path(name).stem,
+            experiment.vehicle,
+            experiment.ground,
+            maneuver_of(experiment.maneuver),
+        )
+    if options.experiment is not None:
+        raise ConfigurationError("--vehicle", f"does not go with experiment {options.experiment}")
+    if options.overrides:
+        raise ConfigurationError("--set", "goes with an experiment, not with --vehicle")
+    speed = 10.0 if options.speed is None else options.speed
+    angle = math.radians(options.direction or 0.0)
+    friction = 1.0 if options.friction is None else options.friction
+    twist = np.array([_clean(speed * math.cos(angle)), _clean(speed * math.sin(angle)), 0.0])
+    maneuver = Maneuver(np.zeros(3), twist)
+    return (
+        Path(options.vehicle).stem,
+        library.vehicle(options.vehicle),
+        GroundConfiguration(friction=friction),
+        maneuver,
+    )
+
+
+def _clean(value: float) -> float:
+    """Return 0 for what rounding leaves of a motion along an axis."""
+    return 0.0 if abs(value) < 1e-12 else value
+
+
+def _print(
+    name: str,
+    vehicle: VehicleConfiguration,
+    ground: GroundConfiguration,
+    maneuver: Maneuver,
+    bounds: dict[str, Bound],
+) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("no stop is shorter", "m", "gap", "lag of the loads [m]", pad_edge=False)
+    for case, bound in bounds.items():
+        if math.isnan(bound.distance):
+            table.add_row(_WORDS[case], "-", "", "")
+        else:
+            row = f"{bound.distance:.2f}", f"{bound.gap:.1e}", f"{bound.tolerance:.3f}"
+            table.add_row(_WORDS[case], *row)
+    console.print(name)
+    console.print(table)
+    for case, bound in bounds.items():
+        if bound.reason:
+            console.print(f"{_WORDS[case]}: none, {bound.reason}", highlight=False)
+    if not math.isnan(bounds["bound"].distance):
+        console.print(_forces(vehicle, ground, maneuver))
+
+
+def _forces(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> Table:
+    """Return the forces of the strongest straight deceleration on the ground beside patches."""
+    import numpy as np
+    from rich.table import Table
+
+    from omni_analysis.limit.forces import Case, LimitVehicle
+
+    velocity = maneuver.twist[:2]
+    case = Case(np.full(len(vehicle.wheels), ground.friction), straight=True)
+    best = LimitVehicle(vehicle).strongest(velocity / math.hypot(*velocity), case)
+    table = Table("strongest deceleration", "force [N]", "load [N]", pad_edge=False)
+    if best is not None:
+        for wheel, force, load in zip(vehicle.wheels, best.force, best.load, strict=True):
+            table.add_row(wheel.replace("_", " "), f"{abs(force):.0f}", f"{load:.0f}")
+    return table
