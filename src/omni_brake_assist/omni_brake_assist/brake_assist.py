@@ -25,21 +25,44 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.braking_line import LINE_SIZE, forget_line
-from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.control_law import (
-    MEMORY_SIZE,
-    NO_HELP,
+from omni_brake_assist.assist_step import (
+    ASSISTING,
+    DISABLED,
+    INACTIVE,
     SLOW,
-    control_law,
-    control_step,
+    HeardImu,
+    HeardWheels,
+    Inputs,
+    act,
+    assist_step,
+    listen,
+    make_constants,
+    new_memory,
 )
-from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault, Feedback
-from omni_brake_assist.fail_safe import FeedbackMonitor, TwistSample, checked_stamp
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault
+from omni_brake_assist.fail_safe import (
+    ABSENT,
+    GOOD,
+    INTERNAL_ERROR,
+    INVALID_DEMAND,
+    INVALID_STAMP,
+    SILENCE,
+    UNKNOWN_WHEEL,
+    UNREADABLE,
+    Heard,
+    checked_stamp,
+    distrust,
+    fault_in_words,
+    real_array,
+)
+from omni_brake_assist.laws.law import ASSIST, NO_HELP
+from omni_brake_assist.laws.registry import own_law
 from omni_brake_assist.sliding_manifold import SlidingManifold
-from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves
+from omni_brake_assist.valve_dwell import open_valves
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 
 __all__ = [
     "AssistState",
@@ -48,18 +71,17 @@ __all__ = [
     "BrakeDemand",
     "Decision",
     "Fault",
-    "Feedback",
 ]
 
 FloatArray = NDArray[np.float64]
 
 
 class BrakeAssist:
-    """Sliding-mode brake assistant of one vehicle.
+    """Brake assistant of one vehicle.
 
     Attributes:
         geometry: the wheels; the rows of `Decision.enable` and `Decision.error` are in its order.
-        manifold: the error functions.
+        manifold: the error functions of the sliding-mode law.
     """
 
     def __init__(self, configuration: BrakeAssistConfiguration) -> None:
@@ -68,17 +90,14 @@ class BrakeAssist:
         self.manifold = SlidingManifold(
             self.geometry, weighting_function(configuration.weighting, configuration.k)
         )
-        reach = float(np.max(np.hypot(*self.geometry.position.T)))
-        self._monitor = FeedbackMonitor(configuration, reach)
-        self._law = control_law(configuration, self.manifold.constants)
-        self._memory = np.zeros(MEMORY_SIZE)
-        self._valves = np.zeros((len(self.geometry.names), VALVE_SIZE))
-        self._switched_ns = 0
-        self._followed_ns = 0
-        self._wheels_fault: Fault | None = None
+        self._wheels = len(self.geometry.names)
+        self._constants = make_constants(configuration, self.geometry)
+        self._law = own_law(configuration, self.geometry)  # None for one of the built-in laws
+        self._memory = new_memory(self._wheels)
+        self._said: dict[int, Fault] = {}  # words of faults that only their finder has
         self._stamp_ns = 0
         # Loads the kernel: the first real step is as fast as the others.
-        self._step(TwistSample(0, 0.0, 0.0, 0.0), braking=False)
+        self._step(Inputs(0, 0.0, True, GOOD, *self._heard(BrakeDemand(0, 0.0, None))))
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
@@ -92,8 +111,7 @@ class BrakeAssist:
             return self._decide(demand)
         except Exception as error:  # a fault of the assistant must not cost a brake
             fault = Fault(AssistState.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-            self._monitor.distrust(fault)
-            return self._all_on(fault)
+            return self._all_on(INTERNAL_ERROR, fault)
 
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
         """Decide after messages have failed to arrive: all brakes on, trust is to be earned anew.
@@ -102,9 +120,8 @@ class BrakeAssist:
             stamp_ns: time of the decision [ns].
             silence: NO_DEMAND, NO_FEEDBACK or STALE_FEEDBACK, and what has not come for how long.
         """
-        self._monitor.distrust(silence)
         self._stamp_ns = stamp_ns
-        return self._all_on(silence)
+        return self._all_on(SILENCE, silence)
 
     def switch(self, *, enabled: bool) -> None:
         """Let the assistant release brakes from the next decision on, or no longer."""
@@ -122,8 +139,11 @@ class BrakeAssist:
         Returns:
             What is wrong with them; None if nothing is.
         """
-        self._wheels_fault = self._compare_wheels(names)
-        return self._wheels_fault
+        fault = self._compare_wheels(names)
+        self._said.pop(UNKNOWN_WHEEL, None)
+        if fault is not None:
+            self._said[UNKNOWN_WHEEL] = fault
+        return fault
 
     def _compare_wheels(self, names: Iterable[str]) -> Fault | None:
         reported, known = Counter(names), set(self.geometry.names)
@@ -144,70 +164,99 @@ class BrakeAssist:
         )
 
     def _decide(self, demand: BrakeDemand) -> Decision:
+        self._said.pop(INVALID_DEMAND, None)
         try:
             self._stamp_ns = checked_stamp(demand.stamp_ns)
         except ValueError as problem:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
-            self._monitor.distrust(fault)
-            return self._all_on(fault)
-        pedal = _read_pedal(demand.pedal)
-        # A pedal that nobody can read is taken for a full braking request.
-        invalid = pedal if isinstance(pedal, Fault) else None
-        braking = isinstance(pedal, Fault) or pedal >= self.configuration.pedal_threshold
-        sample = self._monitor.judge(self._stamp_ns, demand.feedback, braking=braking)
-        fault_now = invalid or self._wheels_fault or self._monitor.fault
-        outcome, enable, error = self._step(sample, braking=braking)
-        state, reason = self._state(braking, fault_now, outcome)
-        if state is not AssistState.ASSISTING:
-            enable = self._open_valves()
+            return self._all_on(INVALID_STAMP, fault)
+        pedal = self._read_pedal(demand.pedal)
+        outside = next((c for c in (INVALID_DEMAND, UNKNOWN_WHEEL) if c in self._said), GOOD)
+        enabled = self.configuration.enabled
+        inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._heard(demand))
+        outcome, enable, error = self._step(inputs)
+        fault_now = self._fault(outside)
+        state, reason = self._state(outcome, fault_now)
         return Decision(self._stamp_ns, enable, error, state, reason, fault_now)
 
-    def _step(
-        self, sample: TwistSample | None, *, braking: bool
-    ) -> tuple[int, FloatArray, FloatArray]:
-        """Apply the control law; return its outcome, the enables and the errors."""
-        used = sample or TwistSample(self._followed_ns, 0.0, 0.0, 0.0)
-        dt = (used.stamp_ns - self._followed_ns) * 1e-9
-        if sample is not None:
-            self._followed_ns = sample.stamp_ns
-            if not 0.0 <= dt <= self.configuration.maximum_time_step:
-                forget_line(self._memory[:LINE_SIZE])  # the heading is not known across the gap
-                dt = 0.0
-        wheels = len(self.geometry.names)
-        error, enable = np.empty(wheels), np.empty(wheels)
-        outcome = control_step(
-            self._law,
-            self._memory,
-            self._valves,
-            self._elapsed(),
-            braking,
-            sample is not None,
-            self._monitor.fault is None,
-            dt,
-            used.v_x,
-            used.v_y,
-            used.yaw_rate,
-            error,
-            enable,
-        )
+    def _step(self, inputs: Inputs) -> tuple[int, FloatArray, FloatArray]:
+        """Take a step; return its outcome, the enables and the errors."""
+        constants, memory = self._constants, self._memory
+        error, enable = np.zeros(self._wheels), np.ones(self._wheels)
+        if self._law is None:
+            return assist_step(constants, memory, inputs, error, enable), enable, error
+        ready, motion = listen(constants, memory, inputs)
+        answer = (self._law.step(motion, error, enable) or ASSIST) if ready else NO_HELP
+        outcome = act(constants, memory, inputs, ready, answer, motion, error, enable)
         return outcome, enable, error
 
-    def _elapsed(self) -> float:
-        """Return the time since it was last asked for [ns]; time that runs back counts as none."""
-        elapsed = max(self._stamp_ns - self._switched_ns, 0)
-        self._switched_ns = self._stamp_ns
-        return float(elapsed)
+    def _heard(self, demand: BrakeDemand) -> tuple[Heard, HeardWheels, HeardImu]:
+        """Return what has come in the form of the kernel."""
+        problem, stamp_ns, (twist, covariance) = self._read(
+            demand.feedback, {"value": (3,), "covariance": (3, 3)}, {"value": "twist"}
+        )
+        heard = Heard(problem, stamp_ns, twist, covariance)
+        wheels = self._read(demand.wheels, {"speed": (self._wheels,)}, {})
+        imu = self._read(demand.imu, {"yaw_rate": (), "acceleration": (2,)}, {})
+        return (
+            heard,
+            HeardWheels(wheels[0], wheels[1], wheels[2][0]),
+            HeardImu(imu[0], imu[1], np.append(*imu[2])),
+        )
 
-    def _open_valves(self) -> FloatArray:
-        """Let all brakes act and return the enables."""
-        open_valves(self._valves, self._law.dwell, self._elapsed())
-        return np.ones(len(self._valves))
+    def _read(
+        self,
+        signal: Twist | WheelSpeeds | ImuReading | None,
+        shapes: dict[str, tuple[int, ...]],
+        words: dict[str, str],
+    ) -> tuple[int, int, list[FloatArray]]:
+        """Return what is wrong with a signal at first sight, its stamp [ns] and its arrays."""
+        missing = [np.full(shape, np.nan) for shape in shapes.values()]
+        if signal is None:
+            return ABSENT, 0, missing
+        try:
+            arrays = [
+                real_array(getattr(signal, name), shape, words.get(name, name))
+                for name, shape in shapes.items()
+            ]
+            return GOOD, checked_stamp(signal.stamp_ns), arrays
+        except ValueError as problem:
+            if isinstance(signal, Twist):
+                self._said[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
+            return UNREADABLE, 0, missing
 
-    def _state(self, braking: bool, fault: Fault | None, outcome: int) -> tuple[AssistState, str]:
+    def _read_pedal(self, pedal: Any) -> float:
+        """Return the demand; one that nobody can read is taken for a full braking request."""
+        try:
+            value = float(pedal)
+        except (TypeError, ValueError, OverflowError):
+            problem = f"pedal is {type(pedal).__name__}, not a number"
+        else:
+            if 0.0 <= value <= 1.0:  # not where it is not a number
+                return value
+            problem = f"pedal is {value:.4g}, must be 0 to 1"
+        self._said[INVALID_DEMAND] = Fault(AssistState.INVALID_DEMAND, problem)
+        return 1.0
+
+    def _fault(self, outside: int) -> Fault | None:
+        """Return what is wrong: from outside, or else with the feedback."""
+        if outside != GOOD:
+            return self._said[outside]
+        trust = self._memory.trust[0]
+        cause = int(trust["cause"])
+        if cause == GOOD:
+            return None
+        fault = self._said.get(cause) or fault_in_words(trust)
+        if trust["good"] == 0:
+            return fault
+        progress = f"{trust['good']} of {self.configuration.recovery_count} good feedbacks since"
+        return Fault(fault.state, f"{progress}: {fault.reason}")
+
+    def _state(self, outcome: int, fault: Fault | None) -> tuple[AssistState, str]:
         configuration = self.configuration
-        if not configuration.enabled:
+        if outcome == DISABLED:
             return AssistState.DISABLED, "assistant is switched off"
-        if not braking:
+        if outcome == INACTIVE:
             return AssistState.INACTIVE, f"pedal below {configuration.pedal_threshold:g}"
         if fault is not None:
             return fault.state, fault.reason
@@ -216,24 +265,19 @@ class BrakeAssist:
                 AssistState.BELOW_SPEED_THRESHOLD,
                 f"wheel speed fell below {configuration.speed_threshold:g} m/s",
             )
-        if outcome == NO_HELP:
+        if outcome != ASSISTING:
             return AssistState.ALL_ERRORS_POSITIVE, "no error is negative"  # section 3.3
         dwell = configuration.minimum_dwell_time
         within = f", switched at most every {dwell:g} s" if dwell > 0.0 else ""
         return AssistState.ASSISTING, f"brakes with a negative error are on{within}"
 
-    def _all_on(self, fault: Fault) -> Decision:
-        enable = self._open_valves()
-        return Decision(
-            self._stamp_ns, enable, np.zeros(len(enable)), fault.state, fault.reason, fault
-        )
-
-
-def _read_pedal(pedal: Any) -> float | Fault:
-    try:
-        value = float(pedal)
-    except (TypeError, ValueError, OverflowError):
-        return Fault(AssistState.INVALID_DEMAND, f"pedal is {type(pedal).__name__}, not a number")
-    if not 0.0 <= value <= 1.0:  # also where it is not a number
-        return Fault(AssistState.INVALID_DEMAND, f"pedal is {value:.4g}, must be 0 to 1")
-    return value
+    def _all_on(self, check: int, fault: Fault) -> Decision:
+        """Put all brakes on for a fault; trust is to be earned anew."""
+        self._said[check] = fault
+        memory = self._memory
+        distrust(memory.trust[0], check, 0.0, 0.0, 0.0)
+        elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
+        memory.step["switched_ns"] = self._stamp_ns
+        open_valves(memory.valves, self._constants.dwell, float(elapsed))
+        ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
+        return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

@@ -23,10 +23,10 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
     Decision,
     Fault,
-    Feedback,
 )
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.signals import Twist
 from omni_ros.messages import (
     DIAGNOSTICS_PERIOD_NS,
     diagnostics,
@@ -74,7 +74,7 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: Feedback | None = None
+        self._feedback: Twist | None = None
         self._pairing = StepPairing()
         self._pedal_heard = self._twist_heard = time.monotonic()
         self._last_report: tuple[AssistState, AssistState | None] | None = None
@@ -109,7 +109,7 @@ class BrakeAssistNode(Node):
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         twist, covariance = planar_twist_of(message)
-        self._feedback = Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
+        self._feedback = Twist(to_nanoseconds(message.header.stamp), twist, covariance)
         self._twist_heard = time.monotonic()
         if self._lockstep:
             self._pairing.take_feedback(self._feedback)

@@ -9,6 +9,13 @@ from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.plugins import check_name
+
+LAWS = ("sliding_mode",)
+"""Built-in control laws."""
+
+LAW_GROUP = "omni_brake_assist.laws"
+"""Entry points under which an installed package offers its laws by name."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,6 +27,11 @@ class BrakeAssistConfiguration(Configuration):
     )
     enabled: bool = parameter(
         True, description="Whether brakes may be released; the errors are computed either way"
+    )
+    law: str = parameter(
+        "sliding_mode",
+        description="Control law: sliding_mode is that of 2013; my_module:MyLaw is a class of your "
+        "own, see docs/extending.md",
     )
     weighting: str = parameter(
         "enhanced",
@@ -130,10 +142,12 @@ class BrakeAssistConfiguration(Configuration):
         """Refuse a k that Eq. (58) does not allow and a platform that cannot be braked.
 
         Raises:
-            ConfigurationError: k is even, or `feedback_timeout` exceeds `maximum_time_step`.
+            ConfigurationError: the law is unknown, k is even, or `feedback_timeout` exceeds
+                `maximum_time_step`.
             UnusablePlatformError: the wheels cannot move, and so not stop, the platform in all
                 three degrees of freedom, which section 3.3 requires.
         """
+        check_name("law", self.law, LAWS, LAW_GROUP)
         try:
             check_tuning_constant(self.k)
         except ValueError as error:

@@ -8,6 +8,8 @@ import enum
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+
 FloatArray = NDArray[np.float64]
 
 
@@ -78,21 +80,6 @@ class Fault:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Feedback:
-    """An estimate of the body twist.
-
-    Attributes:
-        stamp_ns: time of validity [ns from the start of the run].
-        twist: ``(v_cx, v_cy, Omega)`` of `base_link` in `base_link` [m/s, m/s, rad/s], shape (3,).
-        covariance: of `twist`, shape (3, 3), in the squares of its units.
-    """
-
-    stamp_ns: int
-    twist: FloatArray
-    covariance: FloatArray
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class BrakeDemand:
     """What the driver wants and what is known of the vehicle's motion.
 
@@ -101,11 +88,15 @@ class BrakeDemand:
         pedal: driver's brake demand [1], 0 to 1.
         feedback: latest twist received, again with every demand until a newer one has come;
             None if there is none.
+        wheels: latest speeds of the wheels received, likewise.
+        imu: latest reading of the inertial sensor received, likewise.
     """
 
     stamp_ns: int
     pedal: float
-    feedback: Feedback | None
+    feedback: Twist | None
+    wheels: WheelSpeeds | None = None
+    imu: ImuReading | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,9 +105,9 @@ class Decision:
 
     Attributes:
         stamp_ns: stamp of the demand that it answers [ns].
-        enable: 1 lets brake pressure pass, 0 lets the wheel roll free [1], shape (N,).
-        error: ``s_i`` of Eq. (44) [m/s], shape (N,); zeros while the pedal is up and where the
-            feedback cannot be trusted.
+        enable: share of the brake pressure that passes, 0 lets the wheel roll free [1], shape (N,).
+        error: ``s_i`` of Eq. (44), or the law's own [m/s], shape (N,); zeros while the pedal is
+            up and where the feedback cannot be trusted.
         state: what the assistant is doing.
         reason: one line for people; in a fault it names the value and the limit.
         fault: what is wrong, also while `state` is INACTIVE or DISABLED and it does not matter

@@ -4,217 +4,417 @@ Trust is earned by a number of good feedbacks in a row, at the start and after e
 lost by a single bad one. A feedback is good if it is there, finite, fresh, confident and
 physically plausible after the last good one. What is bad never becomes the one to compare with;
 as the permitted change grows with time, the comparison can never lock out good data for long.
+
+The rules are one compiled kernel, `judge`, which remembers what was wrong by its number in
+`CHECKS`; `fault` puts that into words. Node, simulation in one process and campaign ask the same
+kernel.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import operator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import AssistState, Fault, Feedback
+from omni_brake_assist.decision import AssistState, Fault
 
-_NANOSECONDS = 1_000_000_000
+FloatArray = NDArray[np.float64]
+
+NANOSECONDS = 1_000_000_000
+_LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
+
+# What can be wrong; what is missing in `CHECKS` gets its words from who finds it.
+GOOD = 0
+(
+    NOTHING_YET,
+    ABSENT,
+    UNREADABLE,
+    DEMAND_BACK,
+    DEMAND_LEAP,
+    TWIST_NOT_FINITE,
+    COVARIANCE_NOT_FINITE,
+    STALE,
+    AHEAD,
+    BACK,
+    UNKNOWN_VARIANCE,
+    SPEED_DEVIATION,
+    YAW_RATE_DEVIATION,
+    TOO_FAST,
+    TURNS_TOO_FAST,
+    SPEED_STEP,
+    YAW_RATE_STEP,
+    FROZEN,
+    INVALID_DEMAND,
+    UNKNOWN_WHEEL,
+    INVALID_STAMP,
+    SILENCE,
+    INTERNAL_ERROR,
+    LAW_ERROR,
+) = range(1, 25)
+
+_DEVIATION = "standard deviation of the "
+_MORE = ", more than {limit:.4g} "
+CHECKS: dict[int, tuple[AssistState, str]] = {
+    NOTHING_YET: (AssistState.NO_FEEDBACK, "no feedback has been received yet"),
+    ABSENT: (AssistState.NO_FEEDBACK, "no feedback has been received"),
+    DEMAND_BACK: (AssistState.TIME_JUMP, "demand went back by {value:.4g} s"),
+    DEMAND_LEAP: (
+        AssistState.TIME_JUMP,
+        "demand leapt by {value:.4g} s, more than {limit:g} s",
+    ),
+    TWIST_NOT_FINITE: (
+        AssistState.NON_FINITE_FEEDBACK,
+        "twist holds {value}, must be finite",
+    ),
+    COVARIANCE_NOT_FINITE: (
+        AssistState.NON_FINITE_FEEDBACK,
+        "covariance holds {value}, must be finite",
+    ),
+    STALE: (
+        AssistState.STALE_FEEDBACK,
+        "feedback is {value:.4g} s old, more than {limit:g} s",
+    ),
+    AHEAD: (
+        AssistState.TIME_JUMP,
+        "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s",
+    ),
+    BACK: (AssistState.TIME_JUMP, "feedback went back by {value:.4g} s"),
+    UNKNOWN_VARIANCE: (
+        AssistState.LOW_CONFIDENCE,
+        "feedback has no positive variance: unknown",
+    ),
+    SPEED_DEVIATION: (
+        AssistState.LOW_CONFIDENCE,
+        _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s",
+    ),
+    YAW_RATE_DEVIATION: (
+        AssistState.LOW_CONFIDENCE,
+        _DEVIATION + "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s",
+    ),
+    TOO_FAST: (
+        AssistState.IMPLAUSIBLE_FEEDBACK,
+        "speed is {value:.4g} m/s" + _MORE + "m/s",
+    ),
+    TURNS_TOO_FAST: (
+        AssistState.IMPLAUSIBLE_FEEDBACK,
+        "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s",
+    ),
+    SPEED_STEP: (
+        AssistState.IMPLAUSIBLE_FEEDBACK,
+        "change of velocity is {value:.4g} m/s within {within:.3g} s" + _MORE + "m/s",
+    ),
+    YAW_RATE_STEP: (
+        AssistState.IMPLAUSIBLE_FEEDBACK,
+        "change of yaw rate is {value:.4g} rad/s within {within:.3g} s" + _MORE + "rad/s",
+    ),
+    FROZEN: (
+        AssistState.IMPLAUSIBLE_FEEDBACK,
+        "time without any change while braking is {value:.4g} s" + _MORE + "s",
+    ),
+    LAW_ERROR: (AssistState.INTERNAL_ERROR, "the law gave an enable that is no share of 0 to 1"),
+}
+"""State and words of what can be wrong; ``value``, ``limit`` and ``within`` are filled in."""
+
+TRUST = np.dtype(
+    [
+        ("cause", "i8"),  # why there is no trust, GOOD where there is
+        ("value", "f8"),  # what was measured then
+        ("limit", "f8"),  # and what it must not exceed
+        ("within", "f8"),  # and in which time [s]
+        ("good", "i8"),  # good feedbacks in a row since
+        ("clocked", "?"),  # whether there has been a demand, and its stamp [ns]
+        ("now_ns", "i8"),
+        ("known", "?"),  # whether there is a last good feedback: stamp [ns] and twist
+        ("last_ns", "i8"),
+        ("v_x", "f8"),
+        ("v_y", "f8"),
+        ("yaw_rate", "f8"),
+        ("unchanged_ns", "i8"),  # since when it has been the same [ns]
+    ]
+)
+"""What is remembered from one feedback to the next, see `new_trust`."""
 
 
-@dataclasses.dataclass(frozen=True)
-class TwistSample:
-    """A twist that passed every check: [ns], [m/s], [m/s], [rad/s], in the body frame."""
+class Limits(NamedTuple):
+    """What a feedback must be like; see `BrakeAssistConfiguration`.
 
-    stamp_ns: int
-    v_x: float
-    v_y: float
-    yaw_rate: float
-
-
-class FeedbackMonitor:
-    """Judges one feedback after the other and remembers whether they deserve trust.
-
-    Args:
-        limits: what a feedback must be like.
+    Attributes:
+        maximum_step_ns: between two demands [ns].
+        timeout_ns: age of a feedback [ns].
+        maximum_speed_deviation: [m/s].
+        maximum_yaw_rate_deviation: [rad/s].
+        maximum_speed: [m/s].
+        maximum_yaw_rate: [rad/s].
+        maximum_acceleration: [m/s^2].
+        maximum_yaw_acceleration: [rad/s^2].
+        speed_noise: [m/s].
+        yaw_rate_noise: [rad/s].
+        frozen_time: [s], 0 for never.
+        speed_threshold: [m/s].
         reach: distance of the farthest wheel from the centre [m].
+        recovery_count: good feedbacks until there is trust.
     """
 
-    def __init__(self, limits: BrakeAssistConfiguration, reach: float) -> None:
-        self._limits = limits
-        self._reach = reach
-        self._maximum_step_ns = round(limits.maximum_time_step * _NANOSECONDS)
-        self._timeout_ns = round(limits.feedback_timeout * _NANOSECONDS)
-        self._now_ns: int | None = None
-        self._last: TwistSample | None = None
-        self._unchanged_since_ns = 0
-        self._good = 0
-        self._cause: Fault | None = Fault(
-            AssistState.NO_FEEDBACK, "no feedback has been received yet"
-        )
+    maximum_step_ns: int
+    timeout_ns: int
+    maximum_speed_deviation: float
+    maximum_yaw_rate_deviation: float
+    maximum_speed: float
+    maximum_yaw_rate: float
+    maximum_acceleration: float
+    maximum_yaw_acceleration: float
+    speed_noise: float
+    yaw_rate_noise: float
+    frozen_time: float
+    speed_threshold: float
+    reach: float
+    recovery_count: int
 
-    @property
-    def fault(self) -> Fault | None:
-        """Why the feedback cannot be trusted; None if it can."""
-        if self._cause is None or self._good == 0:
-            return self._cause
-        progress = f"{self._good} of {self._limits.recovery_count} good feedbacks since"
-        return Fault(self._cause.state, f"{progress}: {self._cause.reason}")
 
-    def distrust(self, fault: Fault) -> None:
-        """Withdraw trust for a cause; recovery starts from nothing."""
-        self._cause = fault
-        self._good = 0
+class Heard(NamedTuple):
+    """A feedback as it has come.
 
-    def judge(self, now_ns: int, feedback: Feedback | None, *, braking: bool) -> TwistSample | None:
-        """Examine what has been received at the time of a demand.
+    Attributes:
+        problem: GOOD if there is one to look at, else ABSENT or UNREADABLE.
+        stamp_ns: time of validity [ns].
+        twist: ``(v_cx, v_cy, Omega)`` [m/s, m/s, rad/s], shape (3,).
+        covariance: of it, shape (3, 3).
+    """
 
-        Args:
-            now_ns: stamp of the demand [ns].
-            feedback: latest feedback, which may be the same as last time.
-            braking: whether the driver brakes, so that the twist must change.
+    problem: int
+    stamp_ns: int
+    twist: FloatArray
+    covariance: FloatArray
 
-        Returns:
-            The feedback if it is good, else None. Good is not trusted: see `fault`.
-        """
-        problem = self._clock_problem(now_ns)
-        if problem is not None:
-            self._last = None
-        elif feedback is None:
-            problem = Fault(AssistState.NO_FEEDBACK, "no feedback has been received")
-        else:
-            outcome = self._examine(now_ns, feedback, braking)
-            if isinstance(outcome, TwistSample):
-                self._accept(outcome, braking)
-                return outcome
-            problem = outcome
-        self.distrust(problem)
-        return None
 
-    def _clock_problem(self, now_ns: int) -> Fault | None:
-        previous, self._now_ns = self._now_ns, now_ns
-        if previous is None:
-            return None
-        step = now_ns - previous
-        if step < 0:
-            return Fault(AssistState.TIME_JUMP, f"demand went back by {_seconds(-step)}")
-        if step > self._maximum_step_ns:
-            limit = self._limits.maximum_time_step
-            return Fault(
-                AssistState.TIME_JUMP,
-                f"demand leapt by {_seconds(step)}, more than {limit:g} s",
-            )
-        return None
+def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
+    """Lay out the limits for the kernel; `reach` [m] is that of the farthest wheel."""
+    same = {
+        name: getattr(configuration, name)
+        for name in Limits._fields
+        if hasattr(configuration, name)
+    }
+    return Limits(
+        maximum_step_ns=round(configuration.maximum_time_step * NANOSECONDS),
+        timeout_ns=round(configuration.feedback_timeout * NANOSECONDS),
+        reach=reach,
+        **same,
+    )
 
-    def _accept(self, sample: TwistSample, braking: bool) -> None:
-        last = self._last
-        if last is not None and sample.stamp_ns == last.stamp_ns:
-            return  # nothing new
-        if not braking or last is None or _twist(sample) != _twist(last):
-            self._unchanged_since_ns = sample.stamp_ns
-        self._last = sample
-        if self._cause is not None:
-            self._good += 1
-            if self._good >= self._limits.recovery_count:
-                self._cause = None
 
-    def _examine(self, now_ns: int, feedback: Feedback, braking: bool) -> TwistSample | Fault:
-        try:
-            stamp_ns = checked_stamp(feedback.stamp_ns)
-            v_x, v_y, yaw_rate = _finite(feedback.twist, (3,), "twist")
-            covariance = _finite(feedback.covariance, (3, 3), "covariance")
-        except ValueError as error:
-            return Fault(AssistState.NON_FINITE_FEEDBACK, str(error))
-        sample = TwistSample(stamp_ns, v_x, v_y, yaw_rate)
-        return (
-            self._age_problem(now_ns, stamp_ns)
-            or self._confidence_problem(covariance)
-            or self._size_problem(sample)
-            or self._change_problem(sample, braking)
-            or sample
-        )
+def new_trust() -> NDArray[np.void]:
+    """Return the memory of who has not heard anything yet, shape (1,)."""
+    trust = np.zeros(1, TRUST)
+    trust["cause"] = NOTHING_YET
+    return trust
 
-    def _age_problem(self, now_ns: int, stamp_ns: int) -> Fault | None:
-        age = now_ns - stamp_ns
-        limit = f"{self._limits.feedback_timeout:g} s"
-        if age > self._timeout_ns:
-            return Fault(
-                AssistState.STALE_FEEDBACK, f"feedback is {_seconds(age)} old, more than {limit}"
-            )
-        if age < -self._timeout_ns:
-            return Fault(
-                AssistState.TIME_JUMP,
-                f"feedback is {_seconds(-age)} ahead of the demand, more than {limit}",
-            )
-        if self._last is not None and stamp_ns < self._last.stamp_ns:
-            back = _seconds(self._last.stamp_ns - stamp_ns)
-            return Fault(AssistState.TIME_JUMP, f"feedback went back by {back}")
-        return None
 
-    def _confidence_problem(self, covariance: list[float]) -> Fault | None:
-        xx, xy, _, yx, yy, _, _, _, ww = covariance
-        # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
-        if min(xx, yy, ww) <= 0.0:
-            return Fault(AssistState.LOW_CONFIDENCE, "feedback has no positive variance: unknown")
-        # Largest eigenvalue of the linear part: the worst direction, whichever way the axes lie.
-        worst = xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, xy / 2 + yx / 2)
-        limits = self._limits
-        return _excess(
-            AssistState.LOW_CONFIDENCE,
-            "standard deviation of the velocity",
-            math.sqrt(worst),
-            limits.maximum_speed_deviation,
-            "m/s",
-        ) or _excess(
-            AssistState.LOW_CONFIDENCE,
-            "standard deviation of the yaw rate",
-            math.sqrt(ww),
-            limits.maximum_yaw_rate_deviation,
-            "rad/s",
-        )
+def fault_in_words(trust: np.void) -> Fault:
+    """Return why there is no trust.
 
-    def _size_problem(self, sample: TwistSample) -> Fault | None:
-        kind, limits = AssistState.IMPLAUSIBLE_FEEDBACK, self._limits
-        speed = math.hypot(sample.v_x, sample.v_y)
-        return _excess(kind, "speed", speed, limits.maximum_speed, "m/s") or _excess(
-            kind, "yaw rate", abs(sample.yaw_rate), limits.maximum_yaw_rate, "rad/s"
-        )
+    Args:
+        trust: memory, a record of `TRUST`.
+    """
+    state, words = CHECKS[int(trust["cause"])]
+    value, limit, within = (float(trust[name]) for name in ("value", "limit", "within"))
+    return Fault(state, words.format(value=value, limit=limit, within=within))
 
-    def _change_problem(self, sample: TwistSample, braking: bool) -> Fault | None:
-        last, limits, kind = self._last, self._limits, AssistState.IMPLAUSIBLE_FEEDBACK
-        if last is None or sample.stamp_ns - last.stamp_ns > self._maximum_step_ns:
-            return None  # too long ago to say anything
-        dt = (sample.stamp_ns - last.stamp_ns) / _NANOSECONDS
-        # The body axes have turned since: compare in those of the new sample, or the centripetal
-        # change of a turning vehicle would look like an acceleration.
-        angle = (last.yaw_rate + sample.yaw_rate) / 2 * dt
-        c, s = math.cos(angle), math.sin(angle)
-        step = math.hypot(
-            sample.v_x - (c * last.v_x + s * last.v_y),
-            sample.v_y - (c * last.v_y - s * last.v_x),
-        )
-        yaw_step = abs(sample.yaw_rate - last.yaw_rate)
-        speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
-        yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
-        within = f" within {dt:.3g} s"
-        return (
-            _excess(kind, "change of velocity", step, speed_limit, "m/s", within)
-            or _excess(kind, "change of yaw rate", yaw_step, yaw_limit, "rad/s", within)
-            or (self._frozen_problem(sample, last) if braking else None)
-        )
 
-    def _frozen_problem(self, sample: TwistSample, last: TwistSample) -> Fault | None:
-        limit = self._limits.frozen_time
-        speed = math.hypot(sample.v_x, sample.v_y) + abs(sample.yaw_rate) * self._reach
-        if limit == 0.0 or speed < self._limits.speed_threshold or _twist(sample) != _twist(last):
-            return None
-        frozen = (sample.stamp_ns - self._unchanged_since_ns) / _NANOSECONDS
-        return _excess(
-            AssistState.IMPLAUSIBLE_FEEDBACK,
-            "time without any change while braking",
-            frozen,
-            limit,
-            "s",
-        )
+@njit(cache=True, nogil=True, error_model="numpy")
+def distrust(trust: Any, check: int, value: float, limit: float, within: float) -> None:
+    """Withdraw trust for a cause; recovery starts from nothing.
+
+    Args:
+        trust: memory, a record of `TRUST`.
+        check: what is wrong.
+        value: what was measured.
+        limit: what it must not exceed.
+        within: in which time [s].
+    """
+    trust.cause = check
+    trust.value = value
+    trust.limit = limit
+    trust.within = within
+    trust.good = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool) -> bool:
+    """Examine what has been received at the time of a demand.
+
+    Args:
+        limits: what it must be like.
+        memory: of `new_trust`; changed in place.
+        now_ns: stamp of the demand [ns].
+        heard: latest feedback, which may be the same as last time.
+        braking: whether the driver brakes, so that the twist must change.
+
+    Returns:
+        Whether it is good. Good is not trusted: that is ``memory[0].cause == GOOD``.
+    """
+    trust = memory[0]
+    if not _in_time(limits, trust, now_ns):
+        trust.known = False
+        return False
+    if heard.problem != GOOD:
+        distrust(trust, heard.problem, 0.0, 0.0, 0.0)
+        return False
+    if not (
+        _is_finite(trust, heard)
+        and _is_fresh(limits, trust, now_ns, heard.stamp_ns)
+        and _is_confident(limits, trust, heard.covariance)
+        and _is_plausible(limits, trust, heard.twist)
+        and _follows(limits, trust, heard.stamp_ns, heard.twist, braking)
+    ):
+        return False
+    _accept(limits, trust, heard.stamp_ns, heard.twist, braking)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def since(later_ns: int, earlier_ns: int) -> int:
+    """Return a difference of stamps [ns], cut off where it is longer than 64 bits can hold."""
+    difference = float(later_ns) - float(earlier_ns)
+    if difference > _LONG_NS:
+        return _LONG_NS
+    if difference < -_LONG_NS:
+        return -_LONG_NS
+    return later_ns - earlier_ns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _within(trust: Any, check: int, value: float, limit: float, within: float) -> bool:
+    if value <= limit:
+        return True
+    distrust(trust, check, value, limit, within)
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_time(limits: Limits, trust: Any, now_ns: int) -> bool:
+    step = since(now_ns, trust.now_ns) if trust.clocked else 0
+    trust.clocked = True
+    trust.now_ns = now_ns
+    if step < 0:
+        distrust(trust, DEMAND_BACK, -step / 1e9, 0.0, 0.0)
+        return False
+    if step > limits.maximum_step_ns:
+        distrust(trust, DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
+        return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_finite(trust: Any, heard: Heard) -> bool:
+    for number in heard.twist:
+        if not math.isfinite(number):
+            distrust(trust, TWIST_NOT_FINITE, number, 0.0, 0.0)
+            return False
+    for number in heard.covariance.ravel():
+        if not math.isfinite(number):
+            distrust(trust, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
+    age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
+    if age > timeout:
+        distrust(trust, STALE, age / 1e9, timeout / 1e9, 0.0)
+        return False
+    if age < -timeout:
+        distrust(trust, AHEAD, -age / 1e9, timeout / 1e9, 0.0)
+        return False
+    if trust.known and stamp_ns < trust.last_ns:
+        distrust(trust, BACK, since(trust.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
+        return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_confident(limits: Limits, trust: Any, covariance: FloatArray) -> bool:
+    xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
+    # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
+    if min(xx, yy, ww) <= 0.0:
+        distrust(trust, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
+        return False
+    # Largest eigenvalue of the linear part: the worst direction, whichever way the axes lie.
+    across = covariance[0, 1] / 2 + covariance[1, 0] / 2
+    worst = xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across)
+    speed, yaw_rate = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
+    return bool(
+        _within(trust, SPEED_DEVIATION, math.sqrt(worst), speed, 0.0)
+        and _within(trust, YAW_RATE_DEVIATION, math.sqrt(ww), yaw_rate, 0.0)
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_plausible(limits: Limits, trust: Any, twist: FloatArray) -> bool:
+    speed = math.hypot(twist[0], twist[1])
+    return bool(
+        _within(trust, TOO_FAST, speed, limits.maximum_speed, 0.0)
+        and _within(trust, TURNS_TOO_FAST, abs(twist[2]), limits.maximum_yaw_rate, 0.0)
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_same(trust: Any, twist: FloatArray) -> bool:
+    same: bool = twist[0] == trust.v_x and twist[1] == trust.v_y and twist[2] == trust.yaw_rate
+    return same
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follows(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> bool:
+    """Return whether a twist may come after the last good one."""
+    if not trust.known:
+        return True
+    elapsed = since(stamp_ns, trust.last_ns)
+    if elapsed > limits.maximum_step_ns:
+        return True  # too long ago to say anything
+    dt = elapsed / 1e9
+    # The body axes have turned since: compare in those of the new sample, or the centripetal
+    # change of a turning vehicle would look like an acceleration.
+    angle = (trust.yaw_rate + twist[2]) / 2 * dt
+    c, s = math.cos(angle), math.sin(angle)
+    step = math.hypot(
+        twist[0] - (c * trust.v_x + s * trust.v_y), twist[1] - (c * trust.v_y - s * trust.v_x)
+    )
+    speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
+    yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
+    if not (
+        _within(trust, SPEED_STEP, step, speed_limit, dt)
+        and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)
+    ):
+        return False
+    speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
+    moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
+    if not (braking and moving and _is_same(trust, twist)):
+        return True
+    frozen = since(stamp_ns, trust.unchanged_ns) / 1e9
+    return bool(_within(trust, FROZEN, frozen, limits.frozen_time, 0.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _accept(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
+    if trust.known and stamp_ns == trust.last_ns:
+        return  # nothing new
+    if not braking or not trust.known or not _is_same(trust, twist):
+        trust.unchanged_ns = stamp_ns
+    trust.known = True
+    trust.last_ns = stamp_ns
+    trust.v_x = twist[0]
+    trust.v_y = twist[1]
+    trust.yaw_rate = twist[2]
+    if trust.cause != GOOD:
+        trust.good += 1
+        if trust.good >= limits.recovery_count:
+            trust.cause = GOOD
 
 
 def checked_stamp(value: Any) -> int:
@@ -232,7 +432,12 @@ def checked_stamp(value: Any) -> int:
     return stamp
 
 
-def _finite(value: Any, shape: tuple[int, ...], name: str) -> list[float]:
+def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
+    """Return numbers as an array of its own.
+
+    Raises:
+        ValueError: they are no real numbers or have another shape.
+    """
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -241,24 +446,4 @@ def _finite(value: Any, shape: tuple[int, ...], name: str) -> list[float]:
         raise ValueError(f"{name} is not made of real numbers")
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
-    numbers: list[float] = array.astype(np.float64).ravel().tolist()
-    for number in numbers:
-        if not math.isfinite(number):
-            raise ValueError(f"{name} holds {number}, must be finite")
-    return numbers
-
-
-def _twist(sample: TwistSample) -> tuple[float, float, float]:
-    return sample.v_x, sample.v_y, sample.yaw_rate
-
-
-def _excess(
-    state: AssistState, quantity: str, value: float, limit: float, unit: str, within: str = ""
-) -> Fault | None:
-    if value <= limit:
-        return None
-    return Fault(state, f"{quantity} is {value:.4g} {unit}{within}, more than {limit:.4g} {unit}")
-
-
-def _seconds(duration_ns: int) -> str:
-    return f"{duration_ns / _NANOSECONDS:.4g} s"
+    return np.array(array, dtype=np.float64, order="C")

@@ -91,11 +91,11 @@ def wheel_error(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fastest_wheel(manifold: Manifold, v_x: float, v_y: float, omega: float) -> float:
+def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
     """Return the speed of the fastest wheel centre [m/s], Eq. (38); arguments as `wheel_error`."""
     largest = 0.0
-    for i in range(manifold.r_x.size):
-        w_x, w_y = v_x - omega * manifold.r_y[i], v_y + omega * manifold.r_x[i]
+    for i in range(r_x.size):
+        w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
         largest = max(largest, w_x * w_x + w_y * w_y)
     return math.sqrt(largest)
 
@@ -181,7 +181,8 @@ class SlidingManifold:
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
         """
-        return float(fastest_wheel(self.constants, *np.asarray(twist, dtype=float).tolist()))
+        c = self.constants
+        return float(fastest_wheel(c.r_x, c.r_y, *np.asarray(twist, dtype=float).tolist()))
 
     def errors(self, twist: FloatArray, perpendicular: FloatArray | None) -> ManifoldErrors:
         """Return the error functions of all wheels.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from omni_brake_assist.brake_assist import BrakeDemand, Feedback
+from omni_brake_assist.decision import BrakeDemand
+from omni_platform.signals import Twist
 
 
 class StepPairing:
@@ -14,14 +15,14 @@ class StepPairing:
 
     def __init__(self) -> None:
         self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: Feedback | None = None
+        self._feedback: Twist | None = None
         self._answered_ns = -1  # stamp of the newest demand that was answered
 
     def take_pedal(self, stamp_ns: int, pedal: float) -> None:
         """Take the driver's demand (0..1) of a step [ns]."""
         self._pedal = stamp_ns, pedal
 
-    def take_feedback(self, feedback: Feedback) -> None:
+    def take_feedback(self, feedback: Twist) -> None:
         """Take a body twist."""
         self._feedback = feedback
 

@@ -15,11 +15,11 @@ from omni_brake_assist.brake_assist import (
     BrakeAssistConfiguration,
     BrakeDemand,
     Decision,
-    Feedback,
 )
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import UnusablePlatformError
+from omni_platform.signals import Twist
 
 FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
@@ -37,7 +37,7 @@ class Drive:
 
     def step(self, pedal: float, twist: tuple[float, float, float]) -> Decision:
         self.stamp_ns += PERIOD_NS
-        feedback = Feedback(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
+        feedback = Twist(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
         return self.assist.update(BrakeDemand(self.stamp_ns, pedal, feedback))
 
 

@@ -20,9 +20,9 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
     Decision,
     Fault,
-    Feedback,
 )
 from omni_platform.geometry import WheelMount
+from omni_platform.signals import Twist
 
 FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
@@ -34,7 +34,7 @@ def demand(step: int, *, pedal: float = 1.0, speed: float | None = None) -> Brak
     """A good demand of a step; the vehicle slows down by 5 m/s^2."""
     stamp_ns = step * PERIOD_NS
     twist = np.array([10.0 - 0.05 * step if speed is None else speed, 0.0, 0.3])
-    return BrakeDemand(stamp_ns, pedal, Feedback(stamp_ns, twist, 1e-5 * np.eye(3)))
+    return BrakeDemand(stamp_ns, pedal, Twist(stamp_ns, twist, 1e-5 * np.eye(3)))
 
 
 def assisting(wheels: Wheels, **changes: Any) -> BrakeAssist:
@@ -53,7 +53,7 @@ def with_feedback(good: BrakeDemand, **changes: Any) -> BrakeDemand:
 
 
 def with_twist(*twist: Any) -> Callable[[BrakeDemand], BrakeDemand]:
-    return lambda good: with_feedback(good, twist=np.array(twist))
+    return lambda good: with_feedback(good, value=np.array(twist))
 
 
 def with_variance(row: int, value: float) -> Callable[[BrakeDemand], BrakeDemand]:
@@ -153,7 +153,7 @@ def test_fast_turning_is_no_acceleration(mecanum: Wheels) -> None:
     for step in range(50):
         heading = 8.0 * step * 0.01
         twist = np.array([10.0 * math.cos(heading), -10.0 * math.sin(heading), 8.0])
-        good = Feedback(step * PERIOD_NS, twist, 1e-6 * np.eye(3))
+        good = Twist(step * PERIOD_NS, twist, 1e-6 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 0.0, good))
         if step >= 2:
             assert decision.fault is None
@@ -218,7 +218,7 @@ def test_time_that_jumps_has_all_brakes_on_and_goes_on_from_there(
     states = []
     for step in range(5):
         now = stamp_ns + step * PERIOD_NS
-        good = Feedback(now, demand(5 + step).feedback.twist, 1e-5 * np.eye(3))  # type: ignore[union-attr]
+        good = Twist(now, demand(5 + step).feedback.value, 1e-5 * np.eye(3))  # type: ignore[union-attr]
         decision = assist.update(BrakeDemand(now, 1.0, good))
         states.append(decision.state)
         if step == 0:
@@ -292,7 +292,7 @@ def test_constant_twist_is_believed_where_nothing_must_change(
     for step in range(100):
         stamp_ns = step * PERIOD_NS
         twist = np.array([speed, 0.0, 0.0])
-        still = BrakeDemand(stamp_ns, pedal, Feedback(stamp_ns, twist, 1e-5 * np.eye(3)))
+        still = BrakeDemand(stamp_ns, pedal, Twist(stamp_ns, twist, 1e-5 * np.eye(3)))
         decision = assist.update(still)
     assert decision.fault is None
 
@@ -336,7 +336,7 @@ def test_without_trust_at_the_pedal_the_line_is_that_of_the_first_trusted(mecanu
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step, (v_x, v_y) in enumerate([(5.0, 0.0), (5.0, 0.1), (5.0, 0.2), (5.0, 0.2)]):
         twist = np.array([v_x, v_y, 0.0])
-        good = Feedback(step * PERIOD_NS, twist, 1e-5 * np.eye(3))
+        good = Twist(step * PERIOD_NS, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
         np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
     assert decision.fault is None
@@ -349,7 +349,7 @@ def test_heading_is_carried_across_a_short_fault(mecanum: Wheels) -> None:
     for step in range(40):
         heading, stamp_ns = 1.0 * step * 0.01, step * PERIOD_NS
         twist = np.array([5.0 * math.cos(heading), -5.0 * math.sin(heading), 1.0])
-        good = None if 15 <= step < 25 else Feedback(stamp_ns, twist, 1e-5 * np.eye(3))
+        good = None if 15 <= step < 25 else Twist(stamp_ns, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(stamp_ns, 0.0 if step < 5 else 1.0, good))
         if decision.fault is None and step >= 5:
             moment = assist.manifold.errors(twist, None).total
@@ -363,7 +363,7 @@ def test_line_is_taken_anew_after_a_gap_too_long_to_know_the_heading(mecanum: Wh
     for step in range(60):
         stamp_ns = step * PERIOD_NS
         twist = np.array([5.0, 0.0 if step < 10 else 1.0, 0.0])
-        good = None if 10 <= step < 50 else Feedback(stamp_ns, twist, 1e-5 * np.eye(3))
+        good = None if 10 <= step < 50 else Twist(stamp_ns, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(stamp_ns, 1.0, good))
     assert decision.fault is None
     np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
@@ -387,7 +387,7 @@ def test_unreadable_pedal_starts_braking(mecanum: Wheels) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step in range(6):
         stamp_ns, v_y = step * PERIOD_NS, 0.0 if step < 5 else 0.2
-        good = Feedback(stamp_ns, np.array([5.0, v_y, 0.0]), 1e-5 * np.eye(3))
+        good = Twist(stamp_ns, np.array([5.0, v_y, 0.0]), 1e-5 * np.eye(3))
         pedal = {4: NAN, 5: 1.0}.get(step, 0.0)
         decision = assist.update(BrakeDemand(stamp_ns, pedal, good))
     assert decision.state is AssistState.ASSISTING
@@ -418,7 +418,7 @@ covariances = st.one_of(
 stamps = st.one_of(
     st.integers(0, 200 * MS), st.integers(), st.integers(-(2**70), 2**70), st.floats(), st.none()
 )
-feedbacks = st.one_of(st.none(), garbage, st.builds(Feedback, stamps, twists, covariances))
+feedbacks = st.one_of(st.none(), garbage, st.builds(Twist, stamps, twists, covariances))
 demands = st.one_of(
     garbage,
     st.builds(BrakeDemand, stamps, st.one_of(st.just(1.0), numbers, garbage), feedbacks),
@@ -463,7 +463,7 @@ def test_some_brake_is_always_on(
         )
     )
     for step, twist in enumerate(stream):
-        good = Feedback(step * PERIOD_NS, np.array(twist), 1e-6 * np.eye(3))
+        good = Twist(step * PERIOD_NS, np.array(twist), 1e-6 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
         assert np.any(decision.enable == 1.0)
         if decision.state is AssistState.ASSISTING:
@@ -477,7 +477,7 @@ def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.M
         raise ZeroDivisionError("by accident")
 
     with monkeypatch.context() as patch:
-        patch.setattr("omni_brake_assist.brake_assist.control_step", fail)
+        patch.setattr("omni_brake_assist.brake_assist.assist_step", fail)
         decision = assist.update(demand(5))
     require_all_on(decision, AssistState.INTERNAL_ERROR)
     assert "ZeroDivisionError: by accident" in decision.reason

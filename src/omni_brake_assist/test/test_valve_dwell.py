@@ -13,9 +13,9 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
     Decision,
     Fault,
-    Feedback,
 )
 from omni_platform.geometry import WheelMount
+from omni_platform.signals import Twist
 
 FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
@@ -41,7 +41,7 @@ class Drive:
         self.stamp_ns += PERIOD_NS
         feedback = None
         if twist is not None:
-            feedback = Feedback(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
+            feedback = Twist(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
         return self.assist.update(BrakeDemand(self.stamp_ns, pedal, feedback))
 
     def run(self, twist: tuple[float, float, float], steps: int) -> FloatArray:

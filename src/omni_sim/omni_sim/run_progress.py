@@ -2,12 +2,76 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any, NamedTuple
+
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-from omni_sim.simulator import Observation, SimulatorConfiguration
+from omni_sim.simulator import Observation, SimulationConfiguration, SimulatorConfiguration
 
-_SECOND = 1e9
 _NEWS = 0.01  # smallest change of the share worth telling
+_REACH = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
+
+# How far a run is.
+RUNNING, STOPPED, TIME_LIMIT = range(3)
+_OUTCOMES = ("running", "stopped", "time limit")
+
+_REST = np.dtype([("still", "?"), ("since", "f8")])  # whether it stands still, since when [s]
+
+
+class End(NamedTuple):
+    """When a run is over; see `SimulationConfiguration`.
+
+    Attributes:
+        rest_speed: below which the vehicle stands still [m/s].
+        settling_time: for which it must [s].
+        duration_limit: time at which a run ends at the latest [s].
+    """
+
+    rest_speed: float
+    settling_time: float
+    duration_limit: float
+
+
+def run_end(simulation: SimulationConfiguration) -> End:
+    """Lay out a configuration for the kernel."""
+    return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit)
+
+
+def rest_memory() -> NDArray[np.void]:
+    """Return the memory of a run that has not begun, shape (1,)."""
+    return np.zeros(1, _REST)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rim_speed(twist: NDArray[np.float64]) -> float:
+    """Return the speed of a body twist (v_x, v_y, yaw rate) at the rim of the platform [m/s]."""
+    speed: float = math.hypot(twist[0], twist[1]) + _REACH * abs(twist[2])
+    return speed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float) -> int:
+    """Take a control stamp into account and return RUNNING, STOPPED or TIME_LIMIT.
+
+    Args:
+        end: when it is over.
+        memory: of `rest_memory`, changed in place.
+        stamp_ns: time since the start of the run [ns].
+        pedal: the driver's brake demand 0..1.
+        speed: of `rim_speed` [m/s].
+    """
+    rest, time = memory[0], stamp_ns / 1e9
+    if pedal <= 0.0 or speed > end.rest_speed:
+        rest.still = False
+    elif not rest.still:
+        rest.still = True
+        rest.since = time
+    if rest.still and time - rest.since >= end.settling_time:
+        return STOPPED
+    return TIME_LIMIT if time >= end.duration_limit else RUNNING
 
 
 class RunProgress:
@@ -18,12 +82,12 @@ class RunProgress:
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:
-        self._simulation = configuration.simulation
+        self._end = run_end(configuration.simulation)
+        self._rest = rest_memory()
         self._brake_time = configuration.maneuver.brake_time
         self._time = 0.0
         self._initial_speed = 0.0
         self._speed = 0.0
-        self._still_since: float | None = None
         self._share = 0.0
         self._told_share = -1.0
         self.outcome = "running"
@@ -40,22 +104,12 @@ class RunProgress:
 
     def update(self, observation: Observation) -> None:
         """Take the newest observation into account."""
-        self._time = observation.stamp_ns / _SECOND
-        reach = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
-        self._speed = float(np.hypot(*observation.twist[:2])) + reach * abs(observation.twist[2])
+        self._time = observation.stamp_ns / 1e9
+        self._speed = rim_speed(observation.twist)
         self._initial_speed = max(self._initial_speed, self._speed)
-        moving = self._speed > self._simulation.rest_speed
-        if observation.pedal <= 0.0 or moving:
-            self._still_since = None
-        elif self._still_since is None:
-            self._still_since = self._time
-        if (
-            self._still_since is not None
-            and self._time - self._still_since >= self._simulation.settling_time
-        ):
-            self.outcome = "stopped"
-        elif self._time >= self._simulation.duration_limit:
-            self.outcome = "time limit"
+        self.outcome = _OUTCOMES[
+            run_outcome(self._end, self._rest, observation.stamp_ns, observation.pedal, self._speed)
+        ]
         self._share = max(self._share, self._share_now(observation.pedal))
 
     def report(self) -> dict[str, float]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import Twist
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.camera.clock import LineClock
 from omni_sim.camera.optics import check_exposure
@@ -49,8 +50,6 @@ FloatArray = NDArray[np.float64]
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SECOND = 1_000_000_000
-# A sensor that is read without noise is still not known better than this [m/s], [rad/s].
-SMALLEST_DEVIATION = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -201,8 +200,7 @@ class Observation:
         pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
         attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
-        velocity_sensor: reading of the noisy sampled sensor, as `twist`, shape (3,).
-        velocity_sensor_covariance: of that reading, shape (3, 3).
+        velocity_sensor: reading of the noisy sampled sensor.
         imu: what it reads: yaw rate [rad/s], specific force along x and y at the mounting [m/s^2],
             shape (3,); no numbers without one.
         encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
@@ -222,8 +220,7 @@ class Observation:
     pose: FloatArray
     attitude: FloatArray
     twist: FloatArray
-    velocity_sensor: FloatArray
-    velocity_sensor_covariance: FloatArray
+    velocity_sensor: Twist
     imu: FloatArray
     encoder_speed: FloatArray
     wheel_load: FloatArray
@@ -297,7 +294,8 @@ class Simulator:
         )
         self._noise = np.random.default_rng(instrument_seed)
         self._measured_ns = -1
-        self._reading, self._imu, self._encoder = np.zeros(3), np.zeros(3), np.zeros(wheels)
+        self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
+        self._imu, self._encoder = np.zeros(3), np.zeros(wheels)
         self._cameras: LineCameraArray | None = None
         self._batches: Mapping[str, LineBatch] = {}
         if simulation.render_lines:
@@ -329,8 +327,7 @@ class Simulator:
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
-            velocity_sensor=self._reading.copy(),
-            velocity_sensor_covariance=self._reading_covariance(self._reading),
+            velocity_sensor=Twist(self._stamp_ns, self._reading.copy(), self._covariance.copy()),
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
             wheel_load=vehicle.wheel_load,
@@ -347,7 +344,7 @@ class Simulator:
         self._measured_ns = self._stamp_ns
         vehicle = self.vehicle
         motion, tilt_x, tilt_y = vehicle.motion
-        self._reading = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
+        self._reading = self._velocity_sensor.measure(self._stamp_ns, motion[3:]).value
         measure(
             self._instruments,
             self._stamp_ns // self.control_period_ns,
@@ -362,6 +359,7 @@ class Simulator:
             self._imu,
             self._encoder,
         )
+        self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
     def advance(self, brake_enable: FloatArray) -> None:
         """Go on by one control period.
@@ -418,13 +416,6 @@ class Simulator:
             stamps[name] = clock.stamp_ns(last - 1)
         lines = self._cameras.render(poses, velocities if blurred else None)
         return {name: LineBatch(stamps[name], lines[name]) for name in lines}
-
-    def _reading_covariance(self, reading: FloatArray) -> FloatArray:
-        """Return the covariance of uniform noise of half a width proportional to the value."""
-        sensor = self.configuration.velocity_sensor
-        share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
-        variance = (share * reading) ** 2 / 3.0
-        return np.diag(np.maximum(variance, SMALLEST_DEVIATION**2))
 
 
 def _in_world(twist: FloatArray, yaw: float) -> FloatArray:

@@ -7,13 +7,20 @@ reading, reads zero, or says that it has no value.
 from __future__ import annotations
 
 import dataclasses
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.signals import Twist
 
 FloatArray = NDArray[np.float64]
+
+# A sensor that is read without noise is still not known better than this [m/s], [rad/s].
+SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
 """What the sensor may do while it fails: hold its last reading, read 0, or read no number."""
@@ -68,6 +75,108 @@ class VelocitySensorConfiguration(Configuration):
         return start, start + (round(self.failure_duration * 1e9) if fails else 0)
 
 
+class SensorConstants(NamedTuple):
+    """What a reading depends on; see `VelocitySensorConfiguration`.
+
+    Attributes:
+        period_ns: of the samples [ns].
+        share: half widths of the noise on v_x, v_y, yaw rate, as shares of the value [1], (3,).
+        offset: constant errors [m/s, m/s, rad/s], shape (3,).
+        fails_from_ns: from when [ns],
+        fails_until_ns: and until before when it fails [ns].
+        holds: whether it repeats its last reading while it fails,
+        failed: or else what it reads then.
+    """
+
+    period_ns: int
+    share: FloatArray
+    offset: FloatArray
+    fails_from_ns: int
+    fails_until_ns: int
+    holds: bool
+    failed: float
+
+
+SENSOR_MEMORY = np.dtype(
+    [("sample", "i8"), ("v_x", "f8"), ("v_y", "f8"), ("yaw_rate", "f8")]  # the last one taken
+)
+
+
+def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
+    """Lay out a configuration for the kernels."""
+    c = configuration
+    return SensorConstants(
+        round(c.sample_time * 1e9),
+        np.array([c.linear_noise, c.linear_noise, c.yaw_rate_noise]),
+        np.array([c.offset_x, c.offset_y, c.yaw_rate_offset]),
+        *c.failure_ns,
+        c.failure == "frozen",
+        math.nan if c.failure == "invalid" else 0.0,
+    )
+
+
+def sensor_memory() -> NDArray[np.void]:
+    """Return the memory of a sensor that has not sampled yet, shape (1,)."""
+    memory = np.zeros(1, SENSOR_MEMORY)
+    memory["sample"] = -1
+    return memory
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
+    """Return whether a sample is due [ns]; one that fails takes none."""
+    if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
+        return False
+    due: bool = stamp_ns // sensor.period_ns > memory[0].sample
+    return due
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read(
+    sensor: SensorConstants,
+    memory: Any,
+    stamp_ns: int,
+    twist: FloatArray,
+    draw: FloatArray,
+    reading: FloatArray,
+) -> None:
+    """Sample if it is time and write what the sensor reads.
+
+    Args:
+        sensor: constants.
+        memory: of `sensor_memory`, changed in place.
+        stamp_ns: time since the start of the run [ns].
+        twist: true body twist [m/s, m/s, rad/s], shape (3,).
+        draw: noise of a sample, uniform in -1..1, shape (3,).
+        reading: receives the measured body twist [m/s, m/s, rad/s], shape (3,).
+    """
+    held = memory[0]
+    if samples_now(sensor, memory, stamp_ns):
+        share, offset = sensor.share, sensor.offset
+        held.sample = stamp_ns // sensor.period_ns
+        held.v_x = twist[0] * (1.0 + share[0] * draw[0]) + offset[0]  # Eqs. (60), (61)
+        held.v_y = twist[1] * (1.0 + share[1] * draw[1]) + offset[1]
+        held.yaw_rate = twist[2] * (1.0 + share[2] * draw[2]) + offset[2]
+    if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns and not sensor.holds:
+        reading[:] = sensor.failed
+    else:
+        reading[0], reading[1], reading[2] = held.v_x, held.v_y, held.yaw_rate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
+    """Write the covariance of uniform noise proportional to a reading.
+
+    Args:
+        sensor: constants.
+        reading: [m/s, m/s, rad/s], shape (3,).
+        covariance: receives it, shape (3, 3).
+    """
+    covariance[:] = 0.0
+    for j in range(3):
+        covariance[j, j] = max((sensor.share[j] * reading[j]) ** 2 / 3.0, SMALLEST_DEVIATION**2)
+
+
 class VelocitySensor:
     """A sensor of the body twist with zero-order hold.
 
@@ -86,12 +195,10 @@ class VelocitySensor:
         """
         self.configuration = configuration
         self._random = random
-        self._period_ns = round(configuration.sample_time * 1e9)
-        self._fails_from, self._fails_until = configuration.failure_ns
-        self._sample = -1
-        self._held: FloatArray = np.zeros(3)
+        self._constants = sensor_constants(configuration)
+        self._memory = sensor_memory()
 
-    def measure(self, stamp_ns: int, twist: FloatArray) -> FloatArray:
+    def measure(self, stamp_ns: int, twist: FloatArray) -> Twist:
         """Return what the sensor reads.
 
         Samples are due at multiples of the sample time; one is taken at the first call at or
@@ -101,23 +208,15 @@ class VelocitySensor:
         Args:
             stamp_ns: time since the start of the run [ns], not decreasing.
             twist: true body twist [m/s, m/s, rad/s], shape (3,).
-
-        Returns:
-            Measured body twist [m/s, m/s, rad/s], shape (3,).
         """
-        if self._fails_from <= stamp_ns < self._fails_until:
-            return self._failed_reading()
-        sample = stamp_ns // self._period_ns
-        if sample > self._sample:
-            self._sample = sample
-            c = self.configuration
-            share = np.array([c.linear_noise, c.linear_noise, c.yaw_rate_noise])
-            offset = np.array([c.offset_x, c.offset_y, c.yaw_rate_offset])
-            noise = share * self._random.uniform(-1.0, 1.0, 3)
-            self._held = twist * (1.0 + noise) + offset  # Eqs. (60), (61)
-        return self._held.copy()
+        draw = np.zeros(3)
+        if samples_now(self._constants, self._memory, stamp_ns):
+            draw = self._random.uniform(-1.0, 1.0, 3)
+        reading, covariance = np.empty(3), np.empty((3, 3))
+        read(self._constants, self._memory, stamp_ns, twist, draw, reading)
+        self.state_covariance(reading, covariance)
+        return Twist(stamp_ns, reading, covariance)
 
-    def _failed_reading(self) -> FloatArray:
-        if self.configuration.failure == "frozen":
-            return self._held.copy()
-        return np.full(3, np.nan if self.configuration.failure == "invalid" else 0.0)
+    def state_covariance(self, reading: FloatArray, covariance: FloatArray) -> None:
+        """Write the covariance, shape (3, 3), that the sensor claims of a reading, shape (3,)."""
+        state_covariance(self._constants, reading, covariance)

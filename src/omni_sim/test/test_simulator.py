@@ -76,7 +76,7 @@ def test_observing_changes_nothing(textures: TextureCache) -> None:
     )
     for _ in range(5):
         first, second = looked_at.observe(), looked_at.observe()
-        np.testing.assert_array_equal(first.velocity_sensor, second.velocity_sensor)
+        np.testing.assert_array_equal(first.velocity_sensor.value, second.velocity_sensor.value)
         for simulator in (looked_at, left_alone):
             simulator.advance(ON)
     a, b = looked_at.observe(), left_alone.observe()
@@ -143,8 +143,8 @@ def test_the_noise_of_the_velocity_sensor_has_the_covariance_it_claims() -> None
     errors, claims = [], []
     for _ in range(2000):
         observation = simulator.observe()
-        errors.append(observation.velocity_sensor - observation.twist)
-        claims.append(np.diag(observation.velocity_sensor_covariance))
+        errors.append(observation.velocity_sensor.value - observation.twist)
+        claims.append(np.diag(observation.velocity_sensor.covariance))
         simulator.advance(ON)
     np.testing.assert_allclose(
         np.mean(np.square(errors), axis=0), np.mean(claims, axis=0), rtol=0.1

@@ -18,29 +18,29 @@ def sensor(seed: int = 1, **values: Any) -> VelocitySensor:
 
 
 def test_without_noise_it_tells_the_truth() -> None:
-    np.testing.assert_array_equal(sensor().measure(0, TWIST), TWIST)
+    np.testing.assert_array_equal(sensor().measure(0, TWIST).value, TWIST)
 
 
 def test_reading_is_held_until_the_next_sample() -> None:
     device = sensor(sample_time=0.02)
-    first = device.measure(0, TWIST)
-    np.testing.assert_array_equal(device.measure(19 * MILLISECOND, 3.0 * TWIST), first)
-    np.testing.assert_array_equal(device.measure(20 * MILLISECOND, 3.0 * TWIST), 3.0 * TWIST)
+    first = device.measure(0, TWIST).value
+    np.testing.assert_array_equal(device.measure(19 * MILLISECOND, 3.0 * TWIST).value, first)
+    np.testing.assert_array_equal(device.measure(20 * MILLISECOND, 3.0 * TWIST).value, 3.0 * TWIST)
 
 
 def test_reading_twice_at_one_stamp_draws_once() -> None:
     device, other = sensor(linear_noise=0.1), sensor(linear_noise=0.1)
     for stamp in range(0, 50 * MILLISECOND, 10 * MILLISECOND):
-        once = other.measure(stamp, TWIST)
-        np.testing.assert_array_equal(device.measure(stamp, TWIST), once)
-        np.testing.assert_array_equal(device.measure(stamp, TWIST), once)
+        once = other.measure(stamp, TWIST).value
+        np.testing.assert_array_equal(device.measure(stamp, TWIST).value, once)
+        np.testing.assert_array_equal(device.measure(stamp, TWIST).value, once)
 
 
 def test_noise_is_uniform_independent_and_a_share_of_the_value() -> None:
     device = sensor(
         linear_noise=0.15, yaw_rate_noise=0.3, offset_x=0.01, offset_y=0.02, yaw_rate_offset=0.05
     )
-    readings = np.array([device.measure(i * 10 * MILLISECOND, TWIST) for i in range(20000)])
+    readings = np.array([device.measure(i * 10 * MILLISECOND, TWIST).value for i in range(20000)])
     errors = (readings - np.array([0.01, 0.02, 0.05])) / TWIST - 1.0
     share = np.array([0.15, 0.15, 0.3])
     assert np.all(np.abs(errors) <= share + 1e-12)
@@ -52,8 +52,8 @@ def test_noise_is_uniform_independent_and_a_share_of_the_value() -> None:
 
 def test_same_seed_gives_the_same_noise() -> None:
     a, b, c = sensor(7, linear_noise=0.1), sensor(7, linear_noise=0.1), sensor(8, linear_noise=0.1)
-    np.testing.assert_array_equal(a.measure(0, TWIST), b.measure(0, TWIST))
-    assert not np.array_equal(a.measure(10 * MILLISECOND, TWIST), c.measure(0, TWIST))
+    np.testing.assert_array_equal(a.measure(0, TWIST).value, b.measure(0, TWIST).value)
+    assert not np.array_equal(a.measure(10 * MILLISECOND, TWIST).value, c.measure(0, TWIST).value)
 
 
 @pytest.mark.parametrize(
@@ -65,4 +65,6 @@ def test_it_fails_for_a_while(failure: str, reading: np.ndarray) -> None:
     for stamp in range(0, 80 * MILLISECOND, 10 * MILLISECOND):
         fails = 20 * MILLISECOND <= stamp < 50 * MILLISECOND
         twist = TWIST if stamp <= 10 * MILLISECOND else 2.0 * TWIST
-        np.testing.assert_array_equal(device.measure(stamp, twist), reading if fails else twist)
+        np.testing.assert_array_equal(
+            device.measure(stamp, twist).value, reading if fails else twist
+        )

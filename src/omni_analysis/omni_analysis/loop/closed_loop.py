@@ -14,7 +14,8 @@ import numpy as np
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, TwistEstimate
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
-from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision, Feedback
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator
 
@@ -47,14 +48,18 @@ def run_closed_loop(
             }
         )
         if configuration.feedback == "optical":
-            feedback = Feedback(estimate.stamp_ns, estimate.twist, estimate.covariance)
+            feedback = Twist(estimate.stamp_ns, estimate.twist, estimate.covariance)
         else:
-            feedback = Feedback(
+            feedback = observation.velocity_sensor
+        decision = assist.update(
+            BrakeDemand(
                 observation.stamp_ns,
-                observation.velocity_sensor,
-                observation.velocity_sensor_covariance,
+                observation.pedal,
+                feedback,
+                WheelSpeeds(observation.stamp_ns, observation.encoder_speed),
+                ImuReading(observation.stamp_ns, float(observation.imu[0]), observation.imu[1:]),
             )
-        decision = assist.update(BrakeDemand(observation.stamp_ns, observation.pedal, feedback))
+        )
         record.add(observation, estimate, decision)
         if progress.finished:
             return record.history()

@@ -1,7 +1,7 @@
 """The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
 
 Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
-functions, behind the fail-safe of `fast_fail_safe`; what is left out is what such a run does not
+functions; what is left out is what such a run does not
 need: line cameras, odometry and messages. A run gives the same bits as
 `closed_loop.run_closed_loop` with ``feedback: velocity_sensor``.
 """
@@ -17,24 +17,49 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omni_analysis.loop.experiment import ExperimentConfiguration
-from omni_analysis.loop.fast_fail_safe import CLOCK_SIZE, TRUSTED, Judge, judge, make_judge
 from omni_analysis.loop.history import RunHistory
-from omni_brake_assist.braking_line import LINE_SIZE, forget_line
-from omni_brake_assist.control_law import MEMORY_SIZE, ControlLaw, control_law, control_step
-from omni_brake_assist.sliding_manifold import SlidingManifold
-from omni_brake_assist.valve_dwell import VALVE_SIZE
-from omni_brake_assist.weighting import weighting_function
+from omni_brake_assist.assist_step import (
+    Constants,
+    HeardImu,
+    HeardWheels,
+    Inputs,
+    Memory,
+    assist_step,
+    make_constants,
+    new_memory,
+)
+from omni_brake_assist.configuration import LAWS
+from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
 from omni_platform.configuration import ConfigurationError
 from omni_sim.driver.scripted import ScriptedDriver, in_turned_frame
 from omni_sim.ground.friction import FrictionMap
+from omni_sim.measurement import Instruments, build_instruments, draws, measure
+from omni_sim.run_progress import (
+    RUNNING,
+    STOPPED,
+    End,
+    rest_memory,
+    rim_speed,
+    run_end,
+    run_outcome,
+)
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.base_motion import base_motion
 from omni_sim.vehicle.factory import build_vehicle
 from omni_sim.vehicle.roller_dynamics import Rollers, roller_energies
 from omni_sim.vehicle.vehicle import KernelState
+from omni_sim.velocity_sensor import (
+    SensorConstants,
+    read,
+    samples_now,
+    sensor_constants,
+    sensor_memory,
+    state_covariance,
+)
 from omni_sim.wheel.brake_pressure import brake_torques
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 # Columns of the record of the body: pose, twist, feedback, trust, energy; and of each wheel.
@@ -42,6 +67,7 @@ _BODY_COLUMNS = 11
 _TRUST, _STORED = 9, 10
 _ANGLE, _SPEED, _TORQUE, _ENABLE, _ERROR = range(5)
 _WHEEL_COLUMNS = 5
+_CHUNK = 256  # stamps that are run, and noise that is drawn, at once
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -142,14 +168,21 @@ class _Loop(NamedTuple):
     brake_torque: float
     clutch_threshold: float
     clutch_stiffness: float
-    sampled: BoolArray  # whether the velocity sensor takes a new sample, (T,)
-    noise: FloatArray  # shares of the true value, Eqs. (60), (61), (T or 1, 3)
-    offset: FloatArray  # (3,)
-    failing: BoolArray  # whether the sensor reads nothing but the following, (T,)
-    failed_reading: float
-    rest_speed: float
-    settling_time: float
-    duration_limit: float
+    measures: bool  # whether anybody listens to IMU and encoders, or a sensor lies
+    enabled: bool
+    end: End
+
+
+class _Sensors(NamedTuple):
+    """Sensors with what they remember, and their noise; K stamps of a piece of the run."""
+
+    velocity: SensorConstants
+    held: NDArray[np.void]  # of the velocity sensor
+    draws: FloatArray  # of its noise, -1..1, for one sample after the other, (T or 1, 3)
+    drawn: IntArray  # how many of them, (1,)
+    instruments: Instruments
+    noise: FloatArray  # standard normal draws of the others, (K, D)
+    rest: NDArray[np.void]  # since when the vehicle stands still
 
 
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
@@ -173,25 +206,30 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         driver.start_twist,
         ground.elevation,
     )
-    limits = configuration.brake_assist
-    manifold = SlidingManifold(
-        vehicle.kinematics.geometry, weighting_function(limits.weighting, limits.k)
-    )
     loop = _loop(configuration, driver)
     stamps = len(loop.pedal)
     body = np.empty((stamps, _BODY_COLUMNS))
     wheels = np.empty((stamps, len(vehicle.wheel_names), _WHEEL_COLUMNS))
-    law = control_law(limits, manifold.constants)
-    reach = float(np.max(np.hypot(*vehicle.kinematics.geometry.position.T)))
-    trust = make_judge(limits, configuration.velocity_sensor, reach)
-    used, stopped = _run(vehicle.kernel_state, law, trust, loop, body, wheels)
+    assist = make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
+    memory = new_memory(len(vehicle.wheel_names))
+    sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
+    instrument_seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
+    noise = np.random.default_rng(instrument_seed)
+    used, outcome = 0, RUNNING
+    while outcome == RUNNING and used < stamps:
+        last = min(used + _CHUNK, stamps)
+        if loop.measures:  # drawn piece by piece: most runs are short
+            sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
+        used, outcome = _run(
+            vehicle.kernel_state, assist, memory, sensors, loop, used, last, body, wheels
+        )
     return FastRun(
         vehicle.wheel_names,
         loop.period_ns,
         loop.pedal[:used],
         body[:used].copy(),
         wheels[:used].copy(),
-        stopped,
+        outcome == STOPPED,
         vehicle.tipping_steps,
     )
 
@@ -201,17 +239,15 @@ def _check(configuration: ExperimentConfiguration) -> None:
         raise ConfigurationError(
             "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
         )
+    if configuration.brake_assist.law not in LAWS:
+        raise ConfigurationError("brake_assist.law", "must be built in for the fast loop")
     limits = configuration.brake_assist
     if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
         raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
-    if configuration.simulation.control_period > limits.maximum_time_step:
-        raise ConfigurationError(
-            "simulation.control_period", "is longer than brake_assist.maximum_time_step"
-        )
 
 
 def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Loop:
-    simulation, sensor = configuration.simulation, configuration.velocity_sensor
+    simulation = configuration.simulation
     period_ns = simulation.control_period_ns
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
     settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
@@ -221,15 +257,6 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     pedal[: settled + 1] = [driver.pedal(time) for time in times]
     command = np.zeros((stamps, 3))
     command[: settled + 1] = [driver.command_twist(time, start_yaw) for time in times]
-    stamp_ns = np.arange(stamps) * period_ns
-    start, end = sensor.failure_ns
-    fails = (stamp_ns >= start) & (stamp_ns < end)
-    samples = np.where(fails, -1, stamp_ns // round(sensor.sample_time * 1e9))
-    share = np.array([sensor.linear_noise, sensor.linear_noise, sensor.yaw_rate_noise])
-    noise = np.zeros((1, 3))
-    if np.any(share > 0.0):
-        seed = np.random.SeedSequence(configuration.seed).spawn(2)[0]  # as the simulator's
-        noise = share * np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
     drive = configuration.vehicle.drive
     return _Loop(
         period_ns=period_ns,
@@ -241,28 +268,33 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        sampled=np.diff(np.maximum.accumulate(samples), prepend=-1) > 0,
-        noise=noise,
-        offset=np.array([sensor.offset_x, sensor.offset_y, sensor.yaw_rate_offset]),
-        failing=fails & (sensor.failure != "frozen"),
-        failed_reading=math.nan if sensor.failure == "invalid" else 0.0,
-        rest_speed=simulation.rest_speed,
-        settling_time=simulation.settling_time,
-        duration_limit=simulation.duration_limit,
+        measures=bool(configuration.faults),
+        enabled=configuration.brake_assist.enabled,
+        end=run_end(simulation),
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _measure(loop: _Loop, stamp: int, draw: int, held: FloatArray, row: FloatArray) -> int:
-    """Write what the velocity sensor reads, Eqs. (60), (61); return the number of draws."""
-    if loop.sampled[stamp]:
-        noise = loop.noise[min(draw, loop.noise.shape[0] - 1)]
-        for j in range(3):
-            held[j] = row[3 + j] * (1.0 + noise[j]) + loop.offset[j]
-        draw += 1
-    for j in range(3):
-        row[6 + j] = loop.failed_reading if loop.failing[stamp] else held[j]
-    return draw
+def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -> _Sensors:
+    sensor = configuration.velocity_sensor
+    uniform = np.zeros((1, 3))
+    if sensor.linear_noise > 0.0 or sensor.yaw_rate_noise > 0.0:
+        seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # as the simulator's
+        uniform = np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
+    return _Sensors(
+        velocity=sensor_constants(sensor),
+        held=sensor_memory(),
+        draws=uniform,
+        drawn=np.zeros(1, np.int64),
+        instruments=build_instruments(
+            configuration.imu,
+            configuration.encoders,
+            configuration.faults,
+            wheels,
+            configuration.simulation.control_period,
+        ),
+        noise=np.zeros((_CHUNK, draws(wheels))),
+        rest=rest_memory(),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -317,69 +349,85 @@ def _advance(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _listen(
+    state: KernelState,
+    sensors: _Sensors,
+    loop: _Loop,
+    stamp: int,
+    row: FloatArray,
+    covariance: FloatArray,
+    imu: FloatArray,
+    wheel_speed: FloatArray,
+) -> Inputs:
+    """Return what the assistant hears at a stamp; the arguments receive what sensors read."""
+    now_ns = stamp * loop.period_ns
+    velocity, held, feedback = sensors.velocity, sensors.held, row[6:9]
+    due = samples_now(velocity, held, now_ns)
+    draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
+    sensors.drawn[0] += due
+    read(velocity, held, now_ns, row[3:6], draw, feedback)
+    if loop.measures:
+        measure(
+            sensors.instruments,
+            stamp,
+            loop.period_ns,
+            row[:6],
+            state.body[dynamics.TILT_X],
+            state.body[dynamics.TILT_Y],
+            state.wheels[:, dynamics.ANGLE].copy(),
+            state.wheels[:, dynamics.SPEED].copy(),
+            sensors.noise[stamp % sensors.noise.shape[0]],
+            feedback,
+            imu,
+            wheel_speed,
+        )
+    state_covariance(velocity, feedback, covariance)
+    heard = GOOD if loop.measures else ABSENT
+    return Inputs(
+        now_ns,
+        loop.pedal[stamp],
+        loop.enabled,
+        GOOD,
+        Heard(GOOD, now_ns, feedback, covariance),
+        HeardWheels(heard, now_ns, wheel_speed),
+        HeardImu(heard, now_ns, imu),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _run(
     state: KernelState,
-    law: ControlLaw,
-    trust: Judge,
+    assist: Constants,
+    memory: Memory,
+    sensors: _Sensors,
     loop: _Loop,
+    first: int,
+    last: int,
     body: FloatArray,
     wheels: FloatArray,
-) -> tuple[int, bool]:
-    """Run the loop; fill the records and return the number of stamps and whether it stopped."""
+) -> tuple[int, int]:
+    """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
     plant = state.plant
-    memory, valves = np.zeros(MEMORY_SIZE), np.zeros((wheels.shape[1], VALVE_SIZE))
     error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
     scratch = np.empty((loop.steps + 1, 6))
-    held, last, clock = np.zeros(3), np.zeros(3), np.zeros(CLOCK_SIZE, np.int64)
-    draw, followed_ns, last_ns, still_since = 0, 0, 0, -1.0
-    for stamp in range(loop.pedal.size):
-        now_ns = stamp * loop.period_ns
+    covariance, imu = np.empty((3, 3)), np.full(3, np.nan)
+    wheel_speed = np.full(wheels.shape[1], np.nan)
+    for stamp in range(first, last):
         row = body[stamp]
         base_motion(state.body, plant.centre_x, plant.centre_y, row)
-        draw = _measure(loop, stamp, draw, held, row)
-        pedal = loop.pedal[stamp]
-        braking = pedal >= law.pedal_threshold
-        good = judge(trust, last, clock, now_ns, row[6:9], braking)
-        dt = 0.0
-        if good:  # as `BrakeAssist._step`
-            dt = (now_ns - followed_ns) * 1e-9
-            followed_ns = now_ns
-            if dt > trust.maximum_time_step:
-                forget_line(memory[:LINE_SIZE])
-                dt = 0.0
-        trusted = clock[TRUSTED] != 0
-        control_step(
-            law,
-            memory,
-            valves,
-            float(now_ns - last_ns),
-            braking,
-            good,
-            trusted,
-            dt,
-            row[6],
-            row[7],
-            row[8],
-            error,
-            enable,
-        )
-        last_ns = now_ns
-        row[_TRUST] = 1.0 if trusted else 0.0
+        inputs = _listen(state, sensors, loop, stamp, row, covariance, imu, wheel_speed)
+        assist_step(assist, memory, inputs, error, enable)
+        row[_TRUST] = 1.0 if memory.trust[0].cause == GOOD else 0.0
         row[_STORED] = _energy(plant, state.body, state.wheels, state.rollers)
         wheels[stamp, :, _ANGLE] = state.wheels[:, dynamics.ANGLE]
         wheels[stamp, :, _SPEED] = state.wheels[:, dynamics.SPEED]
         wheels[stamp, :, _TORQUE] = state.wheels[:, dynamics.BRAKE]
         wheels[stamp, :, _ENABLE] = enable
         wheels[stamp, :, _ERROR] = error
-        # As `run_progress.RunProgress`.
-        time = now_ns / 1e9
-        if pedal <= 0.0 or math.hypot(row[3], row[4]) + abs(row[5]) > loop.rest_speed:
-            still_since = -1.0
-        elif still_since < 0.0:
-            still_since = time
-        if still_since >= 0.0 and time - still_since >= loop.settling_time:
-            return stamp + 1, True
-        if time >= loop.duration_limit:
-            return stamp + 1, False
+        outcome = run_outcome(
+            loop.end, sensors.rest, inputs.now_ns, inputs.pedal, rim_speed(row[3:6])
+        )
+        if outcome != RUNNING:
+            return stamp + 1, outcome
         _advance(state, loop, stamp, row[2], enable, scratch)
-    return loop.pedal.size, False
+    return last, RUNNING

@@ -14,9 +14,10 @@ from linescan_odometry.messages import line_batch_of
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.loop.experiment import ExperimentConfiguration
-from omni_brake_assist.brake_assist import BrakeAssist, Feedback
+from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.step_pairing import StepPairing
 from omni_bringup.replay.plan import BRAKE_ASSIST, ODOMETRY, ReplayPlan, feedback_topic
+from omni_platform.signals import Twist
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
@@ -145,9 +146,7 @@ class _Brakes:
 
     def take_twist(self, message: Any) -> Iterable[Result]:
         twist, covariance = planar_twist_of(message)
-        self._pairing.take_feedback(
-            Feedback(to_nanoseconds(message.header.stamp), twist, covariance)
-        )
+        self._pairing.take_feedback(Twist(to_nanoseconds(message.header.stamp), twist, covariance))
         return self._answer()
 
     def _answer(self) -> Iterable[Result]:

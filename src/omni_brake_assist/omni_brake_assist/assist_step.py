@@ -1,0 +1,327 @@
+"""One step of the brake assistant as a compiled kernel: fail-safe, line, law, valves.
+
+`BrakeAssist` calls it with what it has received, and the simulation of many runs calls it with
+what its sensors read: there is one fail-safe, and both brake with the same bits. A law from
+outside stands between the two halves, `listen` and `act`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_brake_assist.braking_line import (
+    LINE_SIZE,
+    STORED,
+    advance_line,
+    forget_line,
+    perpendicular,
+    store_line,
+)
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.fail_safe import (
+    GOOD,
+    LAW_ERROR,
+    NANOSECONDS,
+    Heard,
+    Limits,
+    distrust,
+    judge,
+    make_limits,
+    new_trust,
+    since,
+)
+from omni_brake_assist.laws import built_in
+from omni_brake_assist.laws.built_in import LawConstants, law_constants
+from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
+from omni_brake_assist.sliding_manifold import fastest_wheel
+from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
+from omni_platform.geometry import PlatformGeometry
+
+FloatArray = NDArray[np.float64]
+
+# What a step comes to. In all but ASSISTING every brake is on.
+INACTIVE, ASSISTING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = range(6)
+
+_STEP = np.dtype(
+    [
+        ("followed_ns", "i8"),  # stamp of the last good feedback [ns]
+        ("switched_ns", "i8"),  # stamp up to which the valves have been carried on [ns]
+        ("slow", "?"),  # whether the speed has fallen below the threshold
+        ("assisting", "?"),  # whether the law has been asked since the pedal went down
+    ]
+)
+
+
+class Constants(NamedTuple):
+    """What a step depends on, besides what it is told.
+
+    Attributes:
+        limits: of a feedback that can be trusted.
+        laws: constants of the control laws.
+        r_x: wheel positions [m], shape (N,).
+        r_y: likewise in y [m].
+        pedal_threshold: from which the driver brakes [1].
+        minimum_reference_speed: below which there is no line to keep [m/s].
+        maximum_time_step: over which the heading is carried on [s].
+        speed_threshold: of the fastest wheel centre, below which all brakes are on [m/s].
+        speed_hysteresis: above it, to resume assisting [m/s].
+        dwell: shortest time between two switchings of a valve [ns].
+    """
+
+    limits: Limits
+    laws: LawConstants
+    r_x: FloatArray
+    r_y: FloatArray
+    pedal_threshold: float
+    minimum_reference_speed: float
+    maximum_time_step: float
+    speed_threshold: float
+    speed_hysteresis: float
+    dwell: float
+
+
+class Memory(NamedTuple):
+    """What is remembered from step to step; see `new_memory`.
+
+    Attributes:
+        trust: of `fail_safe.TRUST`, shape (1,).
+        step: stamps and flags, shape (1,).
+        line: line of motion to keep, see `braking_line`, shape (6,).
+        valves: see `valve_dwell`, shape (N, 2).
+    """
+
+    trust: NDArray[np.void]
+    step: NDArray[np.void]
+    line: FloatArray
+    valves: FloatArray
+
+
+class HeardWheels(NamedTuple):
+    """Speeds of the wheels as they have come.
+
+    Attributes:
+        problem: GOOD if there are any to look at, else ABSENT or UNREADABLE.
+        stamp_ns: time of validity [ns].
+        speed: about their axes [rad/s], NaN without any, shape (N,).
+    """
+
+    problem: int
+    stamp_ns: int
+    speed: FloatArray
+
+
+class HeardImu(NamedTuple):
+    """A reading of the inertial sensor as it has come.
+
+    Attributes:
+        problem: GOOD if there is one to look at, else ABSENT or UNREADABLE.
+        stamp_ns: time of validity [ns].
+        value: yaw rate [rad/s] and specific force along x, y [m/s^2], shape (3,).
+    """
+
+    problem: int
+    stamp_ns: int
+    value: FloatArray
+
+
+class Inputs(NamedTuple):
+    """What the assistant is told at a step.
+
+    Attributes:
+        now_ns: stamp of the demand [ns].
+        pedal: the driver's brake demand, 0 to 1; 1 where nobody can read it.
+        enabled: whether brakes may be released.
+        outside: what else forbids that, INVALID_DEMAND or UNKNOWN_WHEEL; GOOD if nothing does.
+        feedback: latest twist.
+        wheels: latest speeds of the wheels.
+        imu: latest reading of the inertial sensor.
+    """
+
+    now_ns: int
+    pedal: float
+    enabled: bool
+    outside: int
+    feedback: Heard
+    wheels: HeardWheels
+    imu: HeardImu
+
+
+def make_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> Constants:
+    """Lay out a configuration for the kernel."""
+    r_x, r_y = np.ascontiguousarray(geometry.position.T)
+    return Constants(
+        make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
+        law_constants(configuration, geometry),
+        r_x,
+        r_y,
+        configuration.pedal_threshold,
+        configuration.minimum_reference_speed,
+        configuration.maximum_time_step,
+        configuration.speed_threshold,
+        configuration.speed_hysteresis,
+        float(round(configuration.minimum_dwell_time * NANOSECONDS)),
+    )
+
+
+def new_memory(wheels: int) -> Memory:
+    """Return the memory of an assistant that has not been told anything, of N wheels."""
+    valves = np.zeros((wheels, VALVE_SIZE))
+    return Memory(new_trust(), np.zeros(1, _STEP), np.zeros(LINE_SIZE), valves)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def assist_step(
+    constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
+) -> int:
+    """Decide which brakes act, section 3.3.
+
+    Args:
+        constants: of `make_constants`.
+        memory: of `new_memory`, changed in place.
+        inputs: what the assistant is told.
+        error: receives ``s_i`` [m/s], shape (N,); zeros without braking or trust.
+        enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
+
+    Returns:
+        INACTIVE, ASSISTING, NO_BRAKE_HELPS, SLOW, DISABLED or FAULTY; with the last the cause is
+        ``inputs.outside``, or else ``memory.trust[0].cause``.
+    """
+    error[:] = 0.0
+    ready, motion = listen(constants, memory, inputs)
+    answer = built_in.step(constants.laws, motion, error, enable) if ready else NO_HELP
+    return int(act(constants, memory, inputs, ready, answer, motion, error, enable))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
+    """Judge what has been received and follow the line of motion.
+
+    Args:
+        constants: of `make_constants`.
+        memory: changed in place.
+        inputs: what the assistant is told.
+
+    Returns:
+        Whether to ask a law, and what to ask it with.
+    """
+    step, line, feedback = memory.step[0], memory.line, inputs.feedback
+    braking = inputs.pedal >= constants.pedal_threshold
+    good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking)
+    trusted = memory.trust[0].cause == GOOD
+    v_x, v_y, yaw_rate = feedback.twist[0], feedback.twist[1], feedback.twist[2]
+    dt = 0.0
+    if good:
+        dt = since(feedback.stamp_ns, step.followed_ns) * 1e-9
+        step.followed_ns = feedback.stamp_ns
+        if not 0.0 <= dt <= constants.maximum_time_step:
+            forget_line(line)  # the heading is not known across the gap
+            dt = 0.0
+    if not braking:
+        forget_line(line)
+        step.slow = False
+    elif good:
+        if line[STORED] != 0.0:
+            advance_line(line, dt, yaw_rate)
+        elif trusted:
+            store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
+            step.assisting = False
+    ready = braking and good and trusted
+    first = not step.assisting
+    step.assisting = ready or (step.assisting and braking)
+    p_x, p_y = perpendicular(line)
+    speed = inputs.wheels.speed
+    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, speed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def act(
+    constants: Constants,
+    memory: Memory,
+    inputs: Inputs,
+    ready: bool,
+    answer: int,
+    motion: Motion,
+    error: FloatArray,
+    enable: FloatArray,
+) -> int:
+    """Put all brakes on wherever that is safer than what a law has answered; move the valves.
+
+    Args:
+        constants: of `make_constants`.
+        memory: changed in place.
+        inputs: what the assistant is told.
+        ready: whether a law has been asked.
+        answer: its answer.
+        motion: what it has been asked with.
+        error: what it has written [m/s], shape (N,).
+        enable: what it has written; receives what the valves do [1], shape (N,).
+
+    Returns:
+        As `assist_step`.
+    """
+    outcome = _outcome(constants, memory, inputs, ready, answer, motion, error, enable)
+    step = memory.step[0]
+    elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
+    step.switched_ns = inputs.now_ns
+    if outcome == ASSISTING:
+        switch_valves(memory.valves, constants.dwell, elapsed, enable)
+    else:
+        enable[:] = 1.0
+        open_valves(memory.valves, constants.dwell, elapsed)
+    return int(outcome)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outcome(
+    constants: Constants,
+    memory: Memory,
+    inputs: Inputs,
+    ready: bool,
+    answer: int,
+    motion: Motion,
+    error: FloatArray,
+    enable: FloatArray,
+) -> int:
+    slow = ready and _is_slow(constants, memory.step[0], motion)
+    helps = ready and answer == ASSIST
+    if helps:
+        if not _are_shares(error, enable):
+            distrust(memory.trust[0], LAW_ERROR, 0.0, 0.0, 0.0)
+            error[:] = 0.0
+        helps = bool(np.any(enable > 0.0))  # the vehicle never rolls unbraked
+    if not inputs.enabled:
+        return DISABLED
+    if inputs.pedal < constants.pedal_threshold:
+        return INACTIVE
+    if inputs.outside != GOOD or memory.trust[0].cause != GOOD:
+        return FAULTY
+    if slow:
+        return SLOW
+    return ASSISTING if helps else NO_BRAKE_HELPS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
+    good = True
+    for i in range(enable.size):
+        good &= 0.0 <= enable[i] <= 1.0 and math.isfinite(error[i])
+    return good
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
+    """Return whether the fastest wheel centre, Eq. (38), is below the threshold."""
+    limit = constants.speed_threshold
+    if step.slow:
+        limit += constants.speed_hysteresis
+    step.slow = limit > fastest_wheel(
+        constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
+    )
+    return bool(step.slow)

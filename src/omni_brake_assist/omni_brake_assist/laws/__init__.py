@@ -1,0 +1,1 @@
+"""Control laws: which brakes help, given a twist that can be trusted. One module each."""

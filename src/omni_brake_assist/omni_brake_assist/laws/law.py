@@ -1,0 +1,61 @@
+"""What every control law is given and what it answers.
+
+A law is asked at every control step with the pedal down and a twist that can be trusted. It says
+for each wheel which share of the brake pressure should pass; the assistant puts all brakes on
+around it wherever that is safer (`assist_step`), so a law needs no fail-safe of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+# What a law answers: brakes as it has written them, or all of them because none would help.
+ASSIST, NO_HELP = range(2)
+
+
+class Motion(NamedTuple):
+    """What a law knows at a control step.
+
+    Attributes:
+        first: whether it is the first step of a braking, or of a new line of motion.
+        dt: time since the twist of the step before [s], 0 at the first one.
+        v_x: ``v_cx`` in the body frame [m/s].
+        v_y: ``v_cy`` [m/s].
+        yaw_rate: ``Omega`` [rad/s].
+        across_x: unit vector ``p`` across the line of motion at the start of braking, Eq. (51), in
+            the body frame of this moment [1]; zeros where there is no line to keep.
+        across_y: likewise in y [1].
+        pedal: the driver's brake demand, 0 to 1.
+        wheel_speed: about the wheels' axes [rad/s], NaN where unknown, shape (N,).
+    """
+
+    first: bool
+    dt: float
+    v_x: float
+    v_y: float
+    yaw_rate: float
+    across_x: float
+    across_y: float
+    pedal: float
+    wheel_speed: FloatArray
+
+
+class Law(Protocol):
+    """A control law, made of a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
+
+    def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int | None:
+        """Decide which brakes act.
+
+        Args:
+            motion: what is known.
+            error: receives the law's error of each wheel [m/s], for the record, shape (N,).
+            enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
+
+        Returns:
+            ASSIST or nothing to brake so, NO_HELP to have all brakes on.
+        """

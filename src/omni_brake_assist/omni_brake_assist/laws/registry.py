@@ -1,0 +1,26 @@
+"""Laws by name: the built-in ones and those of a module that a configuration names."""
+
+from __future__ import annotations
+
+from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
+from omni_brake_assist.laws.law import Law
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.plugins import load_class
+
+
+def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:
+    """Make the law that a configuration names, None if it is one of the built-in ones.
+
+    Args:
+        configuration: of the assistant.
+        geometry: its wheels.
+
+    Raises:
+        ConfigurationError: there is no such law, or it cannot be imported.
+    """
+    if configuration.law in LAWS:
+        return None
+    made: Law = load_class("law", configuration.law, LAWS, LAW_GROUP, "step")(
+        configuration, geometry
+    )
+    return made

@@ -1,0 +1,48 @@
+"""The control law of 2013: a brake acts while its error is negative. Eqs. (44)-(46)."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.laws.law import ASSIST, NO_HELP, FloatArray, Motion
+from omni_brake_assist.sliding_manifold import Manifold, SlidingManifold, wheel_error
+from omni_brake_assist.weighting import weighting_function
+from omni_platform.geometry import PlatformGeometry
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
+    """Let the brakes act whose error is negative; arguments as `Law.step`."""
+    outcome = NO_HELP
+    for i in range(error.size):
+        s_perp, s_omega, s_par = wheel_error(
+            manifold,
+            i,
+            motion.v_x,
+            motion.v_y,
+            motion.yaw_rate,
+            motion.across_x,
+            motion.across_y,
+        )
+        error[i] = s_perp + s_omega + s_par  # Eq. (44)
+        enable[i] = 1.0 if error[i] < 0.0 else 0.0  # Eqs. (45), (46)
+        if error[i] < 0.0:
+            outcome = ASSIST
+    return outcome
+
+
+class SlidingMode:
+    """The law as an object.
+
+    Attributes:
+        manifold: the error functions.
+    """
+
+    def __init__(self, configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> None:
+        weighting = weighting_function(configuration.weighting, configuration.k)
+        self.manifold = SlidingManifold(geometry, weighting)
+
+    def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
+        """Let the brakes act whose error is negative."""
+        return int(step(self.manifold.constants, motion, error, enable))

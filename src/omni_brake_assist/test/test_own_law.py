@@ -1,0 +1,134 @@
+"""A law from outside stands behind the same fail-safe as the built-in ones."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omni_brake_assist.brake_assist import (
+    AssistState,
+    BrakeAssist,
+    BrakeAssistConfiguration,
+    BrakeDemand,
+    Decision,
+)
+from omni_platform.configuration import ConfigurationError
+from omni_platform.geometry import WheelMount
+from omni_platform.signals import Twist
+
+Wheels = dict[str, WheelMount]
+FloatArray = NDArray[np.float64]
+
+LAWS = """
+import numpy as np
+
+class Constant:
+    answer, value = None, 1.0
+
+    def __init__(self, configuration, geometry):
+        self.wheels = len(geometry.names)
+
+    def step(self, motion, error, enable):
+        enable[:] = self.value
+        return self.answer
+
+class Half(Constant):
+    value = 0.5
+
+class Nothing(Constant):
+    value = 0.0
+
+class NotANumber(Constant):
+    value = np.nan
+
+class TooMuch(Constant):
+    value = 1.5
+
+class Broken(Constant):
+    def step(self, motion, error, enable):
+        enable[:] = 0.0
+        raise RuntimeError("lost count")
+
+class NoLaw:
+    pass
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "laws_of_a_test.py").write_text(LAWS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return "laws_of_a_test"
+
+
+def drive(wheels: Wheels, law: str, **changes: Any) -> list[Decision]:
+    """Brake from 8 m/s in a turn, with a gap in the feedback."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, law=law, **changes))
+    decisions = []
+    for step in range(60):
+        stamp_ns = step * 10_000_000
+        heading = 0.3 * math.sin(0.1 * step)
+        value = np.array([8.0 - 0.05 * step, 0.4 * heading, heading])
+        feedback = Twist(stamp_ns, value, 1e-5 * np.eye(3))
+        given = None if 20 <= step < 24 else feedback
+        decisions.append(assist.update(BrakeDemand(stamp_ns, float(step > 5), given)))
+    return decisions
+
+
+def test_a_built_in_law_as_a_class_from_outside_decides_the_same(mecanum: Wheels) -> None:
+    inside = drive(mecanum, "sliding_mode", minimum_dwell_time=0.03)
+    outside = drive(
+        mecanum, "omni_brake_assist.laws.sliding_mode:SlidingMode", minimum_dwell_time=0.03
+    )
+    assert {d.state for d in inside} >= {AssistState.ASSISTING, AssistState.NO_FEEDBACK}
+    for a, b in zip(inside, outside, strict=True):
+        assert (a.state, a.reason, a.fault) == (b.state, b.reason, b.fault)
+        assert a.enable.tobytes() == b.enable.tobytes()
+        assert a.error.tobytes() == b.error.tobytes()
+
+
+def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
+    last = drive(mecanum, f"{module}:Half")[-1]
+    assert last.state is AssistState.ASSISTING
+    np.testing.assert_array_equal(last.enable, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("law", "state", "reason"),
+    [
+        ("Nothing", AssistState.ALL_ERRORS_POSITIVE, ""),
+        ("NotANumber", AssistState.INTERNAL_ERROR, "no share"),
+        ("TooMuch", AssistState.INTERNAL_ERROR, "no share"),
+        ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
+    ],
+)
+def test_a_law_that_fails_has_all_brakes_on(
+    mecanum: Wheels, module: str, law: str, state: AssistState, reason: str
+) -> None:
+    decisions = drive(mecanum, f"{module}:{law}")
+    first = next(d for d in decisions[6:] if d.state is state)
+    assert reason in first.reason
+    for decision in decisions:
+        np.testing.assert_array_equal(decision.enable, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "problem"),
+    [
+        ("sliding_mod", "did you mean 'sliding_mode'"),
+        ("no_such_module:Law", "working directory or on PYTHONPATH"),
+        ("laws_of_a_test:Missing", "it has Constant, Half"),
+        ("laws_of_a_test:NoLaw", "has no method 'step'"),
+    ],
+)
+@pytest.mark.usefixtures("module")
+def test_what_is_no_law_is_refused_by_name(mecanum: Wheels, law: str, problem: str) -> None:
+    with pytest.raises(ConfigurationError, match="law") as refused:
+        BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, law=law))
+    assert problem in str(refused.value)

@@ -1,0 +1,85 @@
+"""Parts from outside: a class that a configuration names as ``module:Class``, or an entry point."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.metadata
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from omni_platform.configuration import ConfigurationError
+
+
+def check_name(key: str, name: str, built_in: Collection[str], group: str) -> None:
+    """Refuse the name of a part that can be none; nothing is imported.
+
+    Args:
+        key: of the configuration.
+        name: a built-in part, an entry point of `group`, or ``module:Class``.
+        built_in: names of the parts that there are.
+        group: of entry points.
+
+    Raises:
+        ConfigurationError: it is none of them.
+    """
+    if name in built_in or ":" in name:
+        return
+    known = [*built_in, *sorted(_entry_points(group))]
+    if name in known:
+        return
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    raise ConfigurationError(
+        key,
+        f"{name!r} is not known; {hint}known: {', '.join(known)}, or module:Class for your own",
+    )
+
+
+def load_class(
+    key: str, name: str, built_in: Collection[str], group: str, *methods: str
+) -> type[Any]:
+    """Import a part from outside.
+
+    A module is looked for where Python looks, and in the working directory.
+
+    Args:
+        key: of the configuration.
+        name: an entry point of `group`, or ``module:Class``.
+        built_in: names of the parts that there are, for messages.
+        group: of entry points.
+        methods: that the class must have.
+
+    Raises:
+        ConfigurationError: it cannot be imported, or is not such a class.
+    """
+    check_name(key, name, built_in, group)
+    module_name, _, class_name = _entry_points(group).get(name, name).partition(":")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # a module from outside may raise anything
+        raise ConfigurationError(
+            key,
+            f"{name!r}: cannot import {module_name!r} ({type(error).__name__}: {error}); it must "
+            "lie in the working directory or on PYTHONPATH",
+        ) from None
+    found = getattr(module, class_name, None)
+    if not isinstance(found, type):
+        classes = [entry for entry, value in vars(module).items() if isinstance(value, type)]
+        raise ConfigurationError(
+            key,
+            f"{name!r}: {module_name} has no class {class_name!r}; it has {', '.join(classes)}",
+        )
+    lacking = [method for method in methods if not callable(getattr(found, method, None))]
+    if lacking:
+        raise ConfigurationError(key, f"{name!r} has no method {lacking[0]!r}")
+    return found
+
+
+def _entry_points(group: str) -> dict[str, str]:
+    return {entry.name: entry.value for entry in importlib.metadata.entry_points(group=group)}
