@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 from pathlib import Path
 
@@ -11,7 +10,8 @@ import pytest
 
 from omni_analysis.braking.study import ExperimentRuns, largest_error, run_experiment
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult, load_study, straight_line
+from omni_analysis.studies import StudyResult, StudyRun, load_study, straight_line
+from omni_platform.command_options import parse_options
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 FIGURES = {
@@ -25,11 +25,8 @@ FIGURES = {
 
 def study(name: str, folder: Path, *arguments: str) -> StudyResult:
     module = load_study(name)
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser)
-    options = parser.parse_args(arguments, argparse.Namespace(report=lambda *_: None))
-    result: StudyResult = module.run(options, ExperimentLibrary(CONFIG), folder)
-    return result
+    options = parse_options(module.Options, arguments)
+    return module.run(options, StudyRun(ExperimentLibrary(CONFIG), folder))
 
 
 @pytest.fixture(scope="module")

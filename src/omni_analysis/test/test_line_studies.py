@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 from types import ModuleType
@@ -36,14 +35,8 @@ CONFIG = Path(__file__).parents[3] / "config"
 
 def study(module: ModuleType, folder: Path, *arguments: str) -> StudyResult:
     library = ExperimentLibrary(CONFIG)
-    if hasattr(module, "Options"):
-        result: StudyResult = module.run(
-            parse_options(module.Options, arguments), StudyRun(library, folder)
-        )
-    else:
-        parser = argparse.ArgumentParser()
-        module.add_arguments(parser)
-        result = module.run(parser.parse_args(arguments), library, folder)
+    options = parse_options(module.Options, arguments)
+    result: StudyResult = module.run(options, StudyRun(library, folder))
     assert {path.name for path in result.files} == {path.name for path in folder.iterdir()}
     assert result.findings
     return result

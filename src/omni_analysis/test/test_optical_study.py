@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from pathlib import Path
 
@@ -13,7 +12,8 @@ from omni_analysis.braking.feedback_comparison import odometry_lag
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyRun, load_study
+from omni_platform.command_options import parse_options
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 
@@ -37,11 +37,8 @@ def test_lag_of_a_late_and_noisy_estimate_is_found(history: RunHistory, lag: flo
 
 def test_study_reports_the_difference_of_both_feedbacks(tmp_path: Path) -> None:
     study = load_study("optical")
-    parser = argparse.ArgumentParser()
-    study.add_arguments(parser)
-    options = parser.parse_args(["--experiment", "small_stop"])
-    options.report = lambda _share, _words: None
-    result = study.run(options, LIBRARY, tmp_path)
+    options = parse_options(study.Options, ["--experiment", "small_stop"])
+    result = study.run(options, StudyRun(LIBRARY, tmp_path))
     metrics = {name: metric.value for name, metric in result.metrics.items()}
     for quantity in ("orientation_change", "stopping_distance"):
         sensor, optical, difference = (

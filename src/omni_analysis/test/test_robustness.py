@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import os
@@ -21,7 +20,7 @@ from omni_analysis.campaign.random_braking import RandomBraking, draw, experimen
 from omni_analysis.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyRun, robustness
 from omni_platform.configuration import ConfigurationError
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
@@ -140,7 +139,7 @@ def test_a_killed_worker_loses_no_run_and_changes_none(
 def test_an_interrupted_campaign_goes_on(
     client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study, library = load_study("robustness"), ExperimentLibrary(CONFIG)
+    library = ExperimentLibrary(CONFIG)
     monkeypatch.setattr(campaign, "CHUNK", 3)
 
     def run(folder: Path, interrupt_at: float = 2.0, *, resume: bool = False) -> None:
@@ -150,15 +149,13 @@ def test_an_interrupted_campaign_goes_on(
             if share >= interrupt_at:
                 raise KeyboardInterrupt
 
-        options = argparse.Namespace(
+        options = robustness.Options(
             runs=20,
             seed=SENSOR_FAILS - 10,
-            workers=None,
             scheduler=client.scheduler.address,
             resume=resume,
-            report=report,
         )
-        study.run(options, library, folder)
+        robustness.run(options, StudyRun(library, folder, report))
 
     once, twice = tmp_path / "once", tmp_path / "twice"
     run(once)

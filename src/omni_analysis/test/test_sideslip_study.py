@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
 from pathlib import Path
@@ -14,17 +13,16 @@ from numpy.typing import NDArray
 
 from omni_analysis.line_trials.sideslip_trials import Angles
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult, load_study
+from omni_analysis.studies import StudyResult, StudyRun, sideslip
+from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
 
-def options(*arguments: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    load_study("sideslip").add_arguments(parser)
-    return parser.parse_args([*arguments, "--runs", "1", "--dpi", "200"])
+def options(*arguments: str) -> sideslip.Options:
+    return parse_options(sideslip.Options, [*arguments, "--runs", "1", "--dpi", "200"])
 
 
 def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
@@ -32,7 +30,7 @@ def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     chosen = options("--ground", "cork", "--sensors", "generic")
-    result = load_study("sideslip").run(chosen, ExperimentLibrary(CONFIG), tmp_path)
+    result = sideslip.run(chosen, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
     metrics = {key: metric.value for key, metric in result.metrics.items()}
     for speed, limit in ((2, 0.2), (10, 0.1), (20, 0.1)):
         assert metrics[f"measured_share.cork_generic_{speed}"] == 1.0
@@ -95,10 +93,11 @@ def test_the_limit_is_told_of_the_grounds_that_are_measured(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    study = load_study("sideslip")
-    monkeypatch.setattr(study, "grounds_of", lambda *_: grounds)
-    monkeypatch.setattr(study, "RollingWheel", Wheel)
-    result = study.run(options("--sensors", "generic"), ExperimentLibrary(CONFIG), tmp_path)
+    monkeypatch.setattr(sideslip, "grounds_of", lambda *_: grounds)
+    monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
+    result = sideslip.run(
+        options("--sensors", "generic"), StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+    )
     limits = " ".join(result.findings[len(grounds) : -1])
     for text in words:
         assert text in limits
@@ -107,17 +106,14 @@ def test_the_limit_is_told_of_the_grounds_that_are_measured(
 
 
 def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = load_study("sideslip")
-    monkeypatch.setattr(study, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
-    monkeypatch.setattr(study, "RollingWheel", Wheel)
+    monkeypatch.setattr(sideslip, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
+    monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
 
     def run(text: str) -> StudyResult:
         path = tmp_path / "one.yaml"
         path.write_text(text, encoding="utf-8")
-        result: StudyResult = study.run(
-            options("--sensors", str(path)), ExperimentLibrary(CONFIG), tmp_path
-        )
-        return result
+        study = StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+        return sideslip.run(options("--sensors", str(path)), study)
 
     result = run("only: {x: 0.7, y: 0.5, heading_deg: 90, width: 0.01}\n")
     assert any("60 % overlap is 10 m/s" in finding for finding in result.findings)
@@ -150,8 +146,8 @@ def test_bias_is_what_the_batches_share_and_slip_scales_the_tangent() -> None:
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
-    study, library = load_study("sideslip"), ExperimentLibrary(CONFIG)
+    run = StudyRun(ExperimentLibrary(CONFIG), tmp_path)
     with pytest.raises(ConfigurationError, match="--noise"):
-        study.run(options("--noise", "nan"), library, tmp_path)
+        sideslip.run(options("--noise", "nan"), run)
     with pytest.raises(ConfigurationError, match="'generik' is not known"):
-        study.run(options("--sensors", "generik", "--ground", "cork"), library, tmp_path)
+        sideslip.run(options("--sensors", "generik", "--ground", "cork"), run)

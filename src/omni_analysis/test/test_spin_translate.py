@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import math
@@ -12,8 +11,9 @@ import numpy as np
 import pytest
 
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyRun, spin_translate
 from omni_analysis.studies.spin_translate import SpinTranslate, track
+from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -96,14 +96,8 @@ def test_maneuver_beyond_the_grip_is_not_followed() -> None:
     assert np.max(track(configuration, fast, 3.0).position_error) > 0.5
 
 
-def options(**changed: float) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    load_study("spin_translate").add_arguments(parser)
-    return argparse.Namespace(**{**vars(parser.parse_args([])), **changed})
-
-
 def test_study_writes_figures_data_and_errors_within_limits(tmp_path: Path) -> None:
-    result = load_study("spin_translate").run(options(duration=2.0), LIBRARY, tmp_path)
+    result = spin_translate.run(spin_translate.Options(duration=2.0), StudyRun(LIBRARY, tmp_path))
     assert sorted(path.name for path in result.files) == sorted(
         f"{what}{name}.{kind}"
         for name in ("mecanum", "three_wheel")
@@ -117,6 +111,6 @@ def test_study_writes_figures_data_and_errors_within_limits(tmp_path: Path) -> N
     assert float(rows[-1]["x_ref_m"]) == pytest.approx(2.0)
 
 
-def test_option_out_of_range_is_refused(tmp_path: Path) -> None:
+def test_option_out_of_range_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="--yaw-rate-deg"):
-        load_study("spin_translate").run(options(yaw_rate_deg=math.nan), LIBRARY, tmp_path)
+        parse_options(spin_translate.Options, ["--yaw-rate-deg", "nan"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import math
 from pathlib import Path
@@ -12,7 +11,8 @@ import pytest
 
 from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyRun, load_study
+from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
@@ -60,10 +60,8 @@ def test_noise_drowns_plastic() -> None:
 
 def run(name: str, folder: Path, *arguments: str) -> dict[str, float]:
     study = load_study(name)
-    parser = argparse.ArgumentParser()
-    study.add_arguments(parser)
-    options = parser.parse_args([*arguments, "--runs", "1", "--dpi", "400"])
-    result = study.run(options, ExperimentLibrary(CONFIG), folder)
+    options = parse_options(study.Options, [*arguments, "--runs", "1", "--dpi", "400"])
+    result = study.run(options, StudyRun(ExperimentLibrary(CONFIG), folder))
     assert all(path.stat().st_size > 0 for path in result.files)
     assert result.findings
     return {key: metric.value for key, metric in result.metrics.items()}
@@ -99,7 +97,7 @@ def test_surfaces_are_written_with_every_shape(
 def test_options_out_of_range_are_refused(tmp_path: Path) -> None:
     for wrong in (["--runs", "0"], ["--seed", "-1"], ["--ground", "lawn"]):
         study = load_study("difficult_textures")
-        parser = argparse.ArgumentParser()
-        study.add_arguments(parser)
         with pytest.raises(ConfigurationError):
-            study.run(parser.parse_args(wrong), ExperimentLibrary(CONFIG), tmp_path)
+            study.run(
+                parse_options(study.Options, wrong), StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+            )

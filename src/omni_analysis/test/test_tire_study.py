@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import load_study
+from omni_analysis.studies import StudyRun, tires
 from omni_analysis.tires import trials as tire_trials
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -27,16 +26,10 @@ def robot(library: ExperimentLibrary) -> VehicleConfiguration:
     return library.load("straight_line", "assisted", ["vehicle=three_wheel_robot"]).vehicle
 
 
-def options(*arguments: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    load_study("tires").add_arguments(parser)
-    return parser.parse_args(arguments)
-
-
 def test_study_draws_figures_4_to_6_and_keeps_every_limit(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
-    result = load_study("tires").run(options(), library, tmp_path)
+    result = tires.run(tires.Options(), StudyRun(library, tmp_path))
     names = {path.name for path in result.files}
     for number in (4, 5, 6):
         assert {f"figure_{number}.png", f"figure_{number}.csv"} <= names
@@ -55,7 +48,7 @@ def test_study_draws_figures_4_to_6_and_keeps_every_limit(
 def test_figure_6_is_the_inverted_parabola_of_equation_3_and_is_not_used_beyond_the_model(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
-    load_study("tires").run(options("--tire", "linear"), library, tmp_path)
+    tires.run(tires.Options(tire=("linear",)), StudyRun(library, tmp_path))
     with (tmp_path / "figure_6.csv").open() as file:
         rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
     load = np.array([row["load_N"] for row in rows])
@@ -72,7 +65,7 @@ def test_figure_6_is_the_inverted_parabola_of_equation_3_and_is_not_used_beyond_
 
 def test_two_tires_of_one_name_are_refused(library: ExperimentLibrary, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="linear"):
-        load_study("tires").run(options("--tire", "linear", "--tire", "linear"), library, tmp_path)
+        tires.run(tires.Options(tire=("linear", "linear")), StudyRun(library, tmp_path))
 
 
 def test_trial_sees_a_tire_that_creeps(robot: VehicleConfiguration) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult, load_study
+from omni_analysis.studies import StudyResult, StudyRun, load_study
 from omni_analysis.tuning.trials import (
     OFF,
     BrakeLag,
@@ -24,6 +23,7 @@ from omni_analysis.tuning.trials import (
     recommended,
     situations,
 )
+from omni_platform.command_options import parse_options
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 BLIND = ("simulation.render_lines=false", "feedback=velocity_sensor")
@@ -138,12 +138,8 @@ def test_trials_are_runs_of_the_loop() -> None:
 
 def run_study(folder: Path, *arguments: str) -> StudyResult:
     study = load_study("tuning")
-    parser = argparse.ArgumentParser()
-    study.add_arguments(parser)
-    options = parser.parse_args(["--k", "7", "--dwell", "0", "--situations", "2", *arguments])
-    options.report = lambda _share, _words: None
-    result: StudyResult = study.run(options, LIBRARY, folder)
-    return result
+    words = ["--k", "7", "--dwell", "0", "--situations", "2", *arguments]
+    return study.run(parse_options(study.Options, words), StudyRun(LIBRARY, folder))
 
 
 def test_study_recommends_for_another_vehicle(tmp_path: Path) -> None:

@@ -6,10 +6,9 @@ it, which holds what the figure shows.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from omni_analysis.braking import figures as braking_figures
-from omni_analysis.figures.data_table import history_columns, write_table
+from omni_analysis.figures.data_table import history_columns, write_columns
+from omni_analysis.figures.overlay import overlay_view
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.scene import Scene
 from omni_analysis.figures.style import save_figure
@@ -28,7 +28,9 @@ from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import Metric, run_metrics
-from omni_analysis.loop.override_option import add_override_option
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.command_options import overrides_option
+from omni_platform.configuration import Configuration
 
 FloatArray = NDArray[np.float64]
 
@@ -80,11 +82,6 @@ def largest_error(history: RunHistory) -> float:
     return float(np.max(np.abs(history.error[history.brake_start :])))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of a study of one experiment."""
-    add_override_option(parser)
-
-
 def run_experiment(
     library: ExperimentLibrary, experiment: str, overrides: list[str]
 ) -> ExperimentRuns:
@@ -115,42 +112,75 @@ def run_experiment(
     return ExperimentRuns(configurations, histories, feedback)
 
 
-def write_figure(
-    figure: Figure, columns: Mapping[str, Any], folder: Path, number: int
-) -> list[Path]:
-    """Write one figure of the dissertation and the data that it shows.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrakingOptions(Configuration):
+    """Options of a study of one experiment."""
+
+    overrides: tuple[str, ...] = overrides_option()
+
+
+Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
+"""Draws one figure of the dissertation; returns it with its data by ``name [unit]``."""
+
+
+def braking_study(
+    experiment: str, drawings: Mapping[int, Drawing]
+) -> Callable[[BrakingOptions, StudyRun], StudyResult]:
+    """Return the ``run`` of the study of one experiment.
 
     Args:
-        figure: as drawn.
-        columns: its data by ``name [unit]``.
-        folder: where both go.
-        number: in the dissertation.
+        experiment: whose variants it runs.
+        drawings: the figures by their number in the dissertation.
     """
-    stem = f"figure_{number}"
-    return [
-        save_figure(figure, folder / f"{stem}.png"),
-        write_table(columns, folder / f"{stem}.csv"),
-    ]
+
+    def run(options: BrakingOptions, study: StudyRun) -> StudyResult:
+        runs = run_experiment(study.library, experiment, list(options.overrides))
+        return StudyResult(runs.metrics, draw(runs, drawings, study.folder))
+
+    return run
 
 
-def write_velocities_and_errors(
-    runs: ExperimentRuns, variant: str, folder: Path, number: int, *, errors: bool = True
-) -> list[Path]:
-    """Write a figure of velocity components and errors of one variant, with its data."""
-    history = runs.histories[variant]
-    first = runs.configurations[variant].description
-    figure = braking_figures.velocities_and_errors(history, f"{first}: {variant}", errors=errors)
-    return write_figure(figure, history_columns(history, errors=errors), folder, number)
+def draw(runs: ExperimentRuns, drawings: Mapping[int, Drawing], folder: Path) -> tuple[Path, ...]:
+    """Write the figures of an experiment, each with the data that it shows."""
+    files = []
+    for number, drawing in drawings.items():
+        figure, columns = drawing(runs)
+        files.append(save_figure(figure, folder / f"figure_{number}.png"))
+        files.append(write_columns(folder / f"figure_{number}.csv", columns))
+    return tuple(files)
 
 
-def write_top_view(
-    runs: ExperimentRuns, variants: list[str], folder: Path, number: int
-) -> list[Path]:
-    """Write a figure of snapshots from above, with the paths as its data."""
-    histories = {variant: runs.histories[variant] for variant in variants}
-    title = runs.configurations[variants[0]].description
-    figure = top_view(runs.scene, histories, title=title)
-    return write_figure(figure, path_columns(histories), folder, number)
+def over_time(variant: str, *, errors: bool = True) -> Drawing:
+    """Draw velocity components and errors of one variant over time."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        history = runs.histories[variant]
+        title = f"{runs.configurations[variant].description}: {variant}"
+        figure = braking_figures.velocities_and_errors(history, title, errors=errors)
+        return figure, history_columns(history, errors=errors)
+
+    return drawing
+
+
+def from_above(*variants: str) -> Drawing:
+    """Draw snapshots from above, with the paths as data."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        histories = {variant: runs.histories[variant] for variant in variants}
+        title = runs.configurations[variants[0]].description
+        return top_view(runs.scene, histories, title=title), path_columns(histories)
+
+    return drawing
+
+
+def laid_over(title: str, interval: float | None) -> Drawing:
+    """Draw all variants over each other, every `interval` [s] and at rest, or only there."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        figure = overlay_view(runs.scene, runs.histories, title, interval=interval)
+        return figure, path_columns(runs.histories)
+
+    return drawing
 
 
 def path_columns(histories: Mapping[str, RunHistory]) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""Columns of numbers as a CSV file: the data behind a figure."""
+"""Tables of numbers as CSV files: the data behind a figure."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,39 @@ import numpy as np
 from omni_analysis.loop.history import RunHistory
 
 
-def write_table(columns: Mapping[str, Any], path: Path) -> Path:
+def write_table(
+    path: Path, header: Iterable[str], rows: Iterable[Sequence[str | int | float]], digits: int = 9
+) -> Path:
+    """Write a table and return its path.
+
+    Args:
+        path: of the file.
+        header: names of the columns.
+        rows: texts and integers, which are written as they are, and other numbers.
+        digits: significant ones of the other numbers.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for row in rows:
+            writer.writerow(
+                x if isinstance(x, str | int) else f"{float(x):.{digits}g}" for x in row
+            )
+    return path
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
     """Write columns of equal length under their names, numbers with six digits.
 
     Args:
-        columns: texts or numbers by ``name [unit]``.
         path: of the file.
+        columns: texts or numbers by ``name [unit]``.
 
     Raises:
         ValueError: the lengths differ.
     """
-    cells = [[_text(value) for value in np.asarray(column).tolist()] for column in columns.values()]
-    rows = zip(*cells, strict=True)
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
-    return path
+    cells = (np.asarray(column).tolist() for column in columns.values())
+    return write_table(path, columns, zip(*cells, strict=True), digits=6)
 
 
 def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, Any]:
@@ -48,7 +64,3 @@ def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, An
         for column, name in enumerate(history.wheel_names):
             columns[f"s {name} [m/s]"] = history.error[:, column]
     return columns
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

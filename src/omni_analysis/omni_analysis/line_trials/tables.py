@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.texture_trials import Shifts
 from omni_analysis.line_trials.view_grid import LENGTHS, SHAPES
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
 
 _OVERLAP = 0.6  # from which on views count
 

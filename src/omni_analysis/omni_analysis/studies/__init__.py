@@ -71,10 +71,11 @@ def study_names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def load_study(name: str) -> Any:  # Study, once all of them are
+def load_study(name: str) -> Study:
     """Return the module of a study.
 
     Args:
         name: one of `study_names`.
     """
-    return importlib.import_module(f"{__name__}.{name}")
+    study: Study = importlib.import_module(f"{__name__}.{name}")
+    return study

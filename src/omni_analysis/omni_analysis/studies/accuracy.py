@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import (
     BLACK,
     GREY,
@@ -34,7 +35,6 @@ from omni_analysis.line_trials.trials import (
     match,
 )
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, parameter

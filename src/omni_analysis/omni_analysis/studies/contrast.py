@@ -6,14 +6,13 @@ of it from line to line.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import (
     BLUE,
     GREY,
@@ -24,6 +23,7 @@ from omni_analysis.figures.style import (
     style_axes,
 )
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
+from omni_analysis.line_trials.options import LineOptions, grounds_option, pairs_option
 from omni_analysis.line_trials.trials import (
     FloatArray,
     Motion,
@@ -35,11 +35,8 @@ from omni_analysis.line_trials.trials import (
     match,
     path,
 )
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.lines import add_line_options, grounds_of
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 
 _LENGTH = 0.05  # m
 # The widest is half of the ground's period: a view of all of it would see the same again.
@@ -72,14 +69,17 @@ class Trial:
     errors: tuple[float, ...]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, distance, pairs, noise and seed."""
-    add_line_options(parser, ("stone", "cork", "asphalt"), pairs=100, noise=1.0)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = grounds_option("stone", "cork", "asphalt")
+    pairs: int = pairs_option(100)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Look at the grounds through all widths; write figure, data and metrics."""
-    found = {kind: _trials(kind, options) for kind in grounds_of(options)}
+    found = {kind: _trials(kind, options) for kind in options.kinds}
     metrics: dict[str, Metric] = {}
     for kind, trials in found.items():
         enough = [trial for trial in trials if trial.overlap >= _ENOUGH]
@@ -102,9 +102,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             note="widest over narrowest view with 60 % overlap",
         )
     files = (
-        save_figure(_draw(found, options), folder / "figure_69.png"),
+        save_figure(_draw(found, options), study.folder / "figure_69.png"),
         write_table(
-            folder / "contrast.csv",
+            study.folder / "contrast.csv",
             (
                 "ground", "width_mm", "width_over_length", "overlap", "contrast_grey_levels",
                 "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
@@ -126,7 +126,7 @@ def _view(shape: float) -> View:
     return View(length=_LENGTH, width=shape * _LENGTH)
 
 
-def _trials(kind: str, options: argparse.Namespace) -> list[Trial]:
+def _trials(kind: str, options: Options) -> list[Trial]:
     views = [_view(shape) for shape in _SHAPES]
     texture = ground(kind, options.texels)
     eyes = cameras(views, texture, options.noise, options.seed)
@@ -192,7 +192,7 @@ def _findings(found: dict[str, list[Trial]]) -> tuple[str, ...]:
     )
 
 
-def _draw(found: dict[str, list[Trial]], options: argparse.Namespace) -> Figure:
+def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
     figure = Figure(figsize=(13.0, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, 2)
     kind = next(iter(found))

@@ -6,11 +6,9 @@ evaluated with `scipy.spatial.distance` at every shift, apart from the search of
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,6 +16,7 @@ from scipy.signal import find_peaks
 from scipy.spatial import distance
 from scipy.stats import rankdata
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import (
     BLUE,
     GREY,
@@ -27,12 +26,15 @@ from omni_analysis.figures.style import (
     save_figure,
     style_axes,
 )
+from omni_analysis.line_trials.options import (
+    LineOptions,
+    grounds_option,
+    noise_option,
+    pairs_option,
+)
 from omni_analysis.line_trials.trials import FloatArray, View, camera, ground, path
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.lines import add_line_options, grounds_of
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 
 _VIEW = View()
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
@@ -87,15 +89,19 @@ class Curve:
         return float(self.shift[np.argmin(self.distance)]) - self.truth
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, distance, pairs, noise and seed."""
-    add_line_options(parser, ("stone", "asphalt", "cork"), pairs=20, noise=5.0)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = grounds_option("stone", "asphalt", "cork")
+    pairs: int = pairs_option(20)
+    noise: float = noise_option(5.0)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Evaluate the distances; write figure, data and metrics."""
     curves: dict[str, list[Curve]] = {}
-    for kind in grounds_of(options):
+    for kind in options.kinds:
         eye = camera(_VIEW, ground(kind, options.texels), options.noise, options.seed)
         generator = np.random.default_rng(options.seed)
         curves[kind] = []
@@ -119,9 +125,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             ),
         }
     files = (
-        save_figure(_draw(curves, options.metric), folder / "figure_68.png"),
+        save_figure(_draw(curves, options.metric), study.folder / "figure_68.png"),
         write_table(
-            folder / "correlation_functions.csv",
+            study.folder / "correlation_functions.csv",
             ("ground", "shift_px", "distance", "true_displacement_px"),
             (
                 (kind, int(s), d, every[0].truth)

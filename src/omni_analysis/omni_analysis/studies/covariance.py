@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import (
     BLUE,
     GREEN,
@@ -29,7 +30,6 @@ from omni_analysis.figures.style import (
 from omni_analysis.line_trials.trials import ground
 from omni_analysis.line_trials.twist_trials import TwistTrial, cameras_over, drive
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
 from omni_analysis.placement.classical import tangential
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.configuration import Configuration, parameter

@@ -6,33 +6,39 @@ noise of 1 and 5 grey levels.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
 from omni_analysis.figures.style import save_figure
 from omni_analysis.line_trials.tables import surface_metrics, write_surfaces
 from omni_analysis.line_trials.texture_figures import draw_error_surfaces
+from omni_analysis.line_trials.texture_options import (
+    TextureOptions,
+    grounds_of,
+    grounds_option,
+    runs_option,
+)
 from omni_analysis.line_trials.texture_trials import Shifts, Sideways, look_at_shapes
 from omni_analysis.line_trials.view_grid import as_map
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.textures import add_texture_options, grounds_of
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 
 _SPEED = 12.0  # [m/s]
 _NOISES = (0.0, 1.0, 5.0)  # [grey levels]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds and seed."""
-    add_texture_options(parser, ("metal", "plastic"), runs=2)
+@dataclass(frozen=True, kw_only=True)
+class Options(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = grounds_option("metal", "plastic")
+    runs: int = runs_option(2)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Move over the grounds with each noise; write figure, data and metrics."""
-    grounds = grounds_of(options, library)
+    grounds = grounds_of(options, study.library)
     metrics: dict[str, Metric] = {}
     surfaces: dict[tuple[str, str], list[Shifts]] = {}
     overlap = np.zeros((0, 0))
@@ -58,8 +64,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         overlap,
     )
     files = (
-        save_figure(figure, folder / "figure_66.png"),
-        write_surfaces(("ground", "noise"), surfaces, overlap, folder / "difficult.csv"),
+        save_figure(figure, study.folder / "figure_66.png"),
+        write_surfaces(("ground", "noise"), surfaces, overlap, study.folder / "difficult.csv"),
     )
     return StudyResult(metrics, files, tuple(_finding(ground, metrics) for ground in grounds))
 

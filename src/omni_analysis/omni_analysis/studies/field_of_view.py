@@ -5,16 +5,17 @@
 
 from __future__ import annotations
 
-import argparse
 import math
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.figures import add_error_scale, draw_error_map
+from omni_analysis.line_trials.options import LineOptions, grounds_option, measure_on, pairs_option
 from omni_analysis.line_trials.trials import Matches, Motion
 from omni_analysis.line_trials.view_grid import (
     LENGTHS,
@@ -25,27 +26,27 @@ from omni_analysis.line_trials.view_grid import (
     needed_overlap,
     sideways_motions,
 )
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.lines import add_line_options, grounds_of, measure_on
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 
 _CLAIM = 0.6  # overlap that is said to be enough
 _GROUP = 10  # n of the median
 _GROUNDS = ("stone", "cork", "asphalt", "walking_tile", "dry_earth", "wood")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, distance, pairs, noise and seed."""
-    add_line_options(parser, _GROUNDS, pairs=80, noise=1.0)
+@dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = grounds_option(*_GROUNDS)
+    pairs: int = pairs_option(80)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Move over the grounds; write figure, data and metrics."""
     motions = sideways_motions()
     overlap = np.array([motion.overlap for motion in motions])
-    found = measure_on(grounds_of(options), motions, options)
+    found = measure_on(options.kinds, motions, options)
     metrics: dict[str, Metric] = {}
     for kind, matches in found.items():
         right = np.array([float(np.mean(m.right)) for m in matches])
@@ -64,9 +65,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
                 needed_overlap(overlap, filtered), "1", reference=_CLAIM
             )
     files = (
-        save_figure(_draw(motions, found), folder / "figure_63.png"),
+        save_figure(_draw(motions, found), study.folder / "figure_63.png"),
         write_table(
-            folder / "field_of_view.csv",
+            study.folder / "field_of_view.csv",
             (
                 "ground", "length_mm", "width_over_length", "overlap", "right_share",
                 "exact_share", *ERROR_COLUMNS,

@@ -2,55 +2,42 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from omni_analysis.braking import figures as braking_figures
-from omni_analysis.braking import study as experiment_study
-from omni_analysis.braking.study import ExperimentRuns, path_columns, write_figure
-from omni_analysis.figures.overlay import overlay_view
-from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult
+from omni_analysis.braking.study import (
+    BrakingOptions,
+    ExperimentRuns,
+    braking_study,
+    laid_over,
+)
 
 _CLEAN, _NOISY = "assisted", "noisy"
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the study's options."""
-    experiment_study.add_arguments(parser)
+Options = BrakingOptions
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
-    """Run the experiment in one process and draw its figures."""
-    runs = experiment_study.run_experiment(library, "ice_patch_noisy", options.overrides)
+def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+    noisy = runs.histories[_NOISY]
+    told = {"original": (noisy, noisy.twist), "noisy": (noisy, runs.feedback[_NOISY])}
+    figure = braking_figures.compare_velocities(told, "Noise on the feedback")
+    return figure, _feedback_columns(runs)
+
+
+def _errors(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+    both = {"no noise": runs.histories[_CLEAN], "noisy feedback": runs.histories[_NOISY]}
+    figure = braking_figures.compare_errors(both, "Errors with and without noise")
+    return figure, _columns(runs, errors=True)
+
+
+def _velocities(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
     clean, noisy = runs.histories[_CLEAN], runs.histories[_NOISY]
-    final = overlay_view(
-        runs.scene,
-        runs.histories,
-        "Braking on an ice patch: where the vehicles come to rest",
-        interval=None,
-    )
-    measured = braking_figures.compare_velocities(
-        {"original": (noisy, noisy.twist), "noisy": (noisy, runs.feedback[_NOISY])},
-        "Noise on the feedback",
-    )
-    errors = braking_figures.compare_errors(
-        {"no noise": clean, "noisy feedback": noisy}, "Errors with and without noise"
-    )
-    velocities = braking_figures.compare_velocities(
-        {"no noise": (clean, clean.twist), "noisy feedback": (noisy, noisy.twist)},
-        "Velocities with and without noise",
-    )
-    return StudyResult(
-        runs.metrics,
-        (
-            *write_figure(final, path_columns(runs.histories), folder, 39),
-            *write_figure(measured, _feedback_columns(runs), folder, 40),
-            *write_figure(errors, _columns(runs, errors=True), folder, 41),
-            *write_figure(velocities, _columns(runs, errors=False), folder, 42),
-        ),
-    )
+    both = {"no noise": (clean, clean.twist), "noisy feedback": (noisy, noisy.twist)}
+    figure = braking_figures.compare_velocities(both, "Velocities with and without noise")
+    return figure, _columns(runs, errors=False)
 
 
 def _feedback_columns(runs: ExperimentRuns) -> dict[str, Any]:
@@ -78,3 +65,14 @@ def _columns(runs: ExperimentRuns, *, errors: bool) -> dict[str, Any]:
         for column, values in table.items():
             columns.setdefault(column, []).extend(values.tolist())
     return columns
+
+
+run = braking_study(
+    "ice_patch_noisy",
+    {
+        39: laid_over("Braking on an ice patch: where the vehicles come to rest", interval=None),
+        40: _measured,
+        41: _errors,
+        42: _velocities,
+    },
+)

@@ -5,15 +5,16 @@ The motion of `field_of_view`; the filter is the median of n = 10 consecutive di
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.figures import add_error_scale, draw_error_map
+from omni_analysis.line_trials.options import LineOptions, grounds_option, measure_on, pairs_option
 from omni_analysis.line_trials.trials import Matches, Motion
 from omni_analysis.line_trials.view_grid import (
     LENGTHS,
@@ -24,24 +25,24 @@ from omni_analysis.line_trials.view_grid import (
     mean_error,
     sideways_motions,
 )
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.lines import add_line_options, grounds_of, measure_on
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.configuration import ConfigurationError
 
 _GROUP = 10
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, distance, pairs, noise and seed."""
-    add_line_options(parser, ("walking_tile", "stone"), pairs=60, noise=1.0)
+@dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = grounds_option("walking_tile", "stone")
+    pairs: int = pairs_option(60, fewest=_GROUP)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Move over the grounds, filter; write figure, data and metrics."""
-    kinds = grounds_of(options)
+    kinds = options.kinds
     if options.pairs < _GROUP:
         raise ConfigurationError("--pairs", f"{options.pairs} are less than a group of {_GROUP}")
     motions = sideways_motions()
@@ -71,9 +72,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         + ("holds." if holds else "holds on some of these grounds only.")
     )
     files = (
-        save_figure(_draw(motions, found), folder / "figure_71.png"),
+        save_figure(_draw(motions, found), study.folder / "figure_71.png"),
         write_table(
-            folder / "median.csv",
+            study.folder / "median.csv",
             (
                 "ground", "length_mm", "width_over_length", "overlap",
                 "median_error_px", "right_share", "median_right_share", *ERROR_COLUMNS,

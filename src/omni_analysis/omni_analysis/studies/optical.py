@@ -5,16 +5,14 @@ The velocity sensor is ideal but for ``ice_patch_noisy``, where it is that of Eq
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from omni_analysis.braking import feedback_figures
-from omni_analysis.braking import study as experiment_study
 from omni_analysis.braking.feedback_comparison import (
     EXPERIMENTS,
     Comparison,
@@ -22,11 +20,12 @@ from omni_analysis.braking.feedback_comparison import (
     odometry_lag,
     turned,
 )
-from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.command_options import overrides_option
+from omni_platform.configuration import Configuration, parameter
 
 _DIFFERENCES = {
     "orientation_change": "deg",
@@ -37,27 +36,22 @@ _DIFFERENCES = {
 _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the study's options."""
-    parser.add_argument(
-        "--experiment",
-        action="append",
-        metavar="NAME",
-        help=f"may be repeated (default: {', '.join(EXPERIMENTS)})",
-    )
-    experiment_study.add_arguments(parser)
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is compared."""
+
+    experiment: tuple[str, ...] = parameter(EXPERIMENTS, description="experiment to run")
+    overrides: tuple[str, ...] = overrides_option()
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every assisted variant with either feedback and report the difference."""
-    comparisons = compare(
-        library, options.experiment or EXPERIMENTS, options.overrides, options.report
-    )
+    comparisons = compare(study.library, options.experiment, options.overrides, study.report)
     files = (
-        write_table(_columns(comparisons), folder / "stops.csv"),
-        write_table(_orientation_columns(comparisons), folder / "orientations.csv"),
-        save_figure(feedback_figures.stops(comparisons), folder / "stops.png"),
-        save_figure(feedback_figures.orientations(comparisons), folder / "orientations.png"),
+        write_columns(study.folder / "stops.csv", _columns(comparisons)),
+        write_columns(study.folder / "orientations.csv", _orientation_columns(comparisons)),
+        save_figure(feedback_figures.stops(comparisons), study.folder / "stops.png"),
+        save_figure(feedback_figures.orientations(comparisons), study.folder / "orientations.png"),
     )
     return StudyResult(_metrics(comparisons), files, _findings(comparisons))
 

@@ -5,21 +5,19 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.figures import add_error_scale, draw_error_map
+from omni_analysis.line_trials.options import LineOptions, grounds_option, measure_on, pairs_option
 from omni_analysis.line_trials.trials import Matches, Motion, View
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.lines import add_line_options, grounds_of, measure_on
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 
 _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m
@@ -28,19 +26,22 @@ _LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
 _FEW = 0.001  # wrong pairs with which the claim still holds
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, distance, pairs, noise and seed."""
-    add_line_options(parser, ("stone", "cork"), pairs=20, noise=1.0)
+@dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = grounds_option("stone", "cork")
+    pairs: int = pairs_option(20)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:  # noqa: ARG001
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Move over the grounds; write figure, data and metrics."""
     motions = [
         Motion(View(length=length, width=_SHAPE * length), speed, 0.0)
         for speed in _SPEEDS
         for length in _LENGTHS
     ]
-    found = measure_on(grounds_of(options), motions, options)
+    found = measure_on(options.kinds, motions, options)
     metrics: dict[str, Metric] = {}
     for kind, matches in found.items():
         # At the limit itself the rounding decides whether a shift can be found.
@@ -56,9 +57,9 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             f"rmse_px_within_limit.{kind}": Metric(_rmse(within), "1", note="refined, in pixels"),
         }
     files = (
-        save_figure(_draw(motions, found), folder / "figure_62.png"),
+        save_figure(_draw(motions, found), study.folder / "figure_62.png"),
         write_table(
-            folder / "overlap.csv",
+            study.folder / "overlap.csv",
             (
                 "ground", "speed_m_per_s", "length_mm", "overlap", "displacement_px",
                 "wrong_share", *ERROR_COLUMNS,

@@ -6,9 +6,9 @@ for each of the worst, which ``./omni run`` replays over the graph.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,61 +31,51 @@ from omni_analysis.campaign.robustness import (
     SHORTEST_DISTANCE,
     Outcome,
 )
-from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.studies import check_seed
-from omni_analysis.studies import StudyResult
-from omni_platform.configuration import ConfigurationError
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.command_options import option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
-_MOST_RUNS = 10_000_000
 _WORST = 3  # cases to replay, of orientation and of distance each
 _PERCENTILES = (50, 95, 100)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what is run, and where."""
-    parser.add_argument(
-        "--runs", type=int, default=1000, metavar="N", help="number of runs (default: %(default)s)"
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is run, and where."""
+
+    runs: int = parameter(1000, description="number of runs", minimum=1, maximum=10_000_000)
+    seed: int = parameter(0, description="seed of the first run; the others follow", minimum=0)
+    workers: int | None = parameter(
+        None,
+        description="processes on this machine (default: one on every core)",
+        minimum=1,
+        maximum=1024,
     )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="seed of the first run; the others follow (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        metavar="N",
-        help="processes on this machine (default: one on every core)",
-    )
-    parser.add_argument(
-        "--scheduler",
+    scheduler: str | None = option(
+        None,
         metavar="tcp://HOST:PORT",
-        help="run on this dask.distributed cluster, whose workers have this workspace",
+        description="run on this dask.distributed cluster, whose workers have this workspace",
     )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="keep the finished runs of an interrupted or shorter campaign and run what is missing",
+    resume: bool = parameter(
+        False,
+        description="keep the finished runs of an interrupted or shorter campaign and run what is "
+        "missing",
     )
 
+    def check_consistency(self) -> None:
+        """Refuse a number of workers where the cluster decides."""
+        if self.workers is not None and self.scheduler is not None:
+            raise ConfigurationError("workers", "does not go with --scheduler, which has its own")
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
-    if not 1 <= options.runs <= _MOST_RUNS:
-        raise ConfigurationError("--runs", f"{options.runs} must be in 1 to {_MOST_RUNS}")
-    check_seed(options)
-    if options.workers is not None and not 1 <= options.workers <= 1024:
-        raise ConfigurationError("--workers", f"{options.workers} must be in 1 to 1024")
-    if options.workers is not None and options.scheduler is not None:
-        raise ConfigurationError("--workers", "does not go with --scheduler, which has its own")
-    braking = RandomBraking(library)
+    braking = RandomBraking(study.library)
     seeds = range(options.seed, options.seed + options.runs)
-    table = ResultTable(folder / "runs.csv", braking.fingerprint, resume=options.resume)
+    table = ResultTable(study.folder / "runs.csv", braking.fingerprint, resume=options.resume)
     missing = [seed for seed in seeds if seed not in table.results]
     if missing:
         try:
@@ -97,7 +87,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
                     def on_results(results: list[Outcome]) -> None:
                         table.add(results)
                         done = sum(seed in table.results for seed in seeds)
-                        options.report(done / len(seeds), f"{done} of {len(seeds)} runs")
+                        study.report(done / len(seeds), f"{done} of {len(seeds)} runs")
 
                     run_campaign(client, braking, missing[1:], on_results)
         except KeyboardInterrupt:
@@ -105,11 +95,11 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             raise KeyboardInterrupt(f"{finished} runs are kept, --resume goes on") from None
     results = [table.results[seed] for seed in seeds]
     files = [
-        folder / "runs.csv",
-        _write_violations(results, folder / "violations.csv"),
-        save_figure(draw_runs(results), folder / "runs.png"),
-        save_figure(draw_distributions(results), folder / "distributions.png"),
-        *_write_worst(results, folder),
+        study.folder / "runs.csv",
+        _write_violations(results, study.folder / "violations.csv"),
+        save_figure(draw_runs(results), study.folder / "runs.png"),
+        save_figure(draw_distributions(results), study.folder / "distributions.png"),
+        *_write_worst(results, study.folder),
     ]
     return StudyResult(_metrics(results), tuple(files), _findings(results))
 
@@ -180,7 +170,7 @@ def _write_violations(results: Sequence[Outcome], path: Path) -> Path:
         "distrusted [1]": [result.distrusted for result, _ in rows],
         "tipping [1]": [result.tipping for result, _ in rows],
     }
-    return write_table(columns, path)
+    return write_columns(path, columns)
 
 
 def _write_worst(results: Sequence[Outcome], folder: Path) -> list[Path]:

@@ -9,21 +9,26 @@ at 60 % overlap as far as the simulation confirms it on every ground.
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import save_figure
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.texture_figures import draw_speed_limits
+from omni_analysis.line_trials.texture_options import (
+    TextureOptions,
+    grounds_of,
+    grounds_option,
+    runs_option,
+)
 from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.textures import add_texture_options, grounds_of
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.sensors import LineSensor
 
 FloatArray = NDArray[np.float64]
@@ -39,15 +44,18 @@ _NOISE = 1.0  # [grey levels]
 _LIMIT_DIVISOR = 2.0  # k of section 4.4
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds and seed."""
-    add_texture_options(parser, ("cork", "asphalt", "walking_tile"), runs=40)
+@dataclass(frozen=True, kw_only=True)
+class Options(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = grounds_option("cork", "asphalt", "walking_tile")
+    runs: int = runs_option(40)
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute and simulate the speeds; write figure, data and metrics."""
-    grounds = grounds_of(options, library)
-    sensors = {name: _preset(library, preset) for name, preset in _PRESETS.items()}
+    grounds = grounds_of(options, study.library)
+    sensors = {name: _preset(study.library, preset) for name, preset in _PRESETS.items()}
     computed = {name: (1.0 - _OVERLAP) * s.width * s.line_rate for name, s in sensors.items()}
     speeds = {name: _SHARES * value for name, value in computed.items()}
     found: dict[str, dict[str, list[Shifts]]] = {name: {} for name in sensors}
@@ -97,8 +105,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         _NEEDED,
     )
     files = (
-        save_figure(figure, folder / "sensor_presets.png"),
-        _write(sensors, speeds, found, folder / "sensor_presets.csv"),
+        save_figure(figure, study.folder / "sensor_presets.png"),
+        _write(sensors, speeds, found, study.folder / "sensor_presets.csv"),
     )
     findings = tuple(_finding(name, computed[name], limits[name]) for name in sensors)
     return StudyResult(metrics, files, findings)

@@ -7,14 +7,16 @@ one, and once that of a wheel whose omega R is 1 % too small, because it brakes 
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.options import noise_option
 from omni_analysis.line_trials.sideslip_figures import draw_sideslip
 from omni_analysis.line_trials.sideslip_trials import (
     Angles,
@@ -23,13 +25,16 @@ from omni_analysis.line_trials.sideslip_trials import (
     camera_at_a_wheel,
     root_mean_square,
 )
+from omni_analysis.line_trials.texture_options import (
+    TextureOptions,
+    grounds_of,
+    grounds_option,
+    runs_option,
+)
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.options.studies import add_noise_option, check_noise
-from omni_analysis.options.textures import add_texture_options, grounds_of
-from omni_analysis.studies import StudyResult
-from omni_platform.configuration import ConfigurationError
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.sensors import LineSensor
 
 _SENSORS = ("generic", "s3901")
@@ -43,24 +48,22 @@ _SHOWN = 10.0  # [m/s], the speed whose errors are drawn over the angle
 Case = tuple[str, str]  # ground, sensor
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare grounds, cameras, places and seed."""
-    add_texture_options(parser, ("cork", "asphalt"), runs=2, run="of 40 ms for every angle")
-    parser.add_argument(
-        "--sensors",
-        action="append",
-        metavar="NAME",
-        help="a file of config/sensors/ whose first camera is used; may be repeated (default: "
-        f"{', '.join(_SENSORS)})",
+@dataclass(frozen=True, kw_only=True)
+class Options(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = grounds_option("cork", "asphalt")
+    runs: int = runs_option(2, "of 40 ms for every angle")
+    sensors: tuple[str, ...] = parameter(
+        _SENSORS, description="a file of config/sensors/ whose first camera is used"
     )
-    add_noise_option(parser)
+    noise: float = noise_option()
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
-    check_noise(options)
-    grounds = grounds_of(options, library)
-    cameras = {name: _camera(library, name) for name in options.sensors or _SENSORS}
+    grounds = grounds_of(options, study.library)
+    cameras = {name: _camera(study.library, name) for name in options.sensors}
     trials: dict[Case, list[Angles]] = {}
     for ground, texture in grounds.items():
         for name, camera in cameras.items():
@@ -74,8 +77,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         trials, {name: _fastest(camera) for name, camera in cameras.items()}, _SHOWN, _SLIPPING
     )
     files = (
-        save_figure(figure, folder / "sideslip.png"),
-        _write(trials, folder / "sideslip.csv"),
+        save_figure(figure, study.folder / "sideslip.png"),
+        _write(trials, study.folder / "sideslip.csv"),
     )
     findings = [_finding(case, found) for case, found in trials.items()]
     for name, camera in cameras.items():

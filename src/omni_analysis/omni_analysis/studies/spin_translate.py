@@ -9,7 +9,6 @@ is configured: the forklift with its load at the front left.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 from pathlib import Path
@@ -17,15 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.style import save_figure
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.wheels.spin_translate_figures import draw_commands, draw_snapshots
 from omni_analysis.wheels.tracking import Tracking
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.factory import build_vehicle
 
@@ -108,40 +106,55 @@ def track(
     )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the maneuver's options."""
-    for name, default, unit, meaning in (
-        ("speed", 1.0, "m/s", "constant velocity along x of the world"),
-        ("amplitude", 0.8, "m/s", "of the velocity along y of the world"),
-        ("period", 5.0, "s", "of the velocity along y"),
-        ("yaw-rate-deg", 36.0, "deg/s", "constant yaw rate"),
-        ("duration", 10.0, "s", "time driven"),
-    ):
-        text = f"{meaning} [{unit}] (default: {default:g})"
-        parser.add_argument(f"--{name}", type=float, default=default, metavar="X", help=text)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """The maneuver."""
+
+    speed: float = parameter(
+        1.0,
+        unit="m/s",
+        description="constant velocity along x of the world",
+        minimum=-5.0,
+        maximum=5.0,
+    )
+    amplitude: float = parameter(
+        0.8,
+        unit="m/s",
+        description="of the velocity along y of the world",
+        minimum=-5.0,
+        maximum=5.0,
+    )
+    period: float = parameter(
+        5.0, unit="s", description="of the velocity along y", minimum=0.5, maximum=1000.0
+    )
+    yaw_rate_deg: float = parameter(
+        36.0, unit="deg/s", description="constant yaw rate", minimum=-180.0, maximum=180.0
+    )
+    duration: float = parameter(
+        10.0, unit="s", description="time driven", minimum=0.1, maximum=600.0
+    )
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive both platforms and write snapshots, commands, data and tracking errors."""
-    _check(options)
     maneuver = SpinTranslate(
         options.speed, options.amplitude, options.period, math.radians(options.yaw_rate_deg)
     )
     metrics: dict[str, Metric] = {}
     files: list[Path] = []
     for name, vehicle in _PLATFORMS.items():
-        experiment = library.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
+        experiment = study.library.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
         figure = draw_snapshots(
             scene_of(experiment), tracking, f"{title}: spin while translating (as {snapshots})"
         )
-        files.append(save_figure(figure, folder / f"snapshots_{name}.png"))
+        files.append(save_figure(figure, study.folder / f"snapshots_{name}.png"))
         figure = draw_commands(
             tracking, f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
         )
-        files.append(save_figure(figure, folder / f"commands_{name}.png"))
-        files.append(_write(tracking, folder / f"{name}.csv"))
+        files.append(save_figure(figure, study.folder / f"commands_{name}.png"))
+        files.append(_write(tracking, study.folder / f"{name}.csv"))
         metrics |= _metrics(name, tracking)
     findings = tuple(
         f"{_TITLES[name][0]}: {metrics[f'path_length.{name}'].value:.2f} m driven without "
@@ -150,20 +163,6 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         for name in _PLATFORMS
     )
     return StudyResult(metrics, tuple(files), findings)
-
-
-def _check(options: argparse.Namespace) -> None:
-    for key, low, high in (
-        ("speed", -5.0, 5.0),
-        ("amplitude", -5.0, 5.0),
-        ("period", 0.5, 1000.0),
-        ("yaw_rate_deg", -180.0, 180.0),
-        ("duration", 0.1, 600.0),
-    ):
-        value = getattr(options, key)
-        if not low <= value <= high:
-            option = "--" + key.replace("_", "-")
-            raise ConfigurationError(option, f"{value:g} must be in {low:g} to {high:g}")
 
 
 def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from dataclasses import dataclass
 
-from omni_analysis.braking import study as experiment_study
-from omni_analysis.braking.study import write_top_view, write_velocities_and_errors
+from omni_analysis.braking.study import (
+    BrakingOptions,
+    draw,
+    from_above,
+    over_time,
+    run_experiment,
+)
 from omni_analysis.identification.files import VEHICLE
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.configuration import parameter
+
+_FIGURES = {
+    30: from_above("unassisted", "assisted"),
+    31: over_time("unassisted"),
+    32: over_time("assisted"),
+}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the study's options."""
-    parser.add_argument(
-        "--vehicle",
-        default=VEHICLE,
-        metavar="NAME",
-        help="a file of config/vehicles/ (default: %(default)s)",
-    )
-    experiment_study.add_arguments(parser)
+@dataclass(frozen=True, kw_only=True)
+class Options(BrakingOptions):
+    """The vehicle, and what is changed of the experiment."""
+
+    vehicle: str = parameter(VEHICLE, description="a file of config/vehicles/")
 
 
 def overrides(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
@@ -36,19 +43,12 @@ def overrides(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
     return [f"vehicle={vehicle}", f"ground.friction={ground.friction}", "feedback=velocity_sensor"]
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the experiment on the velocity sensor, as the dissertation did, and draw its figures."""
-    chosen = [*overrides(library, options.vehicle), *options.overrides]
-    runs = experiment_study.run_experiment(library, "straight_line", chosen)
-    files = [
-        *write_top_view(runs, ["unassisted", "assisted"], folder, 30),
-        *write_velocities_and_errors(runs, "unassisted", folder, 31),
-        *write_velocities_and_errors(runs, "assisted", folder, 32),
-    ]
+    chosen = [*overrides(study.library, options.vehicle), *options.overrides]
+    runs = run_experiment(study.library, "straight_line", chosen)
+    files = draw(runs, _FIGURES, study.folder)
     metrics = runs.metrics
     ratio = metrics["largest_error.unassisted"].value / metrics["largest_error.assisted"].value
-    return StudyResult(
-        metrics,
-        tuple(files),
-        (f"the errors of the assisted vehicle are smaller by a factor of {ratio:.1f}",),
-    )
+    found = f"the errors of the assisted vehicle are smaller by a factor of {ratio:.1f}"
+    return StudyResult(metrics, files, (found,))

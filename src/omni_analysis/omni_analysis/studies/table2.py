@@ -5,13 +5,13 @@ Without options it runs the identified vehicle of ``config/``; ``--identify`` se
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.identification import table_2
 from omni_analysis.identification.figures import sensitivity_map, trade_off
@@ -24,34 +24,30 @@ from omni_analysis.identification.identification import (
     search,
 )
 from omni_analysis.identification.sensitivity import Sensitivity, sensitivities
-from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.configuration import Configuration, parameter
 
 _EXPERIMENT = "turn_while_translate"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the study's options."""
-    parser.add_argument(
-        "--identify",
-        action="store_true",
-        help="seek the vehicle that gives Table 2 (minutes); its configuration files are written "
-        "beside the results",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Whether the vehicle is sought."""
+
+    identify: bool = parameter(
+        False,
+        description="seek the vehicle that gives Table 2 (minutes); its configuration files are "
+        "written beside the results",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of the search (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--generations",
-        type=int,
-        default=GENERATIONS,
-        help="generations of the search at most (default: %(default)s)",
+    seed: int = parameter(1, description="of the search", minimum=0)
+    generations: int = parameter(
+        GENERATIONS, description="generations of the search at most", minimum=1
     )
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Measure the ten numbers and how they depend on what was identified."""
-    bases = {case: library.load(_EXPERIMENT, case) for case in table_2.CASES}
+    bases = {case: study.library.load(_EXPERIMENT, case) for case in table_2.CASES}
     files: list[Path] = []
     if options.identify:
         done = 0
@@ -60,7 +56,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             nonlocal done
             done += 1
             share = min(done / options.generations, 1.0)
-            options.report(share, f"generation {done}, cost {cost:.2f}")
+            study.report(share, f"generation {done}, cost {cost:.2f}")
 
         found = search(
             bases,
@@ -69,11 +65,11 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             on_generation=on_generation,
         )
         bases = {case: configure(base, found) for case, base in bases.items()}
-        files += write_files(bases[table_2.CASES[0]], folder)
+        files += write_files(bases[table_2.CASES[0]], study.folder)
     measured = measure(bases)
     parameters = parameters_of(bases[table_2.CASES[0]])
     sensitivity = sensitivities(bases, parameters)
-    files += _write(measured, parameters, sensitivity, folder)
+    files += _write(measured, parameters, sensitivity, study.folder)
     deviations = table_2.deviations(measured)
     worst = max(deviations, key=lambda name: _magnitude(deviations[name]))
     within = sum(abs(deviation) <= 1.0 for deviation in deviations.values())
@@ -118,8 +114,8 @@ def _write(
     identification = folder / "identification.json"
     identification.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
     return [
-        write_table(table, folder / "table_2.csv"),
-        write_table(sensitivity.columns(), folder / "sensitivity.csv"),
+        write_columns(folder / "table_2.csv", table),
+        write_columns(folder / "sensitivity.csv", sensitivity.columns()),
         identification,
         save_figure(trade_off(measured), folder / "trade_off.png"),
         save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),

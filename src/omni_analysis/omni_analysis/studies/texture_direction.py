@@ -8,23 +8,26 @@ What the odometry makes of it, with the camera of the standard experiment, is co
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 
 from omni_analysis.figures.style import save_figure
+from omni_analysis.line_trials.options import noise_option
 from omni_analysis.line_trials.tables import surface_metrics, write_surfaces
 from omni_analysis.line_trials.texture_figures import draw_error_surfaces
+from omni_analysis.line_trials.texture_options import (
+    TextureOptions,
+    grounds_of,
+    grounds_option,
+    runs_option,
+)
 from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, look_at_shapes
 from omni_analysis.line_trials.view_grid import as_map
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.studies import add_noise_option
-from omni_analysis.options.textures import add_texture_options, grounds_of
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_sim.texture.texture import GroundTexture
 
 _SPEED = 12.0  # [m/s]
@@ -36,15 +39,18 @@ _AXES = {"parallel": 0.5 * math.pi, "across": 0.0}
 _TITLES = {"parallel": "moving parallel to x (the grain)", "across": "moving along y, across it"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare ground, noise and seed."""
-    add_texture_options(parser, ("wood",), runs=2)
-    add_noise_option(parser)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = grounds_option("wood")
+    runs: int = runs_option(2)
+    noise: float = noise_option()
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Move in both directions; write figure, data and metrics."""
-    grounds = grounds_of(options, library)
+    grounds = grounds_of(options, study.library)
     metrics: dict[str, Metric] = {}
     surfaces: dict[tuple[str, str], list[Shifts]] = {}
     overlap = np.zeros((0, 0))
@@ -56,7 +62,7 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
             found, overlap = look_at_shapes(texture, trial)
             surfaces[ground, direction] = found
             case = f"{ground}_{direction}"
-            metrics |= _odometry(texture, trial, library, case)
+            metrics |= _odometry(texture, trial, study.library, case)
             metrics |= surface_metrics(case, found, overlap)
     rows = [
         {_TITLES[d]: as_map([f.mean_error for f in surfaces[ground, d]]) for d in _AXES}
@@ -69,8 +75,8 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
         overlap,
     )
     files = (
-        save_figure(figure, folder / "figure_65.png"),
-        write_surfaces(("ground", "direction"), surfaces, overlap, folder / "directions.csv"),
+        save_figure(figure, study.folder / "figure_65.png"),
+        write_surfaces(("ground", "direction"), surfaces, overlap, study.folder / "directions.csv"),
     )
     return StudyResult(metrics, files, tuple(_finding(ground, metrics) for ground in grounds))
 

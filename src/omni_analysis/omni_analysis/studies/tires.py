@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.tires import figures as tire_figures
 from omni_analysis.tires import trials as tire_trials
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_sim.tire.characteristic import TMeasy
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.tire.tmeasy import TMeasyConfiguration
@@ -30,34 +30,29 @@ _SLOPE = 0.05  # of the parked vehicle [1]
 _LARGEST_CHANGE, _LARGEST_CREEP = 0.01, 1e-3
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the tires and the vehicle."""
-    parser.add_argument(
-        "--tire",
-        action="append",
-        metavar="NAME",
-        help="a file of config/tires/, or a path that ends in .yaml; may be repeated "
-        f"(default: {', '.join(_TIRES)})",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """The tires and the vehicle."""
+
+    tire: tuple[str, ...] = parameter(
+        _TIRES, description="a file of config/tires/, or a path that ends in .yaml"
     )
-    parser.add_argument(
-        "--vehicle",
-        default="mecanum_forklift",
-        metavar="NAME",
-        help="vehicle that stands, drives and brakes on them (default: %(default)s)",
+    vehicle: str = parameter(
+        "mecanum_forklift", description="vehicle that stands, drives and brakes on them"
     )
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Draw the characteristics, and try each tire under the vehicle."""
-    table = _vehicle(library, options.vehicle, _TABLE_1).tire.tmeasy
+    table = _vehicle(study.library, options.vehicle, _TABLE_1).tire.tmeasy
     vehicles = {}
-    for name in options.tire or _TIRES:
+    for name in options.tire:
         case = Path(name).stem
         if case in vehicles:
             raise ConfigurationError("--tire", f"two of the tires are called {case!r}")
-        vehicles[case] = _vehicle(library, options.vehicle, name)
+        vehicles[case] = _vehicle(study.library, options.vehicle, name)
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
-    files = [*_figures(table, tires, folder), *_data(table, tires, folder)]
+    files = [*_figures(table, tires, study.folder), *_data(table, tires, study.folder)]
     metrics = _characteristic_metrics(table)
     findings = []
     for name, vehicle in vehicles.items():

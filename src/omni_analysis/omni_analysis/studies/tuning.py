@@ -6,19 +6,17 @@ slower ones, and judged by the worst of several situations (`omni_analysis.tunin
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.figures.data_table import write_table
+from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.loop.override_option import add_override_option
-from omni_analysis.studies import StudyResult
+from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.tuning import figures as tuning_figures
 from omni_analysis.tuning.trials import (
     OFF,
@@ -31,92 +29,71 @@ from omni_analysis.tuning.trials import (
     recommended,
     situations,
 )
-from omni_platform.configuration import ConfigurationError
-
-_K = (1, 3, 5, 7, 11, 31)
-_DWELLS = (0.0, 0.02, 0.05, 0.1, 0.2)
-_LAGS = (BrakeLag(0.005, 0.01), BrakeLag(0.02, 0.05))
+from omni_platform.command_options import option, overrides_option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 Cost = tuple[BrakeLag, float, float, float]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the study's options."""
-    parser.add_argument(
-        "--vehicle",
-        metavar="NAME",
-        help="a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)",
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is tried, and within which limits one is recommended."""
+
+    vehicle: str | None = parameter(
+        None,
+        description="a file of config/vehicles/, or a path that ends in .yaml (default: the "
+        "experiment's)",
     )
-    parser.add_argument(
-        "--experiment",
-        default="turn_while_translate",
-        metavar="NAME",
-        help="whose maneuver and ground it brakes on (default: %(default)s)",
+    experiment: str = parameter(
+        "turn_while_translate", description="whose maneuver and ground it brakes on"
     )
-    parser.add_argument(
-        "--max-rotation",
-        type=_positive,
+    max_rotation: float | None = option(
+        None,
         metavar="DEG",
-        help="recommend the setting that stops shortest without turning further than this",
+        above=0.0,
+        description="recommend the setting that stops shortest without turning further than this",
     )
-    parser.add_argument(
-        "--max-distance",
-        type=_positive,
+    max_distance: float | None = option(
+        None,
         metavar="M",
-        help="recommend the setting that turns least without needing more than this to stop",
+        above=0.0,
+        description="recommend the setting that turns least without needing more than this to stop",
     )
-    parser.add_argument(
-        "--k",
-        type=int,
-        action="append",
+    k: tuple[int, ...] = option(
+        (1, 3, 5, 7, 11, 31),
         metavar="K",
-        help="tuning constant of the enhanced weighting to try; may be repeated "
-        f"(default: {', '.join(map(str, _K))})",
+        description="tuning constant of the enhanced weighting to try",
     )
-    parser.add_argument(
-        "--dwell",
-        type=float,
-        action="append",
+    dwell: tuple[float, ...] = option(
+        (0.0, 0.02, 0.05, 0.1, 0.2),
         metavar="S",
-        help="minimum dwell time of the valves to try; may be repeated "
-        f"(default: {', '.join(f'{dwell:g}' for dwell in _DWELLS)})",
+        description="minimum dwell time of the valves to try",
     )
-    parser.add_argument(
-        "--brakes",
-        type=_lag,
-        action="append",
+    brakes: tuple[str, ...] = option(
+        ("0.005:0.01", "0.02:0.05"),
         metavar="DEAD:LAG",
-        help="dead time and time constant [s] of other brakes to compare; may be repeated "
-        f"(default: {', '.join(f'{lag.dead_time:g}:{lag.time_constant:g}' for lag in _LAGS)})",
+        description="dead time and time constant [s] of other brakes to compare",
     )
-    parser.add_argument(
-        "--situations",
-        type=int,
-        default=8,
-        metavar="N",
-        help="slightly different maneuvers that a setting is judged by (default: %(default)s)",
+    situations: int = parameter(
+        8, minimum=1, description="slightly different maneuvers that a setting is judged by"
     )
-    parser.add_argument(
-        "--seed", type=int, default=1, help="seed of the situations (default: %(default)s)"
-    )
-    add_override_option(parser)
+    seed: int = parameter(1, description="of the situations", minimum=0)
+    overrides: tuple[str, ...] = overrides_option()
 
 
-def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -> StudyResult:
+def run(options: Options, study: StudyRun) -> StudyResult:
     """Try every setting, and recommend one within the limits."""
-    if options.situations < 1:
-        raise ConfigurationError("--situations", f"{options.situations} must be at least 1")
     overrides = [f"vehicle={options.vehicle}"] if options.vehicle else []
     overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.overrides]
-    variant = library.variants(options.experiment)[0]
-    base = library.load(options.experiment, variant, overrides)
+    variant = study.library.variants(options.experiment)[0]
+    base = study.library.load(options.experiment, variant, overrides)
     brake = base.vehicle.brake
     own = BrakeLag(brake.dead_time, brake.time_constant)
-    lags = tuple(dict.fromkeys((own, *(options.brakes or _LAGS))))
-    settings = _settings(options.k or _K, options.dwell or _DWELLS)
+    lags = tuple(dict.fromkeys((own, *map(_lag, options.brakes))))
+    settings = _settings(options.k, options.dwell)
 
     def on_trial(share: float) -> None:
-        options.report(share, f"{len(settings) * len(lags)} settings")
+        study.report(share, f"{len(settings) * len(lags)} settings")
 
     bases = situations(base, options.situations, options.seed)
     every = measure(bases, (OFF, *settings), lags, on_trial)
@@ -139,13 +116,13 @@ def run(options: argparse.Namespace, library: ExperimentLibrary, folder: Path) -
     vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
     title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
     files = (
-        _table(every, front(mine), folder / "settings.csv"),
-        _cost_table(costs, folder / "cost.csv"),
+        _table(every, front(mine), study.folder / "settings.csv"),
+        _cost_table(costs, study.folder / "cost.csv"),
         save_figure(
             tuning_figures.trade_off(trials, unassisted, choice, *limits, title),
-            folder / "trade_off.png",
+            study.folder / "trade_off.png",
         ),
-        save_figure(tuning_figures.cost(costs), folder / "cost.png"),
+        save_figure(tuning_figures.cost(costs), study.folder / "cost.png"),
     )
     return StudyResult(metrics, files, tuple(findings))
 
@@ -218,7 +195,8 @@ def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
 
 
 def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
-    return write_table(
+    return write_columns(
+        path,
         {
             "dead time [s]": [lag.dead_time for lag, *_ in costs],
             "time constant [s]": [lag.time_constant for lag, *_ in costs],
@@ -226,13 +204,13 @@ def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
             "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
             "distance at half of the unassisted [m]": [distance for *_, distance in costs],
         },
-        path,
     )
 
 
 def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
     chosen = {id(trial) for trial in best}
-    return write_table(
+    return write_columns(
+        path,
         {
             "dead time [s]": [trial.lag.dead_time for trial in trials],
             "time constant [s]": [trial.lag.time_constant for trial in trials],
@@ -245,26 +223,13 @@ def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
             "brake switchings, mean": [float(np.mean(trial.switchings)) for trial in trials],
             "best of the vehicle's brakes": [int(id(trial) in chosen) for trial in trials],
         },
-        path,
     )
 
 
-def _positive(text: str) -> float:
-    value = _number(text)
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} must be positive")
-    return value
-
-
 def _lag(text: str) -> BrakeLag:
-    dead_time, colon, time_constant = text.partition(":")
-    if not colon:
-        raise argparse.ArgumentTypeError(f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05")
-    return BrakeLag(_number(dead_time), _number(time_constant))
-
-
-def _number(text: str) -> float:
     try:
-        return float(text)
+        dead_time, time_constant = map(float, text.split(":"))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        problem = f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05"
+        raise ConfigurationError("--brakes", problem) from None
+    return BrakeLag(dead_time, time_constant)

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.options.data import write_table
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.wheels.cost import real_time_factor
 from omni_analysis.wheels.figures import draw_contact, draw_differences, draw_forces, draw_motions
