@@ -145,6 +145,28 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
+def test_it_speaks_before_it_hears_and_brakes_when_it_hears_two(vehicle: Vehicle) -> None:
+    # Simulated time is in use and nobody tells it.
+    vehicle.wait(lambda: vehicle.states[-2:] == ["no_demand"] * 2)
+    vehicle.swerve_until_assisted()
+    for kind, topic in (
+        (JointState, "brake/pedal"),
+        (TwistWithCovarianceStamped, "odometry/twist"),
+        (JointState, "wheel_states"),
+        (JointState, "brake/enable"),
+    ):
+        rival = vehicle.node.create_publisher(kind, topic, RELIABLE)
+        vehicle.wait(
+            lambda: (
+                all_on(vehicle.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0)))
+                and vehicle.states[-1] == "second_voice"
+            )
+        )
+        vehicle.node.destroy_publisher(rival)
+        vehicle.swerve_until_assisted()
+
+
+@pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
 @pytest.mark.parametrize(
     ("silent", "state"),
     [("both", "no_demand"), ("pedal", "no_demand"), ("twist", "stale_feedback")],

@@ -81,7 +81,7 @@ class Cameras(Bystander):
 def cameras(tmp_path: Path) -> Iterator[Cameras]:
     """Cameras before a real odometry process, in a ROS domain of its own."""
     configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
-    process = graph.odometry(configuration, tmp_path, listeners=1)
+    process = graph.odometry(configuration, tmp_path, lockstep=True, listeners=1)
     sensors = configuration.odometry.sensors
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         group.start(process)

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Mapping
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, JointState
@@ -24,18 +23,13 @@ from linescan_odometry.odometry import (
 )
 from linescan_odometry.sideslip import SideslipEstimate
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
-from omni_ros.messages import (
-    DIAGNOSTICS_PERIOD_NS,
-    diagnostics,
-    joint_state,
-    planar_twist_with_covariance,
-)
+from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
 from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
+from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
 
-_OK, _WARN = 0, 1
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
@@ -49,11 +43,13 @@ class OdometryNode(Node):
         self._odometry = LineScanOdometry(configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
-        self._last_report: tuple[bool, ...] | None = None
-        self._reported_ns = 0
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        sensors = ", ".join(configuration.sensors)
+        self._status = StatusReporter(
+            self,
+            declare_configuration(self, StatusConfiguration).diagnostics_period,
+            Status(ERROR, f"no lines yet; one batch each is needed of {sensors}"),
+        )
         self._sideslip = SideslipMonitor(configuration)
         self._angles = None
         if configuration.sideslip:
@@ -82,17 +78,13 @@ class OdometryNode(Node):
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Say how every camera fares, when one changes and every second."""
-        report = (
+        # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
+        key = (
             *(reading.measured for reading in estimate.readings.values()),
             estimate.assumed,
             bool(estimate.skid),
             *(wheel.measured for wheel in sideslip.values()),
         )
-        age_ns = estimate.stamp_ns - self._reported_ns
-        if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
-            return
-        self._last_report = report
-        self._reported_ns = estimate.stamp_ns
         values = {
             name: reading.reason or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
@@ -107,15 +99,10 @@ class OdometryNode(Node):
         words = "measuring" if estimate.measured else "the twist cannot be measured"
         if estimate.skid:
             words += ", the platform skids"
-        self._diagnostics.publish(
-            diagnostics(
-                estimate.stamp_ns,
-                self.get_name(),
-                _WARN if blind or estimate.skid else _OK,
-                words + (f", without {', '.join(blind)}" if blind else ""),
-                values,
-            )
-        )
+        level = WARN if blind or estimate.skid else OK
+        words += f", without {', '.join(blind)}" if blind else ""
+        status = Status(level if estimate.measured else ERROR, words, values)
+        self._status.update(estimate.stamp_ns, key, status)
 
 
 def main() -> None:

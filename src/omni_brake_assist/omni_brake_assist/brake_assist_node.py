@@ -10,7 +10,6 @@ import math
 import sys
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -27,19 +26,16 @@ from omni_brake_assist.brake_assist import (
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.signals import Twist
-from omni_ros.messages import (
-    DIAGNOSTICS_PERIOD_NS,
-    diagnostics,
-    joint_state,
-    planar_twist_of,
-    to_nanoseconds,
-)
+from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
 from omni_ros.qos import RELIABLE
 from omni_ros.startup import StartupConfiguration
+from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_ros.voices import Voices
 
 _SWITCH = "enabled"  # the one parameter that a running node lets anybody change
+_NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,21 +73,25 @@ class BrakeAssistNode(Node):
         self._feedback: Twist | None = None
         self._pairing = StepPairing()
         self._pedal_heard = self._twist_heard = time.monotonic()
-        self._last_report: tuple[AssistState, AssistState | None] | None = None
-        self._reported_ns = 0
         self._enable = self.create_publisher(JointState, "brake/enable", RELIABLE)
         self._error = self.create_publisher(JointState, "brake_assist/error", RELIABLE)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        self.outputs = (self._enable, self._error)
-        self.create_subscription(JointState, "brake/pedal", self._on_pedal, RELIABLE)
-        self.create_subscription(
-            TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE
+        self._status = StatusReporter(
+            self,
+            declare_configuration(self, StatusConfiguration).diagnostics_period,
+            Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET),
         )
-        self.create_subscription(JointState, "wheel_states", self._on_wheel_states, RELIABLE)
+        self.outputs = (self._enable, self._error)
+        listen = self.create_subscription
+        heard = (
+            listen(JointState, "brake/pedal", self._on_pedal, RELIABLE),
+            listen(TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE),
+            listen(JointState, "wheel_states", self._on_wheel_states, RELIABLE),
+        )
+        self._voices = Voices(self, heard, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
             shorter = min(self._demand_timeout, self._feedback_timeout)
-            self.create_timer(shorter / 2.0, self._watch)
+            self.create_timer(shorter / 2.0, self._watch, clock=steady_clock())
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
         for given in parameters:
@@ -123,15 +123,24 @@ class BrakeAssistNode(Node):
     def _answer_step(self) -> None:
         """Answer a demand once the feedback of its step is there."""
         demand = self._pairing.next_demand()
-        if demand is not None:
+        if demand is None:
+            return
+        fault = self._second_voice()
+        if fault is not None:
+            self._publish(self._assist.timeout(demand.stamp_ns, fault))
+        else:
             self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
-        """Answer in place of a pedal or a twist that has fallen silent; tell whether one has."""
-        silence = self._silence()
-        if silence is not None and self._demand is not None:
-            self._publish(self._assist.timeout(self._newest_ns(), silence))
-        return silence is not None
+        """Answer in place of inputs that are silent or have two voices; tell whether some are."""
+        fault = self._second_voice() or self._silence()
+        if fault is not None and self._demand is not None:
+            self._publish(self._assist.timeout(self._newest_ns(), fault))
+        return fault is not None
+
+    def _second_voice(self) -> Fault | None:
+        rival = self._voices.second()
+        return Fault(AssistState.SECOND_VOICE, rival) if rival is not None else None
 
     def _silence(self) -> Fault | None:
         now = time.monotonic()
@@ -169,21 +178,12 @@ class BrakeAssistNode(Node):
 
     def _report(self, decision: Decision) -> None:
         fault = decision.fault.state if decision.fault is not None else None
-        report = (decision.state, fault)
-        age_ns = decision.stamp_ns - self._reported_ns
-        if report == self._last_report and 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
-            return
-        self._last_report = report
-        self._reported_ns = decision.stamp_ns
-        self._diagnostics.publish(
-            diagnostics(
-                decision.stamp_ns,
-                self.get_name(),
-                decision.state.level,
-                decision.reason,
-                {"state": decision.state.value, "fault": fault.value if fault else ""},
-            )
+        status = Status(
+            decision.state.level,
+            decision.reason,
+            {"state": decision.state.value, "fault": fault.value if fault else ""},
         )
+        self._status.update(decision.stamp_ns, (decision.state, fault), status)
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ class AssistState(enum.Enum):
     INVALID_DEMAND = "invalid_demand"
     NO_DEMAND = "no_demand"
     UNKNOWN_WHEEL = "unknown_wheel"
+    SECOND_VOICE = "second_voice"  # two publishers where one alone may speak
     TIME_JUMP = "time_jump"
     NO_FEEDBACK = "no_feedback"
     STALE_FEEDBACK = "stale_feedback"
@@ -45,7 +46,8 @@ class AssistState(enum.Enum):
     def level(self) -> int:
         """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
 
-        Bad feedback may pass by itself, so it is a warning; the rest needs somebody to act.
+        A bad feedback may pass by itself, so it is a warning; silence and the rest need somebody
+        to act.
         """
         if not self.is_fault:
             return 0
@@ -62,7 +64,15 @@ _NORMAL_STATES = frozenset(
     }
 )
 _ERROR_STATES = frozenset(
-    {AssistState.INVALID_DEMAND, AssistState.UNKNOWN_WHEEL, AssistState.INTERNAL_ERROR}
+    {
+        AssistState.INVALID_DEMAND,
+        AssistState.NO_DEMAND,
+        AssistState.UNKNOWN_WHEEL,
+        AssistState.SECOND_VOICE,
+        AssistState.NO_FEEDBACK,
+        AssistState.STALE_FEEDBACK,
+        AssistState.INTERNAL_ERROR,
+    }
 )
 
 

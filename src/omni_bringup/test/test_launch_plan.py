@@ -76,7 +76,7 @@ def test_a_run_gets_the_parameters_of_the_command_line(mode: str, tmp_path: Path
     lockstep = mode == "lockstep"
     expected = [
         graph.recorder(configuration, bag, scratch),
-        graph.odometry(configuration, scratch),
+        graph.odometry(configuration, scratch, lockstep=lockstep),
         graph.brake_assist(configuration, scratch, lockstep=lockstep),
         graph.simulator(configuration, scratch, lockstep=lockstep),
     ]

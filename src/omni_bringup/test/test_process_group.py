@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,21 @@ def alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def running(pid: int) -> bool:
+    """Whether a process is more than an entry that nobody has collected."""
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except FileNotFoundError:
+        return False
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < deadline, "timed out"
+        time.sleep(0.01)
 
 
 def test_executables_are_found_as_ros2_run_finds_them(prefix: Path) -> None:
@@ -159,6 +176,43 @@ def test_a_halted_process_is_asked_like_any_other(prefix: Path) -> None:
         process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
         process.signal(signal.SIGSTOP)
     assert process.returncode == 0
+
+
+def test_it_is_remembered_that_a_process_was_halted(prefix: Path) -> None:
+    with process_group(os.environ) as group:
+        process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
+        before = process.was_halted
+        process.signal(signal.SIGSTOP)
+        wait_until(lambda: process.is_halted)
+        process.signal(signal.SIGCONT)
+        wait_until(lambda: not process.is_halted)
+        assert (before, process.was_halted) == (False, True)
+    assert process.was_halted
+
+
+def test_a_halted_process_does_not_outlive_the_one_that_started_it(prefix: Path) -> None:
+    body = "from omni_ros.process import _end_with_parent\n_end_with_parent()\n"
+    add_program(prefix, "node", body + ASKED + "while not asked: time.sleep(0.01)")
+    starter = (
+        "import os, time\n"
+        "from omni_bringup.graph.process_group import NodeProcess, ProcessGroup\n"
+        "node = ProcessGroup(os.environ).start(NodeProcess('node', 'toys', 'node'))\n"
+        "while not node.new_reports() and node.returncode is None: time.sleep(0.01)\n"
+        "print(node.process.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", starter], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        assert parent.stdout is not None
+        node = int(parent.stdout.readline())
+        os.kill(node, signal.SIGSTOP)
+        wait_until(lambda: "T (stopped)" in Path(f"/proc/{node}/status").read_text())
+    finally:
+        parent.kill()
+        parent.communicate()
+    wait_until(lambda: not running(node))
 
 
 def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
+
 import pytest
 
 from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
@@ -23,6 +26,23 @@ def test_a_domain_is_free_again_after_the_run(monkeypatch: pytest.MonkeyPatch) -
         pass
     with reserved_domain() as again:
         assert again == first
+
+
+def test_a_domain_with_another_ros_program_is_left_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    with reserved_domain() as first:
+        pass
+    # A participant's pair of ports, as RTPS has them.
+    with contextlib.ExitStack() as stack:
+        for port in (7400 + 250 * first + offset for offset in (12, 13)):
+            listener = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            listener.bind(("", port))
+        with reserved_domain() as other:
+            assert other != first
+        # Who has chosen the domain may have others look on there.
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(first))
+        with reserved_domain() as chosen:
+            assert chosen == first
 
 
 def test_the_users_domain_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import heapq
 import struct
 from collections.abc import Mapping
 
@@ -10,11 +11,14 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 
 RELIABILITIES = ("reliable", "best_effort")
+# Topics on which any number of nodes may speak, each with stamps of its own.
+SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
 _SECOND = 1_000_000_000  # [ns]
 _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
+_HELD_BACK_NS = _SECOND  # of a shared topic, until it is told in the order of the stamps
 _SHORTEST_STAMPED = _STAMP_OFFSET + _LITTLE_ENDIAN_STAMP.size
 
 
@@ -73,6 +77,12 @@ class RecorderConfiguration(Configuration):
         (), description="x [m], y [m] and heading [rad] of each fixed frame, one after the other"
     )
 
+    strict: bool = parameter(
+        True,
+        description="End with an error once a topic has a second publisher or its stamps run back: "
+        "the recording may then hold what belongs to another run",
+    )
+
     def check_consistency(self) -> None:
         """Refuse lists that do not fit together."""
         if not self.folder:
@@ -121,7 +131,8 @@ def leading_stamp(data: bytes) -> int | None:
 class StampedRecording:
     """Writes messages under their own stamps, so that a recording does not depend on timing.
 
-    A message without a stamp of its own gets the latest one seen on any topic.
+    A message without a stamp of its own gets the latest one seen on any topic. Those of a shared
+    topic wait for a second of stamps, so that their order depends on no node's speed either.
 
     Args:
         writer: the recording.
@@ -132,6 +143,9 @@ class StampedRecording:
         self._writer = writer
         self._stamped = dict(stamped)
         self._latest_ns = 0
+        self._newest_ns: dict[str, int] = {}
+        self._held: list[tuple[int, str, bytes]] = []  # a heap
+        self.problem: str | None = None  # the first sign of messages that are not of this run
 
     def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
         """Write a message.
@@ -146,8 +160,40 @@ class StampedRecording:
         """
         if stamp_ns is None and self._stamped.get(topic, False):
             stamp_ns = leading_stamp(data)
+            if topic in SHARED_TOPICS and stamp_ns is not None:
+                heapq.heappush(self._held, (stamp_ns, topic, data))
+                return
+            self._judge(topic, stamp_ns)
         if stamp_ns is None:
             stamp_ns = self._latest_ns
         elif stamp_ns > self._latest_ns:
             self._latest_ns = stamp_ns
+            self._release(stamp_ns - _HELD_BACK_NS)
         self._writer.write(topic, stamp_ns, data)
+
+    def finish(self) -> None:
+        """Write what has been held back.
+
+        Raises:
+            RecordingError: the file cannot be written any more.
+        """
+        self._release(None)
+
+    def _release(self, until_ns: int | None) -> None:
+        while self._held and (until_ns is None or self._held[0][0] <= until_ns):
+            stamp_ns, topic, data = heapq.heappop(self._held)
+            self._writer.write(topic, stamp_ns, data)
+
+    def _judge(self, topic: str, stamp_ns: int | None) -> None:
+        newest_ns = self._newest_ns.get(topic, 0)
+        if topic in SHARED_TOPICS or self.problem is not None:
+            return
+        if stamp_ns is None:
+            self.problem = f"{topic} has a message with a stamp before zero, or with none"
+        elif stamp_ns < newest_ns:
+            self.problem = (
+                f"the stamps of {topic} run back from {newest_ns / _SECOND:g} s to "
+                f"{stamp_ns / _SECOND:g} s: something else speaks there"
+            )
+        else:
+            self._newest_ns[topic] = stamp_ns

@@ -22,13 +22,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from omni_platform.configuration import ConfigurationError
 from omni_recording.definitions import MessageDefinitionError, find_message_definition
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.plan import RecorderConfiguration, StampedRecording
+from omni_recording.plan import SHARED_TOPICS, RecorderConfiguration, StampedRecording
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_recording.write import RecordingError, Rosbag2Writer
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, run_process
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
+from omni_ros.voices import Voices
 
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 _QUIET = 0.2  # [s] without a message, after which nothing more is on its way
@@ -73,6 +74,7 @@ class RecorderNode(Node):
             self.writer, {topic.name: topic.definition.stamped for topic in topics}
         )
         self._begin()
+        heard = []
         for topic, kind in kinds.items():
             qos = QoSProfile(
                 depth=configuration.queue_depth,
@@ -80,7 +82,11 @@ class RecorderNode(Node):
                 durability=_durability(topic in latched),
             )
             callback = partial(self._on_message, topic)
-            self.create_subscription(classes[kind], topic, callback, qos, raw=True)
+            subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
+            if topic not in SHARED_TOPICS:
+                heard.append(subscription)
+        self._voices = Voices(self, heard)
+        self._strict = configuration.strict
 
     def _prepare_transforms(
         self, configuration: RecorderConfiguration, kinds: Mapping[str, str]
@@ -99,6 +105,22 @@ class RecorderNode(Node):
             self._transforms.begin(self._recording)
         except RecordingError as error:
             raise NodeError(str(error)) from error
+
+    def judge(self) -> None:
+        """Let the recording fail once it holds what may not be of this run."""
+        if self._strict and self.failure is None:
+            problem = self._recording.problem or self._voices.second()
+            if problem is not None:
+                self.failure = RecordingError(problem)
+
+    def finish(self) -> None:
+        """Write the last messages and close the recording.
+
+        Raises:
+            RecordingError: the recording failed.
+        """
+        self._recording.finish()
+        self.writer.close()
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self.received += 1
@@ -122,14 +144,15 @@ def record(node: RecorderNode, spinner: Spinner) -> None:
         _take(node, spinner)
         if node.failure is None:
             _drain(node, spinner)
+        node.judge()
         if node.failure is not None:
             raise node.failure
-        node.writer.close()
+        node.finish()
     except RecordingError as error:
         raise NodeError(str(error)) from error
     finally:
         with contextlib.suppress(RecordingError):  # after any other error
-            node.writer.close()
+            node.finish()
         report({"recorded": node.writer.counts})
 
 
@@ -139,6 +162,7 @@ def _take(node: RecorderNode, spinner: Spinner) -> None:
     while not spinner.stop and node.failure is None:
         spinner.spin_once(min(_POLL, node.flush_period))
         if time.monotonic() >= due:
+            node.judge()
             node.writer.flush()
             due = time.monotonic() + node.flush_period
 

@@ -69,6 +69,53 @@ def test_a_message_without_a_stamp_gets_the_latest_seen(tmp_path: Path) -> None:
     ]
 
 
+CLOCK, SHARED = "/clock", "/diagnostics"
+
+
+def clocked(folder: Path) -> tuple[Rosbag2Writer, StampedRecording]:
+    kinds = {CLOCK: "rosgraph_msgs/msg/Clock", SHARED: "diagnostic_msgs/msg/DiagnosticArray"}
+    topics = [
+        RecordedTopic(name, find_message_definition(kind), RecordedQos(10))
+        for name, kind in kinds.items()
+    ]
+    writer = Rosbag2Writer(folder, topics)
+    return writer, StampedRecording(writer, {t.name: t.definition.stamped for t in topics})
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [(1, "/clock run back from 2 s to 1 s"), (-1, "/clock has a message with a stamp before zero")],
+)
+def test_time_that_runs_back_is_a_sign_of_another_run(
+    second: int, words: str, tmp_path: Path
+) -> None:
+    writer, recording = clocked(tmp_path / "run")
+    recording.add(SHARED, cdr(5, 0))  # nodes speak there whose clocks differ
+    recording.add(SHARED, cdr(1, 0))
+    for stamp in (0, 2, 2):
+        recording.add(CLOCK, cdr(stamp, 0))
+    assert recording.problem is None
+    recording.add(CLOCK, cdr(second, 0))
+    assert words in (recording.problem or "")
+    writer.close()
+
+
+def test_the_order_on_a_shared_topic_does_not_depend_on_who_is_faster(tmp_path: Path) -> None:
+    def record(name: str, said: list[int]) -> list[bytes]:
+        writer, recording = clocked(tmp_path / name)
+        for second in range(6):
+            recording.add(CLOCK, cdr(second, 0))
+            if second == 3:
+                for nanoseconds in said:
+                    recording.add(SHARED, cdr(3, nanoseconds))
+        recording.finish()
+        writer.close()
+        with AnyReader([tmp_path / name]) as reader:
+            return [bytes(data) for link, _, data in reader.messages() if link.topic == SHARED]
+
+    assert record("one", [1, 3, 2]) == record("other", [3, 2, 1])
+
+
 @pytest.mark.parametrize(
     ("key", "values"),
     [

@@ -35,7 +35,8 @@ EXIT_BAD_CONFIGURATION = 2
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
-_POLL = 0.1  # [s] how soon a signal is seen while nothing arrives
+_INTERRUPTED_FLUSH = 0.3  # [s] likewise after SIGINT: who presses Ctrl-C waits for the end
+_POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 
 
 class NodeError(Exception):
@@ -47,11 +48,12 @@ class MatchTimeoutError(NodeError):
 
 
 class StopFlag:
-    """Becomes true when the process is asked to stop by SIGINT or SIGTERM."""
+    """Becomes true when the process is asked to stop by SIGINT, SIGTERM or SIGHUP."""
 
     def __init__(self) -> None:
         self._requested = False
         self._terminations = 0
+        self.is_interrupt = False  # by SIGINT: a person, or ros2 launch, waits for the end
 
     def __bool__(self) -> bool:
         return self._requested
@@ -67,6 +69,7 @@ class StopFlag:
     def request(self, number: int = signal.SIGINT, *_: object) -> None:
         """Ask for the stop; usable as a signal handler."""
         self._requested = True
+        self.is_interrupt |= number == signal.SIGINT
         self._terminations += number == signal.SIGTERM
 
 
@@ -82,8 +85,9 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     """
     _end_with_parent()
     stop = StopFlag()
-    signal.signal(signal.SIGINT, stop.request)
-    signal.signal(signal.SIGTERM, stop.request)
+    # SIGHUP is what the kernel wakes a halted node with when the bring-up has died.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop.request)
     node: Node | None = None
     try:
         _initialize_ros()
@@ -223,7 +227,8 @@ def _flush_publishers(node: Node, stop: StopFlag) -> None:
     A retransmission may take 3 s; a reader that has died never acknowledges. From here the two
     look alike: whoever knows that no reader is left sends SIGTERM once more.
     """
-    deadline = time.monotonic() + _LONGEST_FLUSH
+    longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH
+    deadline = time.monotonic() + longest
     step = Duration(nanoseconds=int(_POLL * 1e9))  # a signal is seen in between
     for publisher in node.publishers:
         while not publisher.wait_for_all_acked(step):

@@ -108,9 +108,13 @@ class SimulatorNode(Node):
         self._enable = self._all_on
         self._enable_stamp_ns = -1
         self._twist_stamp_ns = -1
+        self._heard: dict[str, float] = {}  # when a node last spoke, on the steady clock [s]
+        self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
-        self.create_subscription(JointState, "brake/enable", self._on_enable, RELIABLE)
+        self._enables = self.create_subscription(
+            JointState, "brake/enable", self._on_enable, RELIABLE
+        )
         # Only its stamp is used: to keep step, and to tell which node is silent.
         self.create_subscription(
             TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE
@@ -118,7 +122,7 @@ class SimulatorNode(Node):
 
     def _make_publishers(self) -> None:
         create = self.create_publisher
-        self._clock = create(Clock, "/clock", RELIABLE)
+        self._simulated_time = create(Clock, "/clock", RELIABLE)
         self._wheel_states = create(JointState, "wheel_states", RELIABLE)
         self._imu = create(Imu, "imu", RELIABLE)
         self._pedal = create(JointState, "brake/pedal", RELIABLE)
@@ -141,7 +145,7 @@ class SimulatorNode(Node):
         )
         # Nobody answers these, so one listener fewer.
         self.recorded_outputs = (
-            self._clock,
+            self._simulated_time,
             self._imu,
             self._velocity,
             self._command,
@@ -158,7 +162,7 @@ class SimulatorNode(Node):
     def publish(self, observation: Observation) -> None:
         """Publish one step; the pedal last, so that what it is answered with is under way."""
         stamp_ns = observation.stamp_ns
-        self._send(self._clock, Clock(clock=to_time(stamp_ns)))
+        self._send(self._simulated_time, Clock(clock=to_time(stamp_ns)))
         for name, batch in observation.line_batches.items():
             self._send(self._lines[name], line_image(batch.stamp_ns, name, batch.lines))
         self._send(
@@ -234,10 +238,25 @@ class SimulatorNode(Node):
     def enable_for(self, stamp_ns: int) -> FloatArray:
         """Return the enables (N,) to brake with; all on where they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
+        if self._enables.get_publisher_count() > 1:
+            self.get_logger().error(
+                "brake/enable has more than one publisher: all brakes on",
+                throttle_duration_sec=1.0,
+            )
+            return self._all_on
         # One from the future would release brakes for as long as it takes to come true.
         if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * _SECOND:
             return self._all_on
         return self._enable
+
+    def note_silence(self, now: float) -> None:
+        """Remember for how long [s] nodes have said nothing at a time [s] of the steady clock."""
+        nodes = ["brake_assist"]
+        if self.configuration.simulation.render_lines:
+            nodes.append("linescan_odometry")
+        for node in nodes:
+            age = now - self._heard.setdefault(node, now)
+            self.silence[node] = max(age, self.silence.get(node, 0.0))
 
     def has_reply(self, stamp_ns: int) -> bool:
         """Tell whether the enables of this step have come, and the odometry if it is awaited."""
@@ -283,9 +302,11 @@ class SimulatorNode(Node):
         # What is not a number must not release a brake.
         self._enable = np.where(np.isfinite(enable), np.clip(enable, 0.0, 1.0), 1.0)
         self._enable_stamp_ns = to_nanoseconds(message.header.stamp)
+        self._heard["brake_assist"] = time.monotonic()
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         self._twist_stamp_ns = to_nanoseconds(message.header.stamp)
+        self._heard["linescan_odometry"] = time.monotonic()
 
 
 def run(node: SimulatorNode, spinner: Spinner) -> None:
@@ -320,10 +341,11 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
                 late = time.monotonic() - deadline - _LARGEST_LAG
                 started += max(0.0, late)
             _pace(spinner, deadline)
+            node.note_silence(time.monotonic())
         simulator.advance(node.enable_for(observation.stamp_ns))
     wall = time.monotonic() - started
     final: dict[str, object] = {"finished": progress.outcome, "wall": wall, "sent": node.sent}
-    final["limits"] = node.limits_exceeded()
+    final |= {"limits": node.limits_exceeded(), "silence": node.silence}
     report(progress.report() | final)
 
 

@@ -112,7 +112,7 @@ def drive_nodes(
     return [
         *nodes,
         graph.driver(configuration, scratch, seat),
-        graph.odometry(configuration, scratch, listeners=listeners + optical),
+        graph.odometry(configuration, scratch, lockstep=False, listeners=listeners + optical),
         graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
         graph.simulator(configuration, scratch, lockstep=False, driven=True, listeners=listeners),
     ]

@@ -7,11 +7,16 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 
 from omni_ros.environment import chosen_domain
 
 # Domains 0-101 work with the default port range of every operating system; 0 is everybody's.
 _DOMAINS = range(1, 102)
+# UDP ports that a participant of a domain binds (RTPS 2.2, 9.6.1.1): the first of the domain, and
+# one pair for itself.
+_FIRST_PORT, _PORTS_OF_DOMAIN, _FIRST_PAIR = 7400, 250, 10
+_BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 class NoFreeDomainError(RuntimeError):
@@ -21,6 +26,9 @@ class NoFreeDomainError(RuntimeError):
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
     """Reserve a ROS domain that no other run on this machine holds, whoever started it.
+
+    One that is not chosen holds no other ROS program of this machine either. In a chosen one there
+    may be some, to look on; the recorder of the run sees to it that they say nothing.
 
     Yields:
         The domain's number; that in ``ROS_DOMAIN_ID`` where the user has set it.
@@ -36,7 +44,10 @@ def reserved_domain() -> Iterator[int]:
         candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
     else:
         candidates = [chosen]
+    inhabited = _inhabited_domains() if chosen is None else frozenset()
     for number in candidates:
+        if number in inhabited:
+            continue
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mark:
             if _take(mark, number):
                 yield number
@@ -47,9 +58,26 @@ def reserved_domain() -> Iterator[int]:
             "one's; wait for its end, or leave ROS_DOMAIN_ID unset to be given a free one"
         )
     raise NoFreeDomainError(
-        f"all {len(_DOMAINS)} ROS domains are taken by other runs; end some of them, or choose one "
-        "with ROS_DOMAIN_ID"
+        f"all {len(_DOMAINS)} ROS domains are taken by other runs and ROS programs; end some of "
+        "them, or choose one with ROS_DOMAIN_ID"
     )
+
+
+def _inhabited_domains() -> frozenset[int]:
+    """Return the domains in which some ROS program of this machine listens."""
+    ports: set[int] = set()
+    for path in _BOUND_PORTS:
+        with contextlib.suppress(OSError):  # without IPv6 there is no such file
+            lines = path.read_text().splitlines()[1:]
+            ports |= {int(line.split()[1].rpartition(":")[2], 16) for line in lines}
+    return frozenset(number for number in _DOMAINS if _is_inhabited(ports, number))
+
+
+def _is_inhabited(ports: set[int], number: int) -> bool:
+    first = _FIRST_PORT + number * _PORTS_OF_DOMAIN
+    pairs = range(first + _FIRST_PAIR, first + _PORTS_OF_DOMAIN, 2)
+    # A single port of the range may be anybody's.
+    return first in ports or any({port, port + 1} <= ports for port in pairs)
 
 
 def _take(mark: socket.socket, number: int) -> bool:

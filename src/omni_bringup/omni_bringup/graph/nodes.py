@@ -92,11 +92,11 @@ def recorder(
 
 
 def odometry(
-    configuration: ExperimentConfiguration, scratch: Path, *, listeners: int = 0
+    configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
 ) -> NodeProcess:
     """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
     listeners = listeners or _RECORDER + 1 + (configuration.feedback == "optical")
-    parameters = _flat(configuration.odometry) | {"subscribers": listeners}
+    parameters = _flat(configuration.odometry) | _timing(lockstep) | {"subscribers": listeners}
     return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
 
 
@@ -108,10 +108,11 @@ def brake_assist(
     listeners: int = _RECORDER,
 ) -> NodeProcess:
     """Return the process of the brake assistant."""
-    parameters = _flat(configuration.brake_assist) | {
-        "subscribers": listeners,
-        "lockstep": lockstep,
-    }
+    parameters = (
+        _flat(configuration.brake_assist)
+        | _timing(lockstep)
+        | {"subscribers": listeners, "lockstep": lockstep}
+    )
     remaps = []
     if configuration.feedback == "velocity_sensor":
         remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
@@ -172,7 +173,7 @@ def run_nodes(
     """
     return [
         recorder(configuration, folder, scratch, recording),
-        odometry(configuration, scratch),
+        odometry(configuration, scratch, lockstep=lockstep),
         brake_assist(configuration, scratch, lockstep=lockstep),
         simulator(configuration, scratch, lockstep=lockstep),
     ]
@@ -195,6 +196,11 @@ def player(
         "rate": rate,
     }
     return _node("player", "omni_bringup", "player", parameters, scratch)
+
+
+def _timing(lockstep: bool) -> dict[str, Any]:
+    """Return what makes a node repeat bit for bit, or stamp what it says unasked like the rest."""
+    return {"diagnostics_period": 0.0} if lockstep else {"use_sim_time": True}
 
 
 def _flat(configuration: Configuration) -> dict[str, Any]:

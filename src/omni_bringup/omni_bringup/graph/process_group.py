@@ -74,7 +74,9 @@ class RunningProcess:
         self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
-        # A session of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in order.
+        # A process group of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in
+        # order. No session of its own: of one that is halted when the bring-up dies, the kernel
+        # takes care with SIGHUP and SIGCONT, and so it ends too.
         self.process = subprocess.Popen(
             command,
             env={**environment, REPORT_VARIABLE: str(descriptor)},
@@ -82,14 +84,32 @@ class RunningProcess:
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._errors,
-            start_new_session=True,
+            preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
         )
         self._read_until = 0
+        self._halted = False
 
     @property
     def returncode(self) -> int | None:
         """Exit code, negative for a signal; None while it runs."""
         return self.process.poll()
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether a signal holds the process up at this moment."""
+        try:
+            state = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:  # it has ended
+            return False
+        return state.rpartition(")")[2].split()[0] == "T"
+
+    @property
+    def was_halted(self) -> bool:
+        """Whether a signal has halted the process, as SIGSTOP does, now or some time ago."""
+        with contextlib.suppress(ChildProcessError):  # it has ended
+            events = os.WSTOPPED | os.WCONTINUED | os.WNOHANG
+            self._halted |= os.waitid(os.P_PID, self.process.pid, events) is not None
+        return self._halted
 
     def new_reports(self) -> list[dict[str, Any]]:
         """Return what the process has reported since the last call, see `omni_ros.report`."""

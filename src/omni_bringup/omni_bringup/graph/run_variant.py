@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ from omni_bringup.graph.run_folder import write_configuration
 from omni_ros.environment import node_environment
 
 _POLL = 0.05  # [s]
+_HALTED_PATIENCE = 5.0  # [s] for a simulator that a signal has halted
+_PATIENCE = 300.0  # [s] for any news of it; kernels may have to be compiled
+_LONGEST_SILENCE = 1.0  # [s] of a node in real time; a busy machine causes less
 _PLAIN_RECORDING = graph.RecordingOptions()
 
 Progress = Callable[[Mapping[str, float]], None]
@@ -117,6 +121,7 @@ def _run_graph(
             recorder, *_, simulator = [group.start(node) for node in nodes]
             write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
+            _check_life(group, report)
     except ProcessError as error:
         raise RunError(str(error)) from None
     _check_counts(recorder, report)
@@ -139,15 +144,51 @@ def write_beside_bag(
 def _follow(
     group: ProcessGroup, simulator: RunningProcess, on_progress: Progress
 ) -> dict[str, Any]:
+    """Wait for the end of the simulator and return its last report.
+
+    Raises:
+        ProcessError: a node has ended before, or the simulator stands still.
+    """
     report: dict[str, Any] = {}
+    heard = running = time.monotonic()
     while wait_for(simulator, _POLL) is None:
         group.raise_if_ended(besides=simulator)
+        now = time.monotonic()
         for report in simulator.new_reports():
             on_progress(report)
+            heard = now
+        running = running if simulator.is_halted else now
+        if now - running > _HALTED_PATIENCE:
+            raise ProcessError("the simulator stands still: a signal has halted it")
+        if now - heard > _PATIENCE:
+            raise ProcessError(f"the simulator has made no step for {_PATIENCE:g} s")
+    group.raise_if_ended(besides=simulator)
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
         raise ProcessError(describe_end(simulator))
     return report
+
+
+def _check_life(group: ProcessGroup, report: Mapping[str, Any]) -> None:
+    """See that the run came to its end by itself, and that every node lived through all of it.
+
+    Raises:
+        ProcessError: names the node that did not.
+    """
+    if report["finished"] == "running":
+        raise ProcessError(
+            f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
+        )
+    for process in group.running:
+        if process.was_halted:
+            raise ProcessError(
+                f"{process.node.name} was halted by a signal during the run, which counts no more"
+            )
+    for node, silence in report["silence"].items():
+        if silence > _LONGEST_SILENCE:
+            raise ProcessError(
+                f"{node} said nothing for {silence:.1f} s: the vehicle braked on all wheels"
+            )
 
 
 def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:

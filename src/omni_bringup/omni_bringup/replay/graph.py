@@ -50,7 +50,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
 def _start_nodes(group: ProcessGroup, plan: ReplayPlan, scratch: Path) -> None:
     if ODOMETRY in plan.nodes:
         listeners = node_listeners(plan, ODOMETRY)
-        group.start(graph.odometry(plan.configuration, scratch, listeners=listeners))
+        group.start(graph.odometry(plan.configuration, scratch, lockstep=True, listeners=listeners))
     if BRAKE_ASSIST in plan.nodes:
         listeners = node_listeners(plan, BRAKE_ASSIST)
         group.start(

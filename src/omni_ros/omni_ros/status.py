@@ -1,0 +1,107 @@
+"""What a node says of itself on `/diagnostics`: every change at once, and the rest at a rate."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Hashable, Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from omni_platform.configuration import Configuration, parameter
+from omni_ros.messages import DIAGNOSTICS_PERIOD_NS, diagnostics
+from omni_ros.qos import RELIABLE
+
+OK, WARN, ERROR = 0, 1, 2  # levels
+_SILENCE = 1.0  # [s] without any news, after which what was said last no longer holds
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StatusConfiguration(Configuration):
+    """How often a node says how it fares."""
+
+    diagnostics_period: float = parameter(
+        0.5,
+        description="Real time between two messages on /diagnostics, from the start on; 0: by the "
+        "stamps of the input alone, where a run must repeat bit for bit",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Status:
+    """How a node fares.
+
+    Attributes:
+        level: 0 OK, 1 warning, 2 error.
+        message: one line for people.
+        values: details by key.
+    """
+
+    level: int
+    message: str
+    values: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+def steady_clock() -> Clock:
+    """Return the clock for timers that watch: it runs on where simulated time stands still."""
+    return Clock(clock_type=ClockType.STEADY_TIME)
+
+
+class StatusReporter:
+    """Publishes the status of a node.
+
+    The rate is kept by a steady clock, so that a node is heard before its first input and while
+    simulated time stands still.
+
+    Args:
+        node: the node.
+        period: of the steady clock [s], 0 for none.
+        first: what holds until something is known.
+    """
+
+    def __init__(self, node: Node, period: float, first: Status) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._name = node.get_fully_qualified_name().removeprefix("/")
+        self._status = first
+        self._key: Hashable = None
+        self._said_ns = -1
+        self._said = False  # since the last look of the timer
+        self._heard: float | None = None  # when there was news, on the steady clock [s]
+        if period > 0.0:
+            node.create_timer(period, self._repeat, clock=steady_clock())
+
+    def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
+        """Take what holds at a stamp [ns]; say it if the key is another, or after a second."""
+        self._heard = time.monotonic()
+        age_ns = stamp_ns - self._said_ns
+        changed = key != self._key or self._said_ns < 0
+        self._status = status
+        if changed or not 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
+            self._key = key
+            self._said_ns = stamp_ns
+            self._say(stamp_ns, status)
+
+    def _repeat(self) -> None:
+        silence = 0.0 if self._heard is None else time.monotonic() - self._heard
+        if silence > _SILENCE:
+            words = f"no input for {silence:.0f} s; before: {self._status.message}"
+            self._say(self._now_ns(), dataclasses.replace(self._status, level=ERROR, message=words))
+        elif not self._said:
+            self._say(self._now_ns(), self._status)
+        self._said = False
+
+    def _now_ns(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
+
+    def _say(self, stamp_ns: int, status: Status) -> None:
+        self._said = True
+        self._publisher.publish(
+            diagnostics(stamp_ns, self._name, status.level, status.message, status.values)
+        )

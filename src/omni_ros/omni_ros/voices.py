@@ -1,0 +1,49 @@
+"""Topics on which one publisher alone may speak: who hears two cannot tell which is right."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+_PERIOD = 0.1  # [s] between two looks at the graph; what a subscription is matched with costs less
+
+
+class Voices:
+    """Watches topics for a second publisher.
+
+    Args:
+        node: whose view of the graph counts.
+        heard: subscriptions that must hear one publisher.
+        spoken: publishers that must be the only ones of their topics.
+    """
+
+    def __init__(
+        self, node: Node, heard: Sequence[Subscription], spoken: Sequence[Publisher] = ()
+    ) -> None:
+        self._node = node
+        self._heard = heard
+        self._spoken = spoken
+        self._looked = -_PERIOD
+        self._rival: str | None = None
+
+    def second(self) -> str | None:
+        """Return a sentence about a topic with more than one publisher, None if there is none."""
+        for subscription in self._heard:
+            if subscription.get_publisher_count() > 1:
+                return self._sentence(subscription.topic_name)
+        now = time.monotonic()
+        if now - self._looked >= _PERIOD:
+            self._looked = now
+            topics = (publisher.topic_name for publisher in self._spoken)
+            rivals = (topic for topic in topics if self._node.count_publishers(topic) > 1)
+            self._rival = next(map(self._sentence, rivals), None)
+        return self._rival
+
+    def _sentence(self, topic: str) -> str:
+        speakers = self._node.get_publishers_info_by_topic(topic)
+        names = sorted(f"{s.node_namespace.rstrip('/')}/{s.node_name}" for s in speakers)
+        return f"{topic} has more than one publisher: {', '.join(names)}; one alone may speak there"

@@ -1,0 +1,81 @@
+"""The simulator as a node among others: whoever else is in the graph, it brakes when in doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bystander import Bystander
+from omni_process import WORKSPACE
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import RunningProcess, process_group
+from omni_ros.environment import node_environment
+from omni_ros.messages import joint_state
+from omni_ros.qos import RELIABLE
+
+
+class Assistant(Bystander):
+    """An assistant that lets every brake go."""
+
+    def __init__(self, domain: int, wheels: tuple[str, ...], process: RunningProcess) -> None:
+        super().__init__("brake_assist", domain)
+        self.process = process
+        self.wheels = wheels
+        self.torque = np.zeros(len(wheels))
+        self.stamp = 0
+        self._enable = self.node.create_publisher(JointState, "brake/enable", RELIABLE)
+        self.node.create_subscription(JointState, "wheel_states", self._on_wheels, RELIABLE)
+
+    def heard(self) -> str:
+        return f"torque {self.torque} at {self.stamp}; {self.process.complaint()}"
+
+    def _on_wheels(self, message: JointState) -> None:
+        self.torque = np.array(message.effort)
+        self.stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        released = np.zeros(len(self.wheels))
+        # In any order: the names count.
+        self._enable.publish(joint_state(self.stamp, self.wheels[::-1], effort=released))
+
+
+@pytest.fixture
+def assistant(tmp_path: Path) -> Iterator[Assistant]:
+    """A simulator in real time, in a domain of its own; 10 m/s, and the pedal is down soon."""
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+        "straight_line",
+        "assisted",
+        [
+            "feedback=velocity_sensor",
+            "simulation.render_lines=false",
+            "simulation.duration_limit=60",
+        ],
+    )
+    process = graph.simulator(configuration, tmp_path, lockstep=False, listeners=0)
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        running = group.start(process)
+        with closing(Assistant(domain, tuple(configuration.vehicle.wheels), running)) as assistant:
+            assistant.wait(lambda: assistant.stamp > 0)
+            yield assistant
+
+
+def test_it_runs_on_in_simulated_time_and_brakes_when_it_hears_two(assistant: Assistant) -> None:
+    assistant.wait(lambda: not assistant.torque.any())
+    given = Parameter("use_sim_time", value=True).to_parameter_msg()
+    request = SetParameters.Request(parameters=[given])
+    (result,) = assistant.call(SetParameters, "/simulator/set_parameters", request).results
+    assert result.successful
+    asked = assistant.stamp
+    assistant.wait(lambda: assistant.stamp > asked + 10**8)
+    rival = assistant.node.create_publisher(JointState, "brake/enable", RELIABLE)
+    assistant.wait(lambda: bool(assistant.torque.all()))
+    assistant.node.destroy_publisher(rival)
+    assistant.wait(lambda: not assistant.torque.any())
+    assert assistant.process.returncode is None
