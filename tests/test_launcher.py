@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import contextlib
 import fcntl
-import importlib.util
 import json
 import os
 import re
@@ -18,30 +17,17 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import pytest
+
+from setup import build, failures
+from setup import workspace as places
 
 ROOT = Path(__file__).resolve().parent.parent
 LAUNCHER = ROOT / "omni"
 
-
-def _load_launcher() -> Any:
-    loader = SourceFileLoader("omni_launcher", str(LAUNCHER))
-    spec = importlib.util.spec_from_loader("omni_launcher", loader)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
-    try:
-        loader.exec_module(module)
-    finally:
-        sys.dont_write_bytecode = before
-    return module
-
-
-omni = _load_launcher()
 
 SETUP = """
 from setuptools import setup
@@ -79,6 +65,7 @@ class Workspace:
         module = self.package / "omni_bringup"
         module.mkdir(parents=True)
         shutil.copy(LAUNCHER, root / "omni")
+        shutil.copytree(ROOT / "setup", root / "setup")
         shutil.copytree(ROOT / "requirements", root / "requirements")
         (module / "__init__.py").write_text("")
         (module / "cli.py").write_text(CLI)
@@ -107,9 +94,11 @@ class Workspace:
         (venv / "bin" / "python").symlink_to(os.path.realpath(sys.executable))
         shutil.copy(Path(sys.prefix) / "bin" / "colcon", venv / "bin")
         (venv / "lib").symlink_to(Path(sys.prefix) / "lib")
-        workspace = omni.Workspace(self.root, None)
+        workspace = places.Workspace(self.root, None)
         libraries = [str(venv / "lib")]
-        omni.write_stamp(venv, omni.environment_identity(workspace), libraries=libraries, made=1)
+        places.write_stamp(
+            venv, places.environment_identity(workspace), libraries=libraries, made=1
+        )
 
     def command(self, *words: str, by: Path | None = None) -> list[str]:
         return [sys.executable, str(by or self.root / "omni"), *words]
@@ -206,8 +195,9 @@ def built_once(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 # ---------------------------------------------------------------- Python
 
 
-def test_the_file_parses_on_old_pythons() -> None:
-    tree = ast.parse(LAUNCHER.read_text(), feature_version=(3, 5))
+@pytest.mark.parametrize("path", ["omni", "setup/__init__.py", "setup/pythons.py"])
+def test_what_an_old_python_reads_parses_there(path: str) -> None:
+    tree = ast.parse((ROOT / path).read_text(), feature_version=(3, 5))
     # The parser accepts f-strings whatever the version.
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
 
@@ -251,9 +241,9 @@ def test_missing_venv_module_is_named(tmp_path: Path) -> None:
     python = tmp_path / "python3.12"
     python.write_text("#!/bin/sh\nexit 1\n")
     python.chmod(0o755)
-    with pytest.raises(omni.SetupError, match=r"apt install python3\.12-venv"):
-        omni.check_venv_module(str(python))
-    omni.check_venv_module(sys.executable)
+    with pytest.raises(failures.SetupError, match=r"apt install python3\.12-venv"):
+        failures.check_venv_module(str(python))
+    failures.check_venv_module(sys.executable)
 
 
 @pytest.mark.parametrize(
@@ -267,19 +257,19 @@ def test_missing_venv_module_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_unsupported_machine_is_named(machine: tuple[str, str, str, int], part: str) -> None:
-    with pytest.raises(omni.SetupError, match=part):
-        omni.check_platform(*machine)
+    with pytest.raises(failures.SetupError, match=part):
+        failures.check_platform(*machine)
 
 
 def test_supported_machines_pass() -> None:
-    omni.check_platform("Linux", "x86_64", "glibc 2.28", 64)
-    omni.check_platform("Linux", "x86_64", "glibc 3.0", 64)
+    failures.check_platform("Linux", "x86_64", "glibc 2.28", 64)
+    failures.check_platform("Linux", "x86_64", "glibc 3.0", 64)
 
 
 def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path) -> None:
     free = shutil.disk_usage(tmp_path).free
-    with pytest.raises(omni.SetupError, match="make room"):
-        omni.check_space(tmp_path, 2 * free + 1e12)
+    with pytest.raises(failures.SetupError, match="make room"):
+        failures.check_space(tmp_path, 2 * free + 1e12)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +287,7 @@ def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path) -> None:
     ],
 )
 def test_failed_installation_is_explained(output: str, part: str) -> None:
-    sentence = omni.explain_install(output, Path("/log"))
+    sentence = failures.explain_install(output, Path("/log"))
     assert part in sentence
     assert "/log" in sentence
 
@@ -314,7 +304,7 @@ def test_no_network_at_first_start(bare: Workspace) -> None:
     _assert_one_sentence(result, "no connection", str(bare.log))
     assert "127.0.0.1" in bare.log.read_text()
     # The half-made environment is not taken for a finished one.
-    assert not omni.environment_ready(omni.Workspace(bare.root, None))
+    assert not places.environment_ready(places.Workspace(bare.root, None))
 
 
 def test_a_folder_that_cannot_be_written(bare: Workspace) -> None:
@@ -323,7 +313,7 @@ def test_a_folder_that_cannot_be_written(bare: Workspace) -> None:
 
 
 def test_read_only_folder_is_explained(tmp_path: Path) -> None:
-    sentence = omni.explain_file_error(OSError(30, "Read-only file system", "/x"), tmp_path)
+    sentence = failures.explain_file_error(OSError(30, "Read-only file system", "/x"), tmp_path)
     assert "/x cannot be written" in sentence
 
 
@@ -512,15 +502,15 @@ def test_a_sourced_jazzy_is_used(tmp_path: Path) -> None:
     root = tmp_path / "clone"
     own = f"{root}/install:{root}/.venv"
     sourced = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": f"{own}:/overlay:{prefix}"}
-    ros = omni.find_sourced_ros(sourced, root)
-    assert ros == (("/overlay", str(prefix)), (3, 12))
-    assert omni.find_sourced_ros({**sourced, "OMNI_ROS": "wheels"}, root) is None
-    assert omni.find_sourced_ros({**sourced, "ROS_DISTRO": "humble"}, root) is None
+    ros = places.find_sourced_ros(sourced, root)
+    assert ros == places.SourcedRos(("/overlay", str(prefix)), (3, 12))
+    assert places.find_sourced_ros({**sourced, "OMNI_ROS": "wheels"}, root) is None
+    assert places.find_sourced_ros({**sourced, "ROS_DISTRO": "humble"}, root) is None
 
-    workspace = omni.Workspace(root, ros)
+    workspace = places.Workspace(root, ros)
     assert workspace.venv.name == ".venv-sourced"
     environ = {**sourced, "PYTHONPATH": f"{root}/install/lib/p:{prefix}/lib/p", "PATH": "/bin"}
-    kept = omni.base_environment(environ, workspace)
+    kept = places.base_environment(environ, workspace)
     assert kept["PYTHONPATH"] == f"{prefix}/lib/p"
     assert kept["AMENT_PREFIX_PATH"] == f"/overlay:{prefix}"
     assert kept["ROS_DISTRO"] == "jazzy"
@@ -562,11 +552,11 @@ def test_kernels_are_kept_until_something_they_use_changes(tmp_path: Path) -> No
         path = tmp_path / "src" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    before = omni.module_digests(tmp_path)
+    before = build.module_digests(tmp_path)
     for name, text in files.items():
         path = tmp_path / "src" / name
         path.write_text(text + "# edited\n")
-        after = omni.module_digests(tmp_path)
+        after = build.module_digests(tmp_path)
         assert {module for module in after if after[module] != before[module]} == users[name], name
         path.write_text(text)
 
@@ -581,7 +571,7 @@ def test_installed_modules_bear_times_that_follow_from_what_they_use(tmp_path: P
     times = []
     for text in ("factor = 1\n", "factor = 2\n", "factor = 1\n"):
         (source / "shared.py").write_text(text)
-        omni.stamp_modules(tmp_path, tmp_path / "library")
+        build.stamp_modules(tmp_path, tmp_path / "library")
         times.append(os.stat(installed / "kernel.py").st_mtime)
     assert times[0] == times[2] != times[1]
 

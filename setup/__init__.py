@@ -1,0 +1,1 @@
+"""Makes the workspace ready: environment, build and kernels; what `./omni` starts."""

@@ -1,0 +1,138 @@
+"""The environment of the workspace: exactly the packages of a lock file."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+
+from setup.failures import (
+    SetupError,
+    check_platform,
+    check_space,
+    check_venv_module,
+    explain_install,
+)
+from setup.pythons import find_python, say
+from setup.steps import Steps
+from setup.workspace import (
+    Workspace,
+    base_environment,
+    environment_identity,
+    final_environment,
+    write_stamp,
+)
+
+DISK_SPACE = 1.5e9  # bytes: the environment takes 0.9 GB, downloads and kernels the rest
+
+
+def make_environment(workspace: Workspace, steps: Steps) -> None:
+    """Fill the environment folder with the packages of the lock file."""
+    python = choose_python(workspace)
+    check_venv_module(python)
+    if not workspace.ros:
+        import platform
+
+        libc = os.confstr("CS_GNU_LIBC_VERSION") if hasattr(os, "confstr") else ""
+        bits = 64 if sys.maxsize > 2**32 else 32
+        check_platform(platform.system(), platform.machine(), libc or "", bits)
+    marker = workspace.venv / "made-by-omni"
+    if workspace.venv.exists():
+        if not marker.exists() and any(workspace.venv.iterdir()):
+            raise SetupError(
+                f"{workspace.venv} is in the way and not this program's own: move it away and "
+                "start again."
+            )
+        shutil.rmtree(workspace.venv)
+    check_space(workspace.root, DISK_SPACE)
+    say(
+        f"setting up in {workspace.venv} (about 1 GB, once, one to two minutes; "
+        f"log: {workspace.log})"
+    )
+    workspace.venv.mkdir()
+    marker.touch()
+    environment = base_environment(os.environ, workspace)
+    for name in ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE"):
+        environment.pop(name, None)
+    code, output = steps.run([python, "-m", "venv", workspace.venv], environment)
+    if code:
+        raise SetupError(explain_install(output, workspace.log, "making the environment"))
+    install_packages(workspace, steps, environment)
+    site = next((workspace.venv / "lib").glob("python3.*")) / "site-packages"
+    say("preparing the packages")
+    # Side by side and without the packages' own tests, unlike pip's.
+    compiling = ["-m", "compileall", "-q", "-j", "0", "-x", "/(tests?|testing)/", site]
+    steps.run([workspace.python, *compiling], environment)
+    libraries = [str(path) for path in sorted(site.glob("ros_*.libs"))]
+    libraries = [str(workspace.venv / "lib"), *libraries]
+    check = "import rclpy, numba, sensor_msgs.msg, matplotlib.font_manager"
+    ready = final_environment(workspace, libraries, "check")
+    code, output = steps.run([workspace.python, "-c", check], ready)
+    if code:
+        raise SetupError(
+            "ROS 2 and its packages are installed but do not start here ({}): see {} for the "
+            "cause.".format((output.splitlines() or ["signal"])[-1], workspace.log)
+        )
+    write_stamp(
+        workspace.venv,
+        environment_identity(workspace),
+        libraries=libraries,
+        made=time.time_ns(),
+    )
+
+
+def choose_python(workspace: Workspace) -> str:
+    """Return the Python to make the environment with: the sourced ROS dictates its own."""
+    if not workspace.ros or workspace.ros.python == sys.version_info[:2]:
+        # Not the Python of an active environment: that may be the one about to be replaced.
+        return str(getattr(sys, "_base_executable", sys.executable))
+    python = find_python((workspace.ros.python,))
+    if not python:
+        raise SetupError(
+            "the sourced ROS 2 needs Python {0}.{1}: install python{0}.{1} and "
+            "python{0}.{1}-venv, or start with OMNI_ROS=wheels.".format(*workspace.ros.python)
+        )
+    return python
+
+
+def install_packages(workspace: Workspace, steps: Steps, environment: Mapping[str, str]) -> None:
+    """Install exactly what the lock file says, every file checked against its hash."""
+    lock = workspace.lock_file.read_text()
+    pip = [workspace.python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
+    install = [*pip, "install", "--no-deps", "--require-hashes", "--no-compile"]
+    install += ["--progress-bar", "off", "--no-warn-script-location"]
+    if "PIP_RETRIES" not in environment:
+        install += ["--retries", "3"]
+    # empy comes as source only; it is built with the locked setuptools, not a fetched one.
+    tools = workspace.venv / "setuptools.lock"
+    block = re.search(r"(?m)^setuptools==(?:.*\\\n)*.*\n", lock)
+    tools.write_text(block.group() if block else "")
+    total = len(re.findall(r"(?m)^[\w.-]+==", lock))
+    ignored: list[str] = []
+    names: list[str] = []
+
+    def note(line: str) -> str | None:
+        if line.startswith("Ignoring "):
+            ignored.append(line)
+        found = re.match(r"(?:Collecting|Processing|Requirement already satisfied:?) (\S+)", line)
+        if found:
+            name = re.split(r"[=<>]|-\d", found.group(1).rpartition("/")[2])[0]
+            names.append(name)
+            count = f"{len(names)}/{total - len(ignored)} "
+            return "fetching " + count + name
+        if line.startswith("Installing collected packages"):
+            return f"unpacking {len(names)} packages"
+        return None
+
+    say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
+    wheels = ["--only-binary", ":all:"]
+    sources = ["--no-binary", "empy", "--use-pep517", "--no-build-isolation"]
+    code, output = steps.run(install + wheels + ["-r", tools], environment)
+    if not code:
+        every = wheels + sources + ["-r", workspace.lock_file]
+        code, output = steps.run(install + every, environment, note)
+    if code:
+        raise SetupError(explain_install(output, workspace.log))

@@ -1,0 +1,114 @@
+"""Why the workspace cannot be made ready, in one sentence that says what to do."""
+
+from __future__ import annotations
+
+import errno
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+
+class SetupError(Exception):
+    """Why the workspace cannot be made ready: one sentence that says what to do."""
+
+
+def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
+    """Refuse a machine for which there are no ROS wheels.
+
+    Args:
+        system: Operating system, as platform.system() says it.
+        machine: Processor architecture, as platform.machine() says it.
+        libc: C library and version, such as 'glibc 2.36'.
+        bits: Pointer size of this Python [bit].
+
+    Raises:
+        SetupError: With the sentence for the user.
+    """
+    remedy = "install and source ROS 2 Jazzy itself, or use a Debian or Ubuntu x86-64 machine"
+    if system != "Linux":
+        raise SetupError(f"ROS 2 for {system} cannot be set up here: {remedy}.")
+    if machine not in ("x86_64", "AMD64"):
+        raise SetupError(
+            f"this processor is {machine} and the ROS 2 wheels are for x86-64: {remedy}."
+        )
+    if bits != 64:
+        raise SetupError("this Python is a 32-bit one: start with a 64-bit Python 3.10 to 3.14.")
+    version = re.match(r"glibc (\d+)\.(\d+)", libc)
+    if not version or (int(version.group(1)), int(version.group(2))) < (2, 28):
+        raise SetupError(
+            "the ROS 2 wheels need glibc 2.28 or later and this system has {}: {}.".format(
+                libc or "another C library", remedy
+            )
+        )
+
+
+def check_venv_module(python: str) -> None:
+    """Refuse a Python that cannot make environments (Debian ships venv apart)."""
+    probe = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
+    if subprocess.call(
+        [python, "-I", "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ):
+        version = "{}.{}".format(*sys.version_info)
+        named = re.search(r"3\.\d+$", python)
+        raise SetupError(
+            f"{python} lacks the venv module: install it (Debian, Ubuntu: "
+            f"'sudo apt install python{named.group() if named else version}-venv') and start again."
+        )
+
+
+def check_space(folder: Path, needed: float) -> None:
+    """Refuse a disk that set-up would fill; `needed` in bytes."""
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise SetupError(
+            f"set-up needs {needed / 1e9:.1f} GB of disk space and {folder} has "
+            f"{free / 1e9:.1f} GB left: make room and start again."
+        )
+
+
+def explain_install(output: str, log: Path, step: str = "installing the packages") -> str:
+    """Return the sentence for a failed installation.
+
+    Args:
+        output: What pip has printed.
+        log: The file with the details, which the sentence names.
+        step: What has failed, where the output does not tell why.
+    """
+    network = (
+        r"name resolution|new connection|Connection (?:refused|reset)|connection broken|"
+        r"Max retries exceeded|timed out|Network is unreachable|ProxyError|RemoteDisconnected|"
+        r"SSLError|CERTIFICATE_VERIFY|HTTP error|IncompleteRead|"
+        r"setuptools==\S+ \(from versions: none\)"  # it is in every index that answers
+    )
+    if re.search(r"No space left on device", output):
+        return f"the disk is full: make room and start again (details in {log})."
+    if re.search(r"DO NOT MATCH THE HASHES", output):
+        return (
+            "a downloaded package is not the locked one: run 'python3 -m pip cache purge', check "
+            f"the package index you use and start again (details in {log})."
+        )
+    if re.search(network, output):
+        return (
+            "no connection to the package index, which the first start needs: check the network "
+            f"and start again, what has been downloaded is kept (details in {log})."
+        )
+    missing = re.search(r"No matching distribution found for (\S+)", output)
+    if missing:
+        return (
+            f"there is no wheel of {missing.group(1)} for Python {sys.version_info[0]}."
+            f"{sys.version_info[1]} on this machine: use another Python from "
+            f"3.10 to 3.14 or a Debian or Ubuntu x86-64 machine (details in {log})."
+        )
+    return f"{step} failed: see {log} for the cause."
+
+
+def explain_file_error(error: OSError, root: Path) -> str:
+    """Return the sentence for a file that cannot be written or read."""
+    place = error.filename or root
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full: make room and start again."
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return f"{place} cannot be written: copy this folder to where you may write."
+    return f"{place}: {error.strerror or error}; mend that and start again."

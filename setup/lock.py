@@ -1,0 +1,36 @@
+"""One start at a time: the lock that set-up holds alone and commands share."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+
+from setup.pythons import say
+from setup.workspace import Workspace
+
+
+def open_lock(workspace: Workspace) -> int | None:
+    """Return the descriptor of the file that starts in this folder take turns with."""
+    path = workspace.cache / "lock"
+    try:
+        workspace.cache.mkdir(exist_ok=True)
+        return os.open(str(path), os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:
+        if path.exists():  # a finished set-up in a folder that has since become read-only
+            return os.open(str(path), os.O_RDONLY)
+        raise
+
+
+def take_lock(lock: int | None, mode: int) -> None:
+    """Take the lock in `mode`, and say so where that means waiting."""
+    if lock is None:
+        return
+    try:
+        fcntl.flock(lock, mode | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say("waiting for another start in this folder to finish")
+        fcntl.flock(lock, mode)
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.EBADF):
+            raise  # file systems without locks go without

@@ -1,0 +1,51 @@
+"""Finds a Python that will do.
+
+This file and `omni` must parse on any Python 3, for "too old" to be a sentence: no f-strings, no
+annotated variables, nothing imported that an old one lacks.
+"""
+
+# ruff: noqa: UP032
+
+import shutil
+import subprocess
+import sys
+
+SUPPORTED = tuple((3, minor) for minor in (12, 13, 11, 10, 14))  # in order of preference
+INSTALL_PYTHON = (
+    "install it (on Debian 12, Ubuntu 22.04 or later: "
+    "'sudo apt install python3 python3-venv') and start again"
+)
+
+
+def say(text: str) -> None:
+    """Print a line about the set-up to stderr: stdout belongs to the command."""
+    sys.stderr.write("omni: " + text + "\n")
+    sys.stderr.flush()
+
+
+def find_python(versions: "tuple[tuple[int, int], ...]") -> "str | None":
+    """Return the path of the first Python of `versions` that starts, or None."""
+    for version in versions:
+        name = "python{}.{}".format(*version)
+        path = shutil.which(name)
+        probe = "import sys; sys.exit(sys.version_info[:2] != {!r})".format(tuple(version))
+        try:
+            # A name on the PATH may be a version manager's shim for a version that is not there.
+            if path and not subprocess.call(
+                [path, "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            ):
+                return path
+        except OSError:
+            continue
+    return None
+
+
+def refuse() -> int:
+    """Say that this Python will not do and that there is no other one; return the exit code."""
+    old = tuple(sys.version_info[:2]) < min(SUPPORTED)
+    say(
+        "Python {}.{} is too {}, this needs Python 3.10 to 3.14: {}.".format(
+            sys.version_info[0], sys.version_info[1], "old" if old else "new", INSTALL_PYTHON
+        )
+    )
+    return 1

@@ -1,0 +1,149 @@
+"""Makes the workspace ready and hands over to the command."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from setup.build import build
+from setup.environment import make_environment
+from setup.failures import SetupError, explain_file_error
+from setup.lock import open_lock, take_lock
+from setup.pythons import say
+from setup.steps import Steps
+from setup.workspace import (
+    Workspace,
+    build_ready,
+    environment_ready,
+    final_environment,
+    find_sourced_ros,
+    read_stamp,
+)
+
+
+def main(words: Sequence[str], door: str, usage: str) -> int:
+    """Run a command; every failure of the set-up is one sentence and exit code 1.
+
+    Args:
+        words: the command and its arguments.
+        door: path of the program that was started, in the folder of the workspace.
+        usage: what it says of itself.
+    """
+    root = Path(door).parent
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, end)
+    try:
+        if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        return start(words, root, usage)
+    except SetupError as problem:
+        say(str(problem))
+    except OSError as error:
+        say(explain_file_error(error, root))
+    except KeyboardInterrupt:
+        say("interrupted; the next start takes up from here.")
+        return 130
+    return 1
+
+
+def start(words: Sequence[str], root: Path, usage: str) -> int:
+    """Make the workspace ready and hand over to the command."""
+    asks_help = not words or words[0] in ("-h", "--help", "help")
+    workspace = Workspace(root, find_sourced_ros(os.environ, root))
+    if asks_help:
+        print(usage.rstrip())
+        if not (environment_ready(workspace) and build_ready(workspace)):
+            return 0
+        print(flush=True)
+        words = ["--help"]
+    lock = None
+    # A start from within a running command uses what that one runs, whatever is edited meanwhile.
+    within = os.environ.get("OMNI_RUNNING") == str(root)
+    if not within:
+        lock = open_lock(workspace)
+        make_ready(workspace, lock)
+    environment = final_environment(
+        workspace,
+        read_stamp(workspace.venv).get("libraries", []),
+        read_stamp(workspace.install).get("kernels", ""),
+    )
+    if within or words[0] != "exec":
+        environment["OMNI_RUNNING"] = str(root)
+    return hand_over(workspace, environment, words, lock)
+
+
+def make_ready(workspace: Workspace, lock: int | None) -> None:
+    """Bring environment and build up to date; return with the lock shared.
+
+    Commands keep the lock shared while they run, so that no other start rebuilds the packages
+    under a running experiment.
+    """
+    while True:
+        take_lock(lock, fcntl.LOCK_SH)
+        if environment_ready(workspace) and build_ready(workspace):
+            return
+        take_lock(lock, fcntl.LOCK_EX)
+        if environment_ready(workspace) and build_ready(workspace):
+            continue
+        begin = time.monotonic()
+        steps = Steps(workspace, lock)
+        if not environment_ready(workspace):
+            make_environment(workspace, steps)
+        build(workspace, steps)
+        say(f"ready after {time.monotonic() - begin:.0f} s")
+        take_lock(lock, fcntl.LOCK_SH)
+        return
+
+
+def hand_over(
+    workspace: Workspace, environment: dict[str, str], words: Sequence[str], lock: int | None
+) -> int:
+    """Replace this process by what the words ask for; return only if that is not there."""
+    python = str(workspace.python)
+    if words[0] == "exec":
+        command = list(words[1:]) or [python]
+        program = shutil.which(command[0], path=environment["PATH"])
+        if not program:
+            say(f"there is no program '{command[0]}' in the environment or on the PATH.")
+            return 127
+    else:
+        program = python
+        if lock is not None:
+            os.set_inheritable(lock, True)
+        if words[0] == "test":
+            # Plugins of a sourced ROS do not fit every pytest; none is needed but these.
+            environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+            command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
+            # All of them on all cores, file by file: a file's tests share its recorded runs.
+            if len(words) == 1:
+                command += ["-n", "auto", "--dist", "loadfile"]
+            command += pytest_arguments(words[1:], workspace.root)
+        else:
+            cli = workspace.install / "lib" / "omni_bringup" / "omni"
+            command = [python, str(cli), *list(words)]
+            # Held back, not lost, until the command line is ready to answer them.
+            signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
+    os.execve(program, command, environment)
+
+
+def pytest_arguments(words: Sequence[str], root: Path) -> list[str]:
+    """Return pytest arguments for the workspace's folder, paths of the caller's made absolute."""
+    here = os.getcwd()
+    os.chdir(str(root))
+    return [
+        os.path.join(here, word)
+        if not word.startswith("-") and os.path.exists(os.path.join(here, word.split("::")[0]))
+        else word
+        for word in words
+    ]

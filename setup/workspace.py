@@ -1,0 +1,248 @@
+"""The folder of the workspace: its places, their stamps, and the variables to use them with."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from setup.failures import SetupError
+from setup.pythons import SUPPORTED
+
+STAMP_FORMAT = 1
+SOURCED_DISTRO = "jazzy"
+# What another environment's Python, ROS or pip configuration would bring into this one.
+FOREIGN_VARIABLES = (
+    *("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
+    *("ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"),
+    *("OMNI_RUNNING", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_USER"),
+)
+
+
+class SourcedRos(NamedTuple):
+    """The ROS installation that the user has sourced: its prefixes and its Python."""
+
+    prefixes: tuple[str, ...]
+    python: tuple[int, int]
+
+
+class Workspace:
+    """The folder this file is in, with the places that set-up fills."""
+
+    def __init__(self, root: Path, ros: SourcedRos | None) -> None:
+        self.root = root
+        self.ros = ros
+        # One environment per kind of ROS, so that both can stay.
+        self.venv = root / (".venv-sourced" if ros else ".venv")
+        self.python = self.venv / "bin" / "python"
+        self.lock_file = root / "requirements" / ("sourced-ros.lock" if ros else "wheels.lock")
+        self.install = root / "install"
+        self.cache = root / ".cache"
+        self.log = self.cache / "setup.log"
+
+
+def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | None:
+    """Return the sourced Jazzy with rclpy, or None where the wheels are to be used.
+
+    Args:
+        environ: The user's environment; OMNI_ROS in it forces the choice.
+        root: Folder of the workspace, whose own prefixes do not count.
+
+    Raises:
+        SetupError: A sourced Jazzy is demanded and there is none, or OMNI_ROS is neither word.
+    """
+    wanted = environ.get("OMNI_ROS", "")
+    if wanted not in ("", "wheels", "sourced"):
+        raise SetupError(f"OMNI_ROS is '{wanted}': set it to 'wheels' or 'sourced'.")
+    if wanted == "wheels":
+        return None
+    if environ.get("ROS_DISTRO") == SOURCED_DISTRO:
+        prefixes = tuple(
+            prefix
+            for prefix in environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+            if prefix and not is_below(prefix, [str(root)])
+        )
+        for prefix in prefixes:
+            for found in glob.glob(glob.escape(prefix) + "/lib/python3.*/*-packages/rclpy"):
+                python = (3, int(re.findall(r"/lib/python3\.(\d+)/", found)[-1]))
+                if python in SUPPORTED:
+                    return SourcedRos(prefixes, python)
+    if wanted == "sourced":
+        raise SetupError(
+            "OMNI_ROS=sourced, but no ROS 2 Jazzy with rclpy is sourced: "
+            "run 'source /opt/ros/jazzy/setup.bash' and start again."
+        )
+    return None
+
+
+def is_below(path: str, folders: Sequence[str]) -> bool:
+    """Tell whether `path` is one of `folders` or in one of them."""
+    return any(path == folder or path.startswith(folder.rstrip("/") + "/") for folder in folders)
+
+
+def without(value: str, folders: Sequence[str]) -> list[str]:
+    """Return the entries of a PATH-like value that are not below any of `folders`."""
+    return [part for part in value.split(os.pathsep) if part and not is_below(part, folders)]
+
+
+def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[str, str]:
+    """Return `environ` less what belongs to other environments and to this one."""
+    environment = {name: environ[name] for name in environ if name not in FOREIGN_VARIABLES}
+    foreign = [str(workspace.root)]
+    kept = workspace.ros.prefixes if workspace.ros else ()
+    others = environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    others.append(environ.get("VIRTUAL_ENV", ""))
+    foreign += [prefix for prefix in others if prefix and prefix not in kept]
+    for name in ("LD_LIBRARY_PATH", "PYTHONPATH" if workspace.ros else ""):
+        if environ.get(name):
+            environment[name] = os.pathsep.join(without(environ[name], foreign))
+    if workspace.ros:
+        environment["AMENT_PREFIX_PATH"] = os.pathsep.join(workspace.ros.prefixes)
+        environment["ROS_DISTRO"] = SOURCED_DISTRO
+        for name in ("ROS_VERSION", "ROS_PYTHON_VERSION"):
+            if name in environ:
+                environment[name] = environ[name]
+    environment["PATH"] = os.pathsep.join(
+        without(environ.get("PATH", os.defpath), [str(workspace.root)])
+    )
+    return environment
+
+
+def prepend(environment: dict[str, str], name: str, *parts: object) -> None:
+    """Put path entries before what a variable holds."""
+    held = environment.get(name, "")
+    environment[name] = os.pathsep.join([str(part) for part in parts] + ([held] if held else []))
+
+
+def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str, str]:
+    """Return the variables with which programs of the environment run.
+
+    Args:
+        workspace: The workspace.
+        libraries: Folders with shared libraries of the ROS wheels.
+    """
+    environment = base_environment(os.environ, workspace)
+    environment["VIRTUAL_ENV"] = str(workspace.venv)
+    prepend(environment, "PATH", workspace.venv / "bin")
+    if not workspace.ros:
+        # The environment is an ament prefix of its own. The two variables after it spare every
+        # Python a restart: without them the wheels set them at import and execute Python anew.
+        prepend(environment, "AMENT_PREFIX_PATH", workspace.venv)
+        prepend(environment, "LD_LIBRARY_PATH", *libraries)
+        environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
+        environment["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"  # the only one among the wheels
+    return environment
+
+
+def final_environment(
+    workspace: Workspace, libraries: Sequence[str], kernels: str
+) -> dict[str, str]:
+    """Return the variables for what is handed over to, with the built packages on the paths."""
+    environment = venv_environment(workspace, libraries)
+    packages = glob.glob(glob.escape(str(workspace.install)) + "/lib/python3.*/site-packages")
+    prepend(environment, "AMENT_PREFIX_PATH", workspace.install)
+    prepend(environment, "PYTHONPATH", *packages)
+    environment["OMNI_WORKSPACE"] = str(workspace.root)
+    environment["OMNI_CACHE_DIR"] = str(workspace.cache)
+    environment["NUMBA_CACHE_DIR"] = str(workspace.cache / "numba" / kernels)
+    environment["MPLCONFIGDIR"] = str(workspace.cache / "matplotlib")
+    return environment
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file as hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def source_files(root: Path) -> Iterator[Path]:
+    """Yield every file below src that a build may read, in a fixed order."""
+    source = root / "src"
+    for folder, folders, names in os.walk(source, followlinks=True):
+        depth = len(Path(folder).relative_to(source).parts)
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not name.startswith((".", "__pycache__"))
+            and not name.endswith(".egg-info")
+            and not (depth == 1 and name == "test")  # src/<package>/test is not installed
+        )
+        for name in sorted(names):
+            if not name.startswith((".", "#")) and not name.endswith(("~", ".pyc")):
+                yield Path(folder, name)
+
+
+def source_state(root: Path) -> str:
+    """Return a digest of path, size and times of the sources: it changes with every edit."""
+    digest = hashlib.sha256()
+    for path in source_files(root):
+        with contextlib.suppress(FileNotFoundError):  # an editor's short-lived file
+            status = path.stat()
+            # ctime also sees an edit that keeps size and modification time.
+            entry = (str(path), status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+            digest.update(repr(entry).encode())
+    return digest.hexdigest()
+
+
+def processor() -> str:
+    """Return what tells one kind of processor from another: kernels are compiled for one."""
+    try:
+        with open("/proc/cpuinfo") as file:
+            return "".join(re.findall(r"(?m)^(?:model name|flags)\s*:.*$", file.read(6000))[:2])
+    except OSError:
+        return ""
+
+
+def environment_identity(workspace: Workspace) -> dict[str, object]:
+    """Return what a finished environment must have been made from to be used."""
+    return {
+        "format": STAMP_FORMAT,
+        "root": str(workspace.root),
+        "lock": file_digest(workspace.lock_file),
+        "python": os.path.realpath(str(workspace.python)),
+        "ros": list(workspace.ros.prefixes) if workspace.ros else "wheels",
+    }
+
+
+def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
+    """Return what a finished build must have been made with, the sources apart."""
+    return {"format": STAMP_FORMAT, "environment": environment.get("made"), "cpu": processor()}
+
+
+def read_stamp(folder: Path) -> dict[str, Any]:
+    """Return the stamp that a finished step has left in its folder, or nothing."""
+    try:
+        stamp = json.loads((folder / "omni.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return stamp if isinstance(stamp, dict) else {}
+
+
+def write_stamp(folder: Path, identity: Mapping[str, object], **more: object) -> None:
+    """Leave the stamp of a finished step: last of all, and whole or not at all."""
+    partial = folder / "omni.json.partial"
+    partial.write_text(json.dumps(dict(identity, **more)))
+    os.replace(str(partial), str(folder / "omni.json"))
+
+
+def holds(stamp: Mapping[str, object], identity: Mapping[str, object]) -> bool:
+    """Tell whether a stamp says all of `identity`."""
+    return all(stamp.get(name) == value for name, value in identity.items())
+
+
+def environment_ready(workspace: Workspace) -> bool:
+    """Tell whether the environment is complete and has the packages of the lock file."""
+    stamp = read_stamp(workspace.venv)
+    return workspace.python.exists() and holds(stamp, environment_identity(workspace))
+
+
+def build_ready(workspace: Workspace) -> bool:
+    """Tell whether the build is complete and of the sources as they are now."""
+    stamp = read_stamp(workspace.install)
+    identity = build_identity(read_stamp(workspace.venv))
+    return holds(stamp, identity) and stamp.get("state") == source_state(workspace.root)
