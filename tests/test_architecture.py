@@ -1,87 +1,107 @@
-"""The arrows between the packages point one way, and the cores know no ROS."""
+"""The arrows between the packages point one way, nothing runs in circles, cores know no ROS."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import re
+from collections import Counter
+from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-import pytest
 from omni_process import WORKSPACE
 
-# What each package may import of the others.
-MAY_USE = {
-    "omni_platform": set[str](),
-    "omni_ros": {"omni_platform"},
-    "omni_sim": {"omni_platform", "omni_ros"},
-    "linescan_odometry": {"omni_platform", "omni_ros"},
-    "omni_brake_assist": {"omni_platform", "omni_ros"},
-    "omni_recording": {"omni_platform", "omni_ros"},
-    "omni_analysis": {
-        "omni_platform",
-        "omni_sim",
-        "linescan_odometry",
-        "omni_brake_assist",
-        "omni_recording",
-    },
-    "omni_bringup": {
-        "omni_platform",
-        "omni_ros",
-        "omni_sim",
-        "linescan_odometry",
-        "omni_brake_assist",
-        "omni_recording",
-        "omni_analysis",
-    },
-}
+MOST_MODULES = 15  # side by side in a folder
+PLUG_INS = {"omni_analysis/studies"}  # a file each, found by its name
+# Packages whose modules may use ROS beside the nodes; `cost` measures, which takes a clock.
+OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
 
 
-def modules() -> list[Path]:
-    return [
-        path for name in MAY_USE for path in sorted((WORKSPACE / "src" / name / name).rglob("*.py"))
-    ]
+def modules() -> dict[str, Path]:
+    """Return all installed modules by their dotted names."""
+    found = {}
+    for package in (WORKSPACE / "src").glob("*/package.xml"):
+        folder = package.parent
+        for path in sorted((folder / folder.name).rglob("*.py")):
+            parts = path.relative_to(folder).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
 
 
-def imported(path: Path) -> Iterator[str]:
+MODULES = modules()
+
+
+def imported(path: Path) -> set[str]:
+    """Return the names of modules, and of what may be modules, that a module imports."""
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module.split(".")[0]
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
 
 
-def package_of(path: Path) -> str:
-    return path.relative_to(WORKSPACE / "src").parts[0]
+IMPORTED = {name: imported(path) for name, path in MODULES.items()}
 
 
-def name_of(path: Path) -> str:
-    return path.relative_to(WORKSPACE / "src").with_suffix("").as_posix()
+def arrows_of_the_map() -> dict[str, set[str]]:
+    """Return what each package uses of the others, as CONTRIBUTING.md draws it."""
+    text = (WORKSPACE / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    block = re.search(r"## The house\n.*?```\n(.*?)```", text, re.DOTALL)
+    assert block is not None
+    lines = (line.split("->") for line in block[1].splitlines())
+    return {name.strip(): set(used[0].split()) if used else set() for name, *used in lines}
 
 
-def knows_ros(path: Path) -> bool:
-    package = package_of(path)
-    return package == "omni_ros" or path.name.endswith("_node.py") or path.name == "messages.py"
+def knows_ros(name: str) -> bool:
+    package, _, module = name.partition(".")
+    return package == "omni_ros" or module.endswith("_node") or name.endswith(".messages")
 
 
-@pytest.mark.parametrize("path", modules(), ids=name_of)
-def test_imports_follow_the_arrows(path: Path) -> None:
-    package = package_of(path)
-    own = set(imported(path)) & set(MAY_USE) - {package}
-    assert own <= MAY_USE[package]
-    if not knows_ros(path) and package not in {"omni_bringup", "omni_recording", "omni_ros"}:
-        assert "omni_ros" not in own, "only a node may need what the nodes share of ROS"
+def test_imports_are_the_arrows_of_the_map() -> None:
+    drawn = arrows_of_the_map()
+    assert drawn.keys() == {name.split(".")[0] for name in MODULES}
+    used: dict[str, set[str]] = {name: set() for name in drawn}
+    for name, names in IMPORTED.items():
+        package = name.split(".")[0]
+        others = {other.split(".")[0] for other in names} & drawn.keys() - {package}
+        used[package] |= others
+        if "omni_ros" in others and package not in OF_ROS:
+            assert knows_ros(name), f"{name}: only a node may need what the nodes share of ROS"
+    assert used == drawn
+    assert_no_circle(used)
 
 
-@pytest.mark.parametrize("path", modules(), ids=name_of)
-def test_cores_know_no_ros_and_no_clock(path: Path) -> None:
-    if knows_ros(path):
-        return
-    ros = {name for name in imported(path) if name == "rclpy" or name.endswith("_msgs")}
-    assert not ros
-    # Measuring what a simulation costs takes a clock.
-    if package_of(path) != "omni_bringup" and path.stem != "cost":
-        assert not {"time", "datetime", "logging"} & set(imported(path))
+def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded() -> None:
+    # The vehicle's state and the tire models are still being taken apart.
+    graph = {
+        name: names & MODULES.keys() - {name}
+        for name, names in IMPORTED.items()
+        if not name.startswith(("omni_sim.vehicle", "omni_sim.tire"))
+    }
+    assert_no_circle(graph)
+    crowds = Counter(
+        path.parent.relative_to(WORKSPACE / "src").as_posix().partition("/")[2]
+        for path in MODULES.values()
+        if path.name != "__init__.py"
+    )
+    assert {folder for folder, n in crowds.items() if n > MOST_MODULES} <= PLUG_INS
 
 
-def test_every_package_is_listed() -> None:
-    assert {path.parent.name for path in (WORKSPACE / "src").glob("*/package.xml")} == set(MAY_USE)
+def assert_no_circle(graph: Mapping[str, set[str]]) -> None:
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        raise AssertionError(f"a circle: {' <- '.join(error.args[1])}") from None
+
+
+def test_cores_know_no_ros_and_no_clock() -> None:
+    for name in MODULES:
+        if knows_ros(name):
+            continue
+        roots = {other.split(".")[0] for other in IMPORTED[name]}
+        assert not {root for root in roots if root == "rclpy" or root.endswith("_msgs")}, name
+        # Measuring what a simulation costs takes a clock.
+        if not name.startswith("omni_bringup.") and not name.endswith(".cost"):
+            assert not {"time", "datetime", "logging"} & roots, name

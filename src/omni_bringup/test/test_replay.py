@@ -15,10 +15,9 @@ from omni_bringup.cli import main
 from omni_recording.compare import compare_topics
 from omni_recording.decode import MessageDecoder
 from omni_recording.definitions import find_message_definition
-from omni_recording.folder import bag_messages, open_bag
+from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_bag
 from omni_recording.mcap import RecordedChannel, RecordedMessage
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.order import in_rounds, in_time_order
 from omni_recording.write import Rosbag2Writer
 
 WORKSPACE = Path(__file__).resolve().parents[3]

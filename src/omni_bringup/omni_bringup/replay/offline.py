@@ -21,10 +21,9 @@ from omni_platform.signals import Twist
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
-from omni_recording.folder import Bag, bag_messages
+from omni_recording.folder import Bag, bag_messages, in_time_order
 from omni_recording.mcap import RecordedMessage
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.order import in_time_order
 from omni_recording.write import Rosbag2Writer
 from omni_ros.messages import (
     joint_state,

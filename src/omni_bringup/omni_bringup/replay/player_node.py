@@ -22,9 +22,8 @@ from rosgraph_msgs.msg import Clock
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, open_bag
+from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_bag
 from omni_recording.mcap import RecordedMessage
-from omni_recording.order import in_rounds, in_time_order
 from omni_recording.plan import leading_stamp
 from omni_ros.messages import to_time
 from omni_ros.parameters import declare_configuration
