@@ -29,8 +29,8 @@ from omni_sim.measurement import build_instruments, draws, measure
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.factory import build_vehicle
 from omni_sim.vehicle.overload import Overload, OverloadWatch
+from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.velocity_sensor import VelocitySensor, VelocitySensorConfiguration
 
 __all__ = [
@@ -261,7 +261,7 @@ class Simulator:
         # What the maneuver says of the world is not meant by who drives in its place.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         ground = configuration.ground
-        self.vehicle = build_vehicle(
+        self.vehicle = Vehicle(
             configuration.vehicle,
             FrictionMap(ground.friction, ground.patches),
             simulation.physics_step,
@@ -319,9 +319,9 @@ class Simulator:
         self._measure()
         return Observation(
             stamp_ns=self._stamp_ns,
-            wheel_angle=vehicle.wheel_angle,
-            wheel_speed=vehicle.wheel_speed,
-            brake_torque=vehicle.brake_torque,
+            wheel_angle=vehicle.wheels["angle"],
+            wheel_speed=vehicle.wheels["speed"],
+            brake_torque=vehicle.wheels["brake"],
             pedal=self._driver.pedal(self._stamp_ns),
             command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
             pose=pose,
@@ -330,10 +330,10 @@ class Simulator:
             velocity_sensor=Twist(self._stamp_ns, self._reading.copy(), self._covariance.copy()),
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
-            wheel_load=vehicle.wheel_load,
-            wheel_force=vehicle.wheel_force,
+            wheel_load=vehicle.wheels["load"],
+            wheel_force=vehicle.wheels["force"],
             wheel_force_body=vehicle.wheel_force_body,
-            slip=vehicle.slip,
+            slip=vehicle.wheels["slip"],
             line_batches=self._batches,
         )
 
@@ -352,8 +352,8 @@ class Simulator:
             motion,
             tilt_x,
             tilt_y,
-            vehicle.wheel_angle,
-            vehicle.wheel_speed,
+            vehicle.wheels["angle"],
+            vehicle.wheels["speed"],
             self._noise.standard_normal(draws(len(self._encoder))),
             self._reading,
             self._imu,
@@ -376,7 +376,7 @@ class Simulator:
             hold_world_direction=self._hold_world,
         )
         self.overloaded = self._overload_watch.update(
-            self.vehicle.wheel_load, self.vehicle.overloaded_steps
+            self.vehicle.wheels["load"], self.vehicle.overloaded_steps
         )
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns

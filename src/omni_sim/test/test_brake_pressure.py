@@ -77,14 +77,14 @@ def test_late_brakes_lengthen_the_stop_by_the_closed_form(
 def test_late_brakes_add_no_energy(forklift: VehicleConfiguration) -> None:
     brake = dataclasses.replace(forklift.brake, time_constant=LAG, dead_time=DEAD)
     vehicle = Vehicle(dataclasses.replace(forklift, brake=brake), twist=(6.0, 2.0, 1.0))
-    allowance = 1e-9 * vehicle.kinetic_energy
+    allowance = 1e-9 * vehicle.energies.kinetic
     random = np.random.default_rng(3)
     for _ in range(100):
-        before = vehicle.kinetic_energy + vehicle.elastic_energy
+        before = vehicle.energies.kinetic + vehicle.energies.elastic
         log = vehicle.advance_logged(20, 1.0, random.integers(0, 2, 4), np.zeros(3))
         energy = np.concatenate(([before], log.energy.sum(axis=1)))
         assert np.max(np.diff(energy)) <= allowance
-        assert np.all(np.abs(log.brake_torque) <= brake.max_torque)
+        assert np.all(np.abs(log.wheels["brake"]) <= brake.max_torque)
 
 
 def test_a_vehicle_that_is_placed_anew_has_no_pressure(forklift: VehicleConfiguration) -> None:

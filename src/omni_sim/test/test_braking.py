@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
-from omni_sim.vehicle.vehicle import StepLog, Vehicle
+from omni_sim.vehicle.state import Log
+from omni_sim.vehicle.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -24,10 +25,10 @@ def stop(vehicle: Vehicle, seconds: float = 4.0) -> FloatArray:
     return vehicle.advance(round(seconds / vehicle.physics_step), 1.0, np.ones(n), np.zeros(3))
 
 
-def require_lawful(log: StepLog, energy_before: float, allowance: float) -> None:
+def require_lawful(log: Log, energy_before: float, allowance: float) -> None:
     """Require the friction limit and that no step adds energy, elastic energy included."""
     assert np.all(np.isfinite(log.trajectory))
-    assert np.all(np.abs(log.force) <= log.limit * (1.0 + 1e-12))
+    assert np.all(np.abs(log.wheels["force"]) <= log.wheels["limit"] * (1.0 + 1e-12))
     energy = np.concatenate(([energy_before], log.energy.sum(axis=1)))
     assert np.max(np.diff(energy)) <= allowance
 
@@ -35,9 +36,9 @@ def require_lawful(log: StepLog, energy_before: float, allowance: float) -> None
 def brake_at_random(vehicle: Vehicle, seed: int, periods: int, tolerance: float = 1e-9) -> None:
     random = np.random.default_rng(seed)
     n = len(vehicle.wheel_names)
-    allowance = tolerance * vehicle.kinetic_energy
+    allowance = tolerance * vehicle.energies.kinetic
     for _ in range(periods):
-        before = vehicle.kinetic_energy + vehicle.elastic_energy
+        before = vehicle.energies.kinetic + vehicle.energies.elastic
         enable = random.integers(0, 2, n) * random.choice([1.0, 1.0, 0.3], n)
         pedal = random.choice([1.0, 1.0, 0.4, 0.06])
         log = vehicle.advance_logged(20, pedal, enable, np.zeros(3))
@@ -126,10 +127,10 @@ def test_locked_wheels_decelerate_evenly_loaded_forklift_by_the_sliding_force(
     low = MassConfiguration(mass=1200.0, height=0.0, yaw_inertia=400.0)
     even = dataclasses.replace(forklift, body=low, load=MassConfiguration(mass=0.0, height=0.0))
     log = Vehicle(even, twist=(10.0, 0.0, 0.0)).advance_logged(1500, 1.0, np.ones(4), np.zeros(3))
-    assert np.all(log.speed[-1] == 0.0)
+    assert np.all(log.wheels["speed"][-1] == 0.0)
     q = 1200.0 * 9.81 / 4.0 / 3000.0
     f_slide = q * (2.0 * 2800.0 - 2100.0 - (2800.0 - 2100.0) * q)  # Eq. (3)
-    np.testing.assert_allclose(np.abs(log.force[-1]), f_slide, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(log.wheels["force"][-1]), f_slide, rtol=1e-9)
     deceleration = -(log.trajectory[-1, 3] - log.trajectory[-101, 3]) / (100 * 0.0005)
     assert deceleration == pytest.approx(4.0 * f_slide * math.sqrt(0.5) / 1200.0, rel=1e-6)
 
@@ -138,7 +139,7 @@ def test_unassisted_forklift_swerves_around_its_most_loaded_wheel(
     forklift: VehicleConfiguration,
 ) -> None:
     vehicle = Vehicle(forklift, twist=(10.0, 0.0, 0.0))
-    assert vehicle.wheel_names[int(np.argmax(vehicle.wheel_load))] == "front_left"
+    assert vehicle.wheel_names[int(np.argmax(vehicle.wheels["load"]))] == "front_left"
     end = stop(vehicle)[-1]
     # Section 3.1: it turns to the loaded side, until that wheel's active direction, 45 deg to
     # the right of forward, points along the motion.

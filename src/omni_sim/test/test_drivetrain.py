@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from omni_sim.tire.characteristic import TMeasy
 from omni_sim.tire.tmeasy import TMeasyConfiguration
-from omni_sim.wheel.drivetrain import WheelStep, wheel_step
+from omni_sim.wheel.drivetrain import Drive, Hub, Spin, WheelStep, wheel_step
+from omni_sim.wheel.single import Patch, TireConstants
 
 TIRE = TMeasy(TMeasyConfiguration())
 INERTIA, LEVER, C, D, DT = 0.8, -0.14, 2.0e5, 5000.0, 0.0005
@@ -19,30 +20,18 @@ def step(
     *,
     load: float = 3000.0,
     brake: float = 0.0,
-    drive_stiffness: float = 0.0,
-    drive_speed: float = 0.0,
-    drive_limit: float = 0.0,
+    drive: Drive = Drive(0.0, 0.0, 0.0),  # noqa: B008
     deflection: float = 0.0,
     hub_velocity: float = 0.0,
     sliding: bool = False,
 ) -> WheelStep:
     result: WheelStep = wheel_step(
-        omega,
-        INERTIA,
-        brake,
-        drive_stiffness,
-        drive_speed,
-        drive_limit,
-        LEVER,
-        deflection,
-        hub_velocity,
-        0.0,
-        abs(0.2 * omega) + 1e-6,
+        TireConstants(C, D, DT),
         TIRE.curve(load),
-        C,
-        D,
-        DT,
-        sliding,
+        Patch(deflection, abs(0.2 * omega) + 1e-6, sliding),
+        Hub(LEVER, hub_velocity, 0.0),
+        Spin(omega, INERTIA, brake),
+        drive,
     )
     return result
 
@@ -117,7 +106,7 @@ def test_brake_never_drives_a_wheel(
 
 def test_clutch_follows_its_command_within_its_torque() -> None:
     def driven(omega: float) -> float:
-        return step(omega, load=0.0, drive_stiffness=500.0, drive_speed=20.0, drive_limit=80.0)[2]
+        return step(omega, load=0.0, drive=Drive(500.0, 20.0, 80.0)).speed
 
     omega = 0.0
     for i in range(1, 301):

@@ -28,7 +28,7 @@ def losing(vehicle: VehicleConfiguration, losses: PassiveLossConfiguration) -> V
 def inertia_sideways(vehicle: Vehicle) -> float:
     """Return mass and wheels: ``omega r_D = v_y`` when a Mecanum vehicle moves sideways [kg]."""
     configuration = vehicle.configuration
-    radius = 0.2 - float(np.mean(vehicle.wheel_load)) / configuration.tire.vertical_stiffness
+    radius = 0.2 - float(np.mean(vehicle.wheels["load"])) / configuration.tire.vertical_stiffness
     return vehicle.masses.mass + 4.0 * configuration.wheel_inertia / radius**2
 
 
@@ -139,12 +139,12 @@ def test_losses_converge_with_the_step(forklift: VehicleConfiguration) -> None:
 def test_energy_lost_is_the_work_of_the_losses(forklift: VehicleConfiguration) -> None:
     losses = PassiveLossConfiguration(rolling_resistance=0.03)
     vehicle = Vehicle(losing(forklift, losses), twist=(1.0, 1.0, 0.8))
-    start = vehicle.kinetic_energy
+    start = vehicle.energies.kinetic
     energies, work = [start], 0.0
     for _ in range(2000):
         vehicle.advance(1, 1.0, OFF, NO_COMMAND)
-        work += float(vehicle.passive_force @ vehicle.roller_speed) * vehicle.physics_step
-        energies.append(vehicle.kinetic_energy + vehicle.elastic_energy)
+        work += float(vehicle.wheels["passive"] @ vehicle.roller_speed) * vehicle.physics_step
+        energies.append(vehicle.energies.kinetic + vehicle.energies.elastic)
     assert start - energies[-1] > 200.0
     assert energies[-1] - start == pytest.approx(work, rel=0.02)
     assert np.max(np.diff(energies)) < 1e-6 * start
@@ -155,7 +155,7 @@ def test_coasting_vehicle_comes_to_rest_sideways_and_stays(forklift: VehicleConf
     vehicle = Vehicle(losing(forklift, losses), twist=(0.0, 0.2, 0.0))
     log = vehicle.advance_logged(6000, 1.0, OFF, NO_COMMAND)
     # It stops as it slows down: no force beyond the resistance of some 60 N a wheel.
-    assert np.max(np.abs(log.force)) < 100.0
+    assert np.max(np.abs(log.wheels["force"])) < 100.0
     stopped = vehicle.pose
     assert np.max(np.abs(vehicle.twist)) < 1e-6
     vehicle.advance(120_000, 1.0, OFF, NO_COMMAND)
@@ -170,10 +170,10 @@ def test_parked_vehicle_with_losses_does_not_creep(
     ground = ElevationConfiguration(grade=0.05, uphill_deg=uphill_deg)
     vehicle = Vehicle(losing(forklift, losses), elevation=ground)
     vehicle.advance(8000, 1.0, ON, NO_COMMAND)
-    settled, angle = vehicle.pose, vehicle.wheel_angle
+    settled, angle = vehicle.pose, vehicle.wheels["angle"]
     vehicle.advance(120_000, 1.0, ON, NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
-    np.testing.assert_array_equal(vehicle.wheel_angle, angle)
+    np.testing.assert_array_equal(vehicle.wheels["angle"], angle)
 
 
 def test_rolling_resistance_holds_a_vehicle_on_a_gentle_slope_sideways(
@@ -203,7 +203,7 @@ def test_speed_passes_smoothly_through_zero_with_losses(
     for k in range(800):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
         log = vehicle.advance_logged(20, 0.0, ON, amplitude * np.array(direction))
-        forces.append(log.force)
+        forces.append(log.wheels["force"])
         errors.append(np.max(np.abs(vehicle.twist - amplitude * np.array(direction))))
     assert np.max(errors[200:]) < 0.03
     assert np.max(np.abs(np.diff(np.concatenate(forces)[4000:], axis=0))) < 40.0

@@ -14,9 +14,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
 from omni_sim.tire.models import MODELS
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.factory import build_vehicle
 from omni_sim.vehicle.loads import GRAVITY
-from omni_sim.vehicle.roller_vehicle import RollerVehicle
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.roller_configuration import RollerConfiguration
 
@@ -55,19 +53,17 @@ def full(vehicle: Vehicle) -> FloatArray:
 
 def braked(configuration: VehicleConfiguration, twist: Any, **options: Any) -> Vehicle:
     """Return a vehicle after three seconds of full braking."""
-    vehicle = build_vehicle(configuration, twist=twist, **options)
+    vehicle = Vehicle(configuration, twist=twist, **options)
     steps = round(3.0 / vehicle.physics_step)
     vehicle.advance(steps, 1.0, full(vehicle), NO_COMMAND)
     return vehicle
 
 
 def test_configuration_chooses_the_wheel(forklift: VehicleConfiguration) -> None:
-    rollers = dataclasses.replace(forklift, wheel_model="rollers")
-    assert type(build_vehicle(forklift)) is Vehicle
-    assert type(build_vehicle(rollers)) is RollerVehicle
-    for kind, configuration in ((Vehicle, rollers), (RollerVehicle, forklift)):
-        with pytest.raises(VehicleInputError, match="build_vehicle"):
-            kind(configuration)
+    rollers = Vehicle(dataclasses.replace(forklift, wheel_model="rollers"))
+    assert rollers.rollers.shape == (4, forklift.rollers.count)
+    with pytest.raises(VehicleInputError, match="no individual rollers"):
+        _ = Vehicle(forklift).rollers
 
 
 @pytest.mark.parametrize("angle", [math.nan, [0.0, 0.1], [0.0, 0.0, 0.0, math.inf]])
@@ -91,8 +87,8 @@ def test_placed_vehicle_rolls_as_equation_16(
     configuration = dataclasses.replace(platform, **moving_contact)
     n = len(platform.wheels)
     twist = np.array([1.0, 0.4, 0.3])
-    vehicle = build_vehicle(configuration, twist=twist, wheel_angle=phases(n))
-    squeeze = vehicle.wheel_load / platform.tire.vertical_stiffness
+    vehicle = Vehicle(configuration, twist=twist, wheel_angle=phases(n))
+    squeeze = vehicle.wheels["load"] / platform.tire.vertical_stiffness
     rates = [
         dataclasses.replace(geometry, radius=geometry.radius - deflected).wheel_rate(
             geometry.roller_angle(angle), twist
@@ -101,7 +97,7 @@ def test_placed_vehicle_rolls_as_equation_16(
             configuration.roller_geometries, phases(n), squeeze, strict=True
         )
     ]
-    np.testing.assert_allclose(vehicle.wheel_speed, rates, rtol=1e-12)
+    np.testing.assert_allclose(vehicle.wheels["speed"], rates, rtol=1e-12)
     if configuration.contact == "roller":
         np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
     # Nothing slides, so a first step finds hardly any force; the grip is some 3000 N.
@@ -112,12 +108,10 @@ def test_placed_vehicle_rolls_as_equation_16(
 def test_driving_straight_turns_no_roller_of_a_mecanum_wheel(
     forklift: VehicleConfiguration,
 ) -> None:
-    vehicle = RollerVehicle(
-        dataclasses.replace(forklift, wheel_model="rollers"), twist=(3.0, 0.0, 0.0)
-    )
-    np.testing.assert_allclose(vehicle.roller_spin, 0.0, atol=1e-12)
+    vehicle = Vehicle(dataclasses.replace(forklift, wheel_model="rollers"), twist=(3.0, 0.0, 0.0))
+    np.testing.assert_allclose(vehicle.rollers["spin"], 0.0, atol=1e-12)
     log = vehicle.advance_logged(2000, 0.0, full(vehicle), (3.0, 0.0, 0.0))
-    assert np.max(np.abs(log.force)) < 1e-6
+    assert np.max(np.abs(log.wheels["force"])) < 1e-6
     np.testing.assert_allclose(log.trajectory[-1, :3], [3.0, 0.0, 0.0], atol=1e-9)
 
 
@@ -135,7 +129,7 @@ def test_contact_of_an_unturned_wheel_is_the_ideal_one(forklift: VehicleConfigur
 def test_forces_move_the_body_as_newton_says_and_stay_in_their_limits(
     moving_contact: dict[str, Any], forklift: VehicleConfiguration
 ) -> None:
-    vehicle = build_vehicle(
+    vehicle = Vehicle(
         dataclasses.replace(forklift, **moving_contact), twist=(3.0, 1.5, 0.8), wheel_angle=0.2
     )
     mass, dt = vehicle.masses.mass, vehicle.physics_step
@@ -149,11 +143,12 @@ def test_forces_move_the_body_as_newton_says_and_stay_in_their_limits(
         gained = mass * (vehicle.velocity_of_gravity_centre - before)
         np.testing.assert_allclose(gained, dt * turned, atol=1e-3 * mass * dt)
         pushes = np.linalg.norm(vehicle.wheel_force_body, axis=1)
-        assert np.all(pushes <= vehicle.friction_limit * (1.0 + 1e-9))
-        if isinstance(vehicle, RollerVehicle):
-            each = np.linalg.norm(vehicle.roller_force, axis=2)
-            assert np.all(each <= vehicle.roller_limit * (1.0 + 1e-9))
-            np.testing.assert_allclose(vehicle.roller_load.sum(axis=1), vehicle.wheel_load)
+        assert np.all(pushes <= vehicle.wheels["limit"] * (1.0 + 1e-9))
+        if vehicle.configuration.wheel_model == "rollers":
+            rollers = vehicle.rollers
+            each = np.hypot(rollers["f_a"], rollers["f_p"])
+            assert np.all(each <= rollers["limit"] * (1.0 + 1e-9))
+            np.testing.assert_allclose(rollers["load"].sum(axis=1), vehicle.wheels["load"])
 
 
 @pytest.mark.parametrize("twist", [(4.0, 0.0, 0.0), (0.0, 3.0, 0.0), (2.0, -1.0, 1.5)])
@@ -162,11 +157,11 @@ def test_braking_adds_no_energy(
     moving_contact: dict[str, Any],
     platform: VehicleConfiguration,
 ) -> None:
-    vehicle = build_vehicle(dataclasses.replace(platform, **moving_contact), twist=twist)
-    start = vehicle.kinetic_energy + vehicle.elastic_energy
+    vehicle = Vehicle(dataclasses.replace(platform, **moving_contact), twist=twist)
+    start = vehicle.energies.kinetic + vehicle.energies.elastic
     log = vehicle.advance_logged(4000, 1.0, full(vehicle), NO_COMMAND)
     energy = np.concatenate(([start], log.energy.sum(axis=1)))
-    assert energy[-1] == pytest.approx(vehicle.kinetic_energy + vehicle.elastic_energy)
+    assert energy[-1] == pytest.approx(vehicle.energies.kinetic + vehicle.energies.elastic)
     assert np.max(np.diff(energy)) < 1e-3 * start
     assert np.max(energy) <= start * (1.0 + 1e-9)
 
@@ -187,8 +182,8 @@ def test_mirrored_vehicle_moves_in_a_mirror(
         )
 
     one = dataclasses.replace(forklift, **moving_contact)
-    path = build_vehicle(one, twist=(4.0, 1.0, 0.5)).advance(2000, 1.0, np.ones(4), NO_COMMAND)
-    other = build_vehicle(mirrored(one), twist=(4.0, -1.0, -0.5)).advance(
+    path = Vehicle(one, twist=(4.0, 1.0, 0.5)).advance(2000, 1.0, np.ones(4), NO_COMMAND)
+    other = Vehicle(mirrored(one), twist=(4.0, -1.0, -0.5)).advance(
         2000, 1.0, np.ones(4), NO_COMMAND
     )
     np.testing.assert_allclose(other, path * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0], atol=1e-6)
@@ -198,7 +193,7 @@ def test_calls_may_be_split_anywhere(
     moving_contact: dict[str, Any], forklift: VehicleConfiguration
 ) -> None:
     configuration = dataclasses.replace(forklift, **moving_contact)
-    whole, parts = (build_vehicle(configuration, twist=(5.0, 0.0, 0.5)) for _ in range(2))
+    whole, parts = (Vehicle(configuration, twist=(5.0, 0.0, 0.5)) for _ in range(2))
     path = whole.advance(600, 0.3, np.ones(4), NO_COMMAND)
     pieces = [parts.advance(n, 0.3, np.ones(4), NO_COMMAND) for n in (1, 199, 0, 400)]
     np.testing.assert_array_equal(path[1:], np.concatenate([piece[1:] for piece in pieces]))
@@ -223,7 +218,7 @@ def test_parked_vehicle_does_not_creep_on_a_slope_whatever_roller_it_stands_on(
     direction_deg: float, moving_contact: dict[str, Any], platform: VehicleConfiguration
 ) -> None:
     half_pitch = math.pi / 12.0
-    vehicle = build_vehicle(
+    vehicle = Vehicle(
         dataclasses.replace(platform, **moving_contact),
         wheel_angle=np.linspace(0.0, half_pitch, len(platform.wheels)),
     )
@@ -252,12 +247,12 @@ def test_speed_passes_smoothly_through_zero(
     moving_contact: dict[str, Any],
     platform: VehicleConfiguration,
 ) -> None:
-    vehicle = build_vehicle(dataclasses.replace(platform, **moving_contact))
+    vehicle = Vehicle(dataclasses.replace(platform, **moving_contact))
     forces, speeds, commands = [], [], []
     for k in range(500):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
         log = vehicle.advance_logged(20, 0.0, full(vehicle), amplitude * np.array(direction))
-        forces.append(log.force)
+        forces.append(log.wheels["force"])
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))
     np.testing.assert_allclose(speeds[100:], commands[100:], atol=0.04)
@@ -292,7 +287,7 @@ def test_what_is_left_of_a_sideways_push_is_the_inertia_of_the_rollers(
     # At 45 deg a wheel turns with v_y / R, and its rollers with sqrt(2) v_y over their radius.
     single = Vehicle(forklift)
     light = RollerConfiguration(inertia=1.0e-6)
-    individual = build_vehicle(dataclasses.replace(forklift, wheel_model="rollers", rollers=light))
+    individual = Vehicle(dataclasses.replace(forklift, wheel_model="rollers", rollers=light))
     for vehicle in (single, individual):
         vehicle.push((0.0, 0.15 * vehicle.masses.mass * GRAVITY))
         vehicle.advance(4000, 0.1, np.zeros(4), NO_COMMAND)
@@ -307,7 +302,7 @@ def test_simulator_runs_on_individual_rollers(forklift: VehicleConfiguration) ->
             simulation=SimulationConfiguration(render_lines=False),
         )
     )
-    assert isinstance(simulator.vehicle, RollerVehicle)
+    assert simulator.vehicle.configuration.wheel_model == "rollers"
     for _ in range(20):
         simulator.advance(np.ones(4))
     observation = simulator.observe()

@@ -10,7 +10,9 @@ import pytest
 from omni_sim.tire.characteristic import TMeasy, steady_force
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
 from omni_sim.tire.tmeasy import TMeasyConfiguration
-from omni_sim.wheel.roller import load_share, roller_step
+from omni_sim.wheel.drivetrain import Drive, Spin
+from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
+from omni_sim.wheel.single import TireConstants
 
 LOAD = 3000.0
 HELD = 1e30  # inertia of a wheel or a roller whose speed is given [kg m^2]
@@ -20,13 +22,19 @@ ACTIVE, PASSIVE = TIRE.curve(LOAD, 1.0, "x"), TIRE.curve(LOAD, 1.0, "y")
 
 def steady(slip_active: float, slip_passive: float, speed: float = 2.0) -> tuple[float, float]:
     """Return the force [N] of a contact that slides steadily with two slips."""
-    force, deflection, sliding, q = (0.0, 0.0), (0.0, 0.0), False, (1.0, 0.0)
+    patch = RollerPatch((0.0, 0.0), speed, False, (1.0, 0.0))
+    velocity = (slip_active * speed, slip_passive * speed)
     for _ in range(4000):
-        force, deflection, _, _, _, sliding, q, _, _ = roller_step(
-            0.0, HELD, 0.0, 0.0, 0.0, 0.0, (0.2, 0.0), 0.0, HELD, 0.04, deflection,
-            (slip_active * speed, slip_passive * speed), 0.0, speed, ACTIVE, PASSIVE,
-            2.0e6, 5000.0, 5e-4, sliding, q,
-        )  # fmt: skip
+        after = roller_step(
+            TireConstants(2.0e6, 5000.0, 5e-4),
+            (ACTIVE, PASSIVE),
+            patch,
+            RollerHub((0.2, 0.0), velocity, 0.0, 0.0, HELD, 0.04),
+            Spin(0.0, HELD, 0.0),
+            Drive(0.0, 0.0, 0.0),
+        )
+        patch = RollerPatch(after.deflection, speed, after.sliding, after.direction)
+    force: tuple[float, float] = after.force
     return force
 
 

@@ -33,7 +33,7 @@ def test_vehicle_parked_on_a_slope_does_not_creep(
     settled = vehicle.pose
     vehicle.advance(MINUTE, 1.0, ON, NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
-    assert np.all(vehicle.wheel_speed == 0.0)
+    assert np.all(vehicle.wheels["speed"] == 0.0)
 
 
 def test_too_steep_a_slope_is_not_held(forklift: VehicleConfiguration) -> None:
@@ -41,7 +41,7 @@ def test_too_steep_a_slope_is_not_held(forklift: VehicleConfiguration) -> None:
     vehicle.push((0.9 * vehicle.masses.mass * GRAVITY, 0.0))
     vehicle.advance(2000, 1.0, ON, NO_COMMAND)
     assert vehicle.pose[0] > 0.3
-    assert vehicle.sliding.any()
+    assert vehicle.wheels["sliding"].any()
 
 
 def test_released_vehicle_rolls_down_the_slope(forklift: VehicleConfiguration) -> None:
@@ -72,7 +72,7 @@ def test_speed_passes_smoothly_through_zero(
     for k in range(800):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
         log = vehicle.advance_logged(20, 0.0, ON, amplitude * np.array(direction))
-        forces.append(log.force)
+        forces.append(log.wheels["force"])
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))
     np.testing.assert_allclose(speeds[200:], commands[200:], atol=0.03)

@@ -78,7 +78,7 @@ def test_parked_on_a_slope_nothing_creeps(direction: float, vehicle: VehicleConf
     end = parked.advance(MINUTE, 1.0, np.ones(len(vehicle.wheels)), np.zeros(3))[-1]
     assert np.hypot(*(end - settled)[:2]) < 1e-6
     assert abs(end[2] - settled[2]) < 1e-6
-    assert not parked.sliding.any()
+    assert not parked.wheels["sliding"].any()
 
 
 @every_tire
@@ -132,14 +132,14 @@ def test_no_pattern_of_brakes_adds_energy_or_breaks_the_friction_limit(
         moving = Vehicle(
             vehicle, FrictionMap(1.0, {"ice": ice}), twist=(*8.0 * heading(direction), 1.0)
         )
-        energy = moving.kinetic_energy
+        energy = moving.energies.kinetic
         allowance = 1e-9 * energy
         for _ in range(150):
             pedal = float(random.choice([1.0, 0.4]))
             log = moving.advance_logged(20, pedal, random.integers(0, 2, n), np.zeros(3))
             total = np.concatenate(([energy], log.energy.sum(axis=1)))
             assert np.max(np.diff(total)) <= allowance
-            assert np.all(np.abs(log.force) <= log.limit * (1.0 + 1e-9))
+            assert np.all(np.abs(log.wheels["force"]) <= log.wheels["limit"] * (1.0 + 1e-9))
             energy = total[-1]
 
 

@@ -78,14 +78,14 @@ def test_vehicle_coasts_down_an_incline_as_its_inertia_allows(
     vehicle = Vehicle(central, pose=(1.0, 2.0, heading), elevation=slope(0.1, heading_deg - 180.0))
     path = vehicle.advance(2000, 1.0, OFF, NO_COMMAND)
     angle, mass = math.atan(0.1), vehicle.masses.mass
-    radius = 0.2 - float(np.mean(vehicle.wheel_load)) / forklift.tire.vertical_stiffness
+    radius = 0.2 - float(np.mean(vehicle.wheels["load"])) / forklift.tire.vertical_stiffness
     inertia = mass + 4.0 * forklift.wheel_inertia / radius**2
     acceleration = mass * GRAVITY * math.sin(angle) / inertia
     assert vehicle.twist[0] == pytest.approx(acceleration, rel=0.002)
     assert abs(vehicle.twist[1]) < 1e-9
     level_path = math.hypot(path[-1, 0] - 1.0, path[-1, 1] - 2.0)
     assert level_path == pytest.approx(0.5 * acceleration * math.cos(angle), rel=0.004)
-    assert vehicle.wheel_load.sum() == pytest.approx(mass * GRAVITY * math.cos(angle))
+    assert vehicle.wheels["load"].sum() == pytest.approx(mass * GRAVITY * math.cos(angle))
 
 
 def test_vehicle_coasts_down_sideways_too(forklift: VehicleConfiguration) -> None:
@@ -111,7 +111,7 @@ def test_vehicle_parked_on_an_incline_does_not_creep(
     uphill = np.array([math.cos(math.radians(uphill_deg)), math.sin(math.radians(uphill_deg))])
     lever = vehicle.kinematics.geometry.position - masses.centre
     moment = -masses.height * masses.mass * GRAVITY * math.sin(angle) * uphill
-    np.testing.assert_allclose(vehicle.wheel_load @ lever, moment, atol=0.5)
+    np.testing.assert_allclose(vehicle.wheels["load"] @ lever, moment, atol=0.5)
 
 
 def test_braked_vehicle_stops_sooner_uphill(forklift: VehicleConfiguration) -> None:
@@ -147,7 +147,7 @@ def over_the_hill(
         elevation=ground,
     )
     assert vehicle.attitude[0] == 0.0
-    start = vehicle.kinetic_energy
+    start = vehicle.energies.kinetic
     log = vehicle.advance_logged(round(3.2 / step), 1.0, OFF, NO_COMMAND)
     assert np.max(log.energy[:, 4]) > 2000.0
     assert log.energy[-1, 4] == pytest.approx(0.0, abs=1e-9)  # on the flat again
@@ -178,12 +178,14 @@ def test_speed_on_the_crest_and_its_load_are_those_of_a_point_mass(
     )
     mass = vehicle.masses.mass
     vehicle.advance(2, 1.0, OFF, NO_COMMAND)
-    assert vehicle.wheel_load.sum() == pytest.approx(mass * (GRAVITY + bend * 9.0**2), rel=0.01)
+    assert vehicle.wheels["load"].sum() == pytest.approx(mass * (GRAVITY + bend * 9.0**2), rel=0.01)
     while vehicle.velocity_of_gravity_centre[0] > 0.0 and vehicle.pose[0] < 20.0 - 0.13:
         vehicle.advance(10, 1.0, OFF, NO_COMMAND)
     crest = math.sqrt(9.0**2 - 4.0 * GRAVITY)
     assert vehicle.velocity_of_gravity_centre[0] == pytest.approx(crest, rel=0.004)
-    assert vehicle.wheel_load.sum() == pytest.approx(mass * (GRAVITY - bend * crest**2), rel=0.01)
+    assert vehicle.wheels["load"].sum() == pytest.approx(
+        mass * (GRAVITY - bend * crest**2), rel=0.01
+    )
     assert vehicle.tipping_steps == 0
 
 
@@ -196,8 +198,8 @@ def test_vehicle_that_would_take_off_is_reported(forklift: VehicleConfiguration)
     )
     log = vehicle.advance_logged(200, 1.0, ON, NO_COMMAND)
     assert vehicle.tipping
-    assert np.all(log.load >= 0.0)
-    assert np.any(np.all(log.load == 0.0, axis=1))
+    assert np.all(log.wheels["load"] >= 0.0)
+    assert np.any(np.all(log.wheels["load"] == 0.0, axis=1))
     assert np.all(np.isfinite(log.trajectory))
 
 
@@ -215,14 +217,14 @@ def test_vehicle_pitches_and_rolls_with_the_incline(
     angle = math.atan(0.2)
     np.testing.assert_allclose(vehicle.attitude, [0.8, roll * angle, pitch * angle], atol=1e-12)
     np.testing.assert_allclose(vehicle.pose, [4.0, 1.0, math.radians(heading_deg)], atol=1e-12)
-    assert vehicle.potential_energy > 0.8 * vehicle.masses.mass * GRAVITY * 0.8
+    assert vehicle.energies.height > 0.8 * vehicle.masses.mass * GRAVITY * 0.8
 
 
 def test_wheels_on_an_incline_stand_upright_on_it(forklift: VehicleConfiguration) -> None:
     vehicle = Vehicle(forklift, pose=(1.0, -2.0, 0.6), elevation=slope(0.2, 70.0))
     normal = np.array([-0.2 * math.cos(math.radians(70)), -0.2 * math.sin(math.radians(70)), 1.0])
     points = np.array([contact.point for contact in vehicle.wheel_contacts])
-    for contact, load in zip(vehicle.wheel_contacts, vehicle.wheel_load, strict=True):
+    for contact, load in zip(vehicle.wheel_contacts, vehicle.wheels["load"], strict=True):
         np.testing.assert_allclose(contact.normal, normal / np.linalg.norm(normal), atol=1e-9)
         np.testing.assert_allclose(contact.radial, contact.normal, atol=1e-9)
         assert contact.camber == pytest.approx(0.0, abs=1e-9)

@@ -14,7 +14,8 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
-from omni_sim.vehicle.vehicle import StepLog, Vehicle, VehicleInputError
+from omni_sim.vehicle.state import Log
+from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 
 FloatArray = NDArray[np.float64]
 
@@ -61,15 +62,17 @@ def test_vehicle_follows_its_command_and_wheels_roll_as_equation_28(
     # Inertia on a curve takes a small steady slip.
     np.testing.assert_allclose(vehicle.twist, command, atol=0.01)
     expected = PlatformKinematics(configuration.wheels).wheel_speeds(vehicle.twist)
-    np.testing.assert_allclose(vehicle.wheel_speed, expected, rtol=0.01, atol=0.03)
+    np.testing.assert_allclose(vehicle.wheels["speed"], expected, rtol=0.01, atol=0.03)
 
-    before, angle = vehicle.pose, vehicle.wheel_angle
+    before, angle = vehicle.pose, vehicle.wheels["angle"]
     vehicle.advance(1000, 0.0, np.ones(n), command)
     moved = vehicle.pose - before
     assert moved[2] == pytest.approx(0.5 * command[2], abs=0.005)
     middle = turned(0.5 * command[0], 0.5 * command[1], before[2] + 0.25 * command[2])
     np.testing.assert_allclose(moved[:2], middle, atol=0.01)
-    np.testing.assert_allclose(vehicle.wheel_angle - angle, 0.5 * expected, rtol=0.01, atol=0.02)
+    np.testing.assert_allclose(
+        vehicle.wheels["angle"] - angle, 0.5 * expected, rtol=0.01, atol=0.02
+    )
 
 
 def test_placed_vehicle_rolls_on_without_any_force(forklift: VehicleConfiguration) -> None:
@@ -77,7 +80,7 @@ def test_placed_vehicle_rolls_on_without_any_force(forklift: VehicleConfiguratio
         vehicle = Vehicle(forklift, twist=twist)
         np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
         log = vehicle.advance_logged(2000, 0.0, np.ones(4), twist)
-        assert np.max(np.abs(log.force)) < 1e-6
+        assert np.max(np.abs(log.wheels["force"])) < 1e-6
         np.testing.assert_allclose(log.trajectory[-1], [*twist, *twist], atol=1e-9)
 
 
@@ -105,7 +108,7 @@ def test_vehicle_is_where_and_as_fast_as_it_was_placed(forklift: VehicleConfigur
     np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
 
 
-def momentum_balance(vehicle: Vehicle, log: StepLog) -> tuple[FloatArray, FloatArray]:
+def momentum_balance(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray]:
     """Return changes of (p_x, p_y, L) and the impulses that wheel forces made, from a log."""
     masses = vehicle.masses
     yaw = log.trajectory[:, 2]
@@ -119,7 +122,7 @@ def momentum_balance(vehicle: Vehicle, log: StepLog) -> tuple[FloatArray, FloatA
     )
     geometry = vehicle.kinematics.geometry
     impulse = np.zeros(3)
-    for k, forces in enumerate(log.force):
+    for k, forces in enumerate(log.wheels["force"]):
         angle = 0.5 * (yaw[k] + yaw[k + 1])
         for force, direction, contact in zip(
             forces, geometry.active, geometry.position, strict=True
@@ -145,7 +148,9 @@ def test_a_single_braked_wheel_moves_the_body_as_newton_and_euler_say(
     assert scale > 300.0
     np.testing.assert_allclose(gained, impulse, atol=1e-4 * scale)
     # The others only turn their own wheels.
-    assert np.max(np.abs(np.delete(log.force, wheel, axis=1))) < 0.05 * np.max(np.abs(log.force))
+    assert np.max(np.abs(np.delete(log.wheels["force"], wheel, axis=1))) < 0.05 * np.max(
+        np.abs(log.wheels["force"])
+    )
 
 
 def test_trajectory_is_the_integral_of_its_velocities(forklift: VehicleConfiguration) -> None:
@@ -164,7 +169,7 @@ def test_calls_may_be_split_anywhere(forklift: VehicleConfiguration) -> None:
     path = whole.advance(900, 1.0, np.ones(4), np.zeros(3))
     pieces = [parts.advance(n, 1.0, np.ones(4), np.zeros(3)) for n in (1, 299, 0, 600)]
     np.testing.assert_array_equal(path[1:], np.concatenate([piece[1:] for piece in pieces]))
-    np.testing.assert_array_equal(whole.wheel_speed, parts.wheel_speed)
+    np.testing.assert_array_equal(whole.wheels["speed"], parts.wheels["speed"])
     assert parts.advance(0, 1.0, np.ones(4), np.zeros(3)).shape == (1, 6)
 
 
@@ -207,12 +212,12 @@ def test_braking_shifts_load_to_the_front(forklift: VehicleConfiguration) -> Non
     vehicle = Vehicle(even, twist=(10.0, 0.0, 0.0))
     log = vehicle.advance_logged(2000, 1.0, np.ones(4), np.zeros(3))
     masses = vehicle.masses
-    np.testing.assert_allclose(log.load.sum(axis=1), masses.mass * GRAVITY)
+    np.testing.assert_allclose(log.wheels["load"].sum(axis=1), masses.mass * GRAVITY)
     deceleration = -np.diff(log.trajectory[1500:, 3]).mean() / 0.0005
     assert deceleration > 5.0
     base = forklift.wheels["front_left"].x - forklift.wheels["rear_left"].x
     transfer = masses.mass * deceleration * masses.height / base  # m a h / L
-    front, rear = log.load[-1, [1, 2]].sum(), log.load[-1, [0, 3]].sum()
+    front, rear = log.wheels["load"][-1, [1, 2]].sum(), log.wheels["load"][-1, [0, 3]].sum()
     assert front - rear == pytest.approx(2.0 * transfer, rel=0.01)
     # Evenly loaded, it stays on its line.
     np.testing.assert_allclose(log.trajectory[:, [1, 2]], 0.0, atol=1e-6)
@@ -223,10 +228,10 @@ def test_wheels_on_ice_have_the_grip_of_ice(forklift: VehicleConfiguration) -> N
     left = FrictionPatch(x=0.0, y=5.0, length=100.0, width=10.0, friction=0.25)
     vehicle = Vehicle(even, FrictionMap(1.0, {"ice": left}), twist=(5.0, 0.0, 0.0))
     log = vehicle.advance_logged(1, 1.0, np.ones(4), np.zeros(3))
-    np.testing.assert_allclose(log.limit[0, :2], 0.25 * log.limit[0, 2:])
+    np.testing.assert_allclose(log.wheels["limit"][0, :2], 0.25 * log.wheels["limit"][0, 2:])
     log = vehicle.advance_logged(800, 1.0, np.ones(4), np.zeros(3))
     assert abs(log.trajectory[-1, 2]) > 0.05
-    assert np.all(np.abs(log.force) <= log.limit)
+    assert np.all(np.abs(log.wheels["force"]) <= log.wheels["limit"])
 
 
 def test_overload_is_reported_and_its_force_not_extrapolated(
@@ -235,9 +240,9 @@ def test_overload_is_reported_and_its_force_not_extrapolated(
     heavy = dataclasses.replace(forklift, load=dataclasses.replace(forklift.load, mass=900.0))
     vehicle = Vehicle(heavy, twist=(8.0, 0.0, 0.0))
     log = vehicle.advance_logged(1000, 1.0, np.ones(4), np.zeros(3))
-    assert np.max(log.load) > 6000.0
-    assert vehicle.overloaded_steps == np.sum(log.load > 6000.0)
-    assert np.max(log.limit) == pytest.approx(4500.0)
+    assert np.max(log.wheels["load"]) > 6000.0
+    assert vehicle.overloaded_steps == np.sum(log.wheels["load"] > 6000.0)
+    assert np.max(log.wheels["limit"]) == pytest.approx(4500.0)
     assert not Vehicle(forklift).overloaded.any()
     assert Vehicle(heavy).overloaded[1]
 
@@ -248,8 +253,8 @@ def test_tall_load_tips_and_says_so(forklift: VehicleConfiguration) -> None:
     log = vehicle.advance_logged(1000, 1.0, np.ones(4), np.zeros(3))
     assert vehicle.tipping
     assert vehicle.tipping_steps > 0
-    assert np.all(log.load >= 0.0)
-    np.testing.assert_allclose(log.load.sum(axis=1), vehicle.masses.mass * GRAVITY)
+    assert np.all(log.wheels["load"] >= 0.0)
+    np.testing.assert_allclose(log.wheels["load"].sum(axis=1), vehicle.masses.mass * GRAVITY)
     assert np.all(np.isfinite(log.trajectory))
 
 

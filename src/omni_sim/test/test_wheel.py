@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_sim.tire.characteristic import TMeasy, steady_force
+from omni_sim.tire.model import contact_friction
 from omni_sim.tire.tmeasy import TMeasyConfiguration
-from omni_sim.wheel.single import contact_friction, tire_force
+from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 TIRE = TMeasy(TMeasyConfiguration())
 CURVE = TIRE.curve(3000.0)
@@ -72,10 +73,10 @@ def test_rolling_patch_has_one_state_for_one_demand() -> None:
 def build_up(
     speed: float, sliding_velocity: float, damping: float, dt: float, n: int
 ) -> list[float]:
-    deflection, slides, forces = 0.0, False, []
+    tire, deflection, slides, forces = TireConstants(C, damping, dt), 0.0, False, []
     for _ in range(n):
         force, deflection, _, slides = tire_force(
-            deflection, sliding_velocity, 0.0, speed, CURVE, C, damping, dt, slides
+            tire, CURVE, Patch(deflection, speed, slides), sliding_velocity, 0.0
         )
         forces.append(force)
     return forces
@@ -123,7 +124,7 @@ def test_unloaded_tire_makes_no_force_and_relaxes() -> None:
     deflection, slides = 0.01, True
     for step in range(1, 200):
         force, deflection, _, slides = tire_force(
-            deflection, 4.0, 0.0, 3.0, curve, C, D, DT, slides
+            TireConstants(C, D, DT), curve, Patch(deflection, 3.0, slides), 4.0, 0.0
         )
         assert force == 0.0
         # Implicit Euler of e_dot = -(c / d) e
@@ -140,12 +141,12 @@ def test_unloaded_tire_makes_no_force_and_relaxes() -> None:
 def test_tire_never_gives_out_more_energy_than_its_deflection_stores(
     seed: int, stiffness: float, damping: float, exponent: float, dt: float
 ) -> None:
-    random = np.random.default_rng(seed)
+    random, tire = np.random.default_rng(seed), TireConstants(stiffness, damping, dt)
     deflection, slides = 0.0, False
     for velocity in random.normal(0.0, 1.0, 60) * 10.0 ** random.uniform(-4.0, 1.0):
         before = 0.5 * stiffness * deflection**2
         force, deflection, _, slides = tire_force(
-            deflection, velocity, 0.0, 10.0**exponent, CURVE, stiffness, damping, dt, slides
+            tire, CURVE, Patch(deflection, 10.0**exponent, slides), velocity, 0.0
         )
         given_out = force * velocity * dt
         stored = 0.5 * stiffness * deflection**2 - before

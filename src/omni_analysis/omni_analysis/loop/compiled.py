@@ -31,7 +31,7 @@ from omni_brake_assist.assist_step import (
 from omni_brake_assist.configuration import LAWS
 from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
 from omni_platform.configuration import ConfigurationError
-from omni_sim.driver.scripted import ScriptedDriver, in_turned_frame
+from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.measurement import Instruments, build_instruments, draws, measure
 from omni_sim.run_progress import (
@@ -44,10 +44,9 @@ from omni_sim.run_progress import (
     run_outcome,
 )
 from omni_sim.vehicle import dynamics
-from omni_sim.vehicle.base_motion import base_motion
-from omni_sim.vehicle.factory import build_vehicle
-from omni_sim.vehicle.roller_dynamics import Rollers, roller_energies
-from omni_sim.vehicle.vehicle import KernelState
+from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
+from omni_sim.vehicle.state import WHEEL, Control, Log, State
+from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.velocity_sensor import (
     SensorConstants,
     read,
@@ -198,7 +197,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     _check(configuration)
     driver = ScriptedDriver(configuration.maneuver)
     ground, simulation = configuration.ground, configuration.simulation
-    vehicle = build_vehicle(
+    vehicle = Vehicle(
         configuration.vehicle,
         FrictionMap(ground.friction, ground.patches),
         simulation.physics_step,
@@ -220,9 +219,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         last = min(used + _CHUNK, stamps)
         if loop.measures:  # drawn piece by piece: most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
-        used, outcome = _run(
-            vehicle.kernel_state, assist, memory, sensors, loop, used, last, body, wheels
-        )
+        used, outcome = _run(vehicle.state, assist, memory, sensors, loop, used, last, body, wheels)
     return FastRun(
         vehicle.wheel_names,
         loop.period_ns,
@@ -298,31 +295,16 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _energy(
-    plant: dynamics.Plant, body: FloatArray, wheels: FloatArray, rollers: Rollers | None
-) -> float:
-    """Return the energy of motion and of the tires' deflection [J]."""
-    energy: float = 0.5 * plant.mass * (body[dynamics.V_X] ** 2 + body[dynamics.V_Y] ** 2)
-    energy += 0.5 * plant.yaw_inertia * body[dynamics.YAW_RATE] ** 2
-    energy += 0.5 * plant.wheel_inertia * np.sum(wheels[:, dynamics.SPEED] ** 2)
-    if rollers is None:
-        energy += 0.5 * plant.stiffness * np.sum(wheels[:, dynamics.DEFLECTION] ** 2)
-    else:
-        spin, elastic = roller_energies(rollers)
-        energy += spin + elastic
-    return energy
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _advance(
-    state: KernelState, loop: _Loop, stamp: int, yaw: float, enable: FloatArray, scratch: FloatArray
+    state: State, loop: _Loop, stamp: int, yaw: float, enable: FloatArray, scratch: FloatArray
 ) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does."""
     pedal = loop.pedal[stamp]
     twist = loop.command[stamp].copy()
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
-    control = dynamics.Control(
+    no_wheels, no_energy = np.empty((0, enable.size), WHEEL), np.empty((0, 5))
+    control = Control(
         brake_torques(state.pressure, pedal * loop.brake_torque * enable, loop.steps),
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
@@ -330,27 +312,12 @@ def _advance(
         0.0,
         0.0,
     )
-    no_wheels = np.empty((0, enable.size, dynamics.WHEEL_SIZE))
-    no_energy = np.empty((0, dynamics.ENERGIES))
-    dynamics.advance(
-        state.plant,
-        state.terrain,
-        state.losses,
-        control,
-        state.body,
-        state.contacts,
-        state.rollers,
-        state.wheels,
-        state.counters,
-        scratch,
-        no_wheels,
-        no_energy,
-    )
+    dynamics.advance(state, control, Log(scratch, no_wheels, no_energy))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _listen(
-    state: KernelState,
+    state: State,
     sensors: _Sensors,
     loop: _Loop,
     stamp: int,
@@ -372,10 +339,10 @@ def _listen(
             stamp,
             loop.period_ns,
             row[:6],
-            state.body[dynamics.TILT_X],
-            state.body[dynamics.TILT_Y],
-            state.wheels[:, dynamics.ANGLE].copy(),
-            state.wheels[:, dynamics.SPEED].copy(),
+            state.body[0].tilt_x,
+            state.body[0].tilt_y,
+            state.wheels["angle"].copy(),
+            state.wheels["speed"].copy(),
             sensors.noise[stamp % sensors.noise.shape[0]],
             feedback,
             imu,
@@ -396,7 +363,7 @@ def _listen(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(
-    state: KernelState,
+    state: State,
     assist: Constants,
     memory: Memory,
     sensors: _Sensors,
@@ -407,23 +374,25 @@ def _run(
     wheels: FloatArray,
 ) -> tuple[int, int]:
     """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
-    plant = state.plant
     error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
     scratch = np.empty((loop.steps + 1, 6))
     covariance, imu = np.empty((3, 3)), np.full(3, np.nan)
     wheel_speed = np.full(wheels.shape[1], np.nan)
     for stamp in range(first, last):
         row = body[stamp]
-        base_motion(state.body, plant.centre_x, plant.centre_y, row)
+        base_motion(state.body[0], state.plant.centre, row)
         inputs = _listen(state, sensors, loop, stamp, row, covariance, imu, wheel_speed)
         assist_step(assist, memory, inputs, error, enable)
         row[_TRUST] = 1.0 if memory.trust[0].cause == GOOD else 0.0
-        row[_STORED] = _energy(plant, state.body, state.wheels, state.rollers)
-        wheels[stamp, :, _ANGLE] = state.wheels[:, dynamics.ANGLE]
-        wheels[stamp, :, _SPEED] = state.wheels[:, dynamics.SPEED]
-        wheels[stamp, :, _TORQUE] = state.wheels[:, dynamics.BRAKE]
-        wheels[stamp, :, _ENABLE] = enable
-        wheels[stamp, :, _ERROR] = error
+        stored = energies(state)
+        row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
+        for i in range(enable.size):
+            wheel = state.wheels[i]
+            wheels[stamp, i, _ANGLE] = wheel.angle
+            wheels[stamp, i, _SPEED] = wheel.speed
+            wheels[stamp, i, _TORQUE] = wheel.brake
+            wheels[stamp, i, _ENABLE] = enable[i]
+            wheels[stamp, i, _ERROR] = error[i]
         outcome = run_outcome(
             loop.end, sensors.rest, inputs.now_ns, inputs.pedal, rim_speed(row[3:6])
         )

@@ -25,7 +25,7 @@ from omni_analysis.wheels.spin_translate_figures import draw_commands, draw_snap
 from omni_analysis.wheels.tracking import Tracking
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.factory import build_vehicle
+from omni_sim.vehicle.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 
@@ -84,17 +84,17 @@ def track(
     time = np.arange(periods + 1, dtype=np.float64) * np.float64(_PERIOD)
     reference = maneuver.pose(time)
     start = maneuver.twist(time[:1], reference[:1, 2])[0]
-    vehicle = build_vehicle(configuration, pose=reference[0], twist=start)
+    vehicle = Vehicle(configuration, pose=reference[0], twist=start)
     steps = round(_PERIOD / vehicle.physics_step)
     # Over a period the drive holds the velocity of its middle, in the direction of the world.
     command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])
     released = np.zeros(len(configuration.wheels))
-    pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheel_speed]
+    pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheels["speed"]]
     for demand in command:
         vehicle.advance(steps, 0.0, released, demand, hold_world_direction=True)
         pose.append(vehicle.pose)
         twist.append(vehicle.twist)
-        speed.append(vehicle.wheel_speed)
+        speed.append(vehicle.wheels["speed"])
     return Tracking(
         wheel_names=vehicle.wheel_names,
         time=time,

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.factory import build_vehicle
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 
@@ -67,7 +66,7 @@ class Outcome:
 
     Attributes:
         time: of the samples [s], shape (T,).
-        motion: pose and velocity of base_link in the world, as `StepLog.trajectory`, (S, T, 6).
+        motion: pose and velocity of base_link in the world, as `Log.trajectory`, (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N], (S, 2).
         force_scale: mean magnitude of the wheels' force or of the push, if larger [N].
     """
@@ -110,7 +109,7 @@ def start(
         wheel_angle: [rad], a number or shape (N,).
         physics_step: [s].
     """
-    vehicle = build_vehicle(
+    vehicle = Vehicle(
         configuration, physics_step=physics_step, twist=trial.twist, wheel_angle=wheel_angle
     )
     vehicle.push(np.array(trial.push) * vehicle.masses.mass * GRAVITY)
@@ -236,10 +235,10 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
     vehicle = start(configuration, trial)
     go(vehicle, trial, trial.duration)
     step = vehicle.physics_step
-    first = vehicle.wheel_angle[wheel]
+    first = vehicle.wheels["angle"][wheel]
     angle, force = [], []
-    while abs(vehicle.wheel_angle[wheel] - first) < turns:
+    while abs(vehicle.wheels["angle"][wheel] - first) < turns:
         go(vehicle, trial, step)
-        angle.append(vehicle.wheel_angle[wheel])
+        angle.append(vehicle.wheels["angle"][wheel])
         force.append(vehicle.wheel_force_body[wheel])
     return ForceTrace(np.array(angle), np.array(force))

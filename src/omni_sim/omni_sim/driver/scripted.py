@@ -7,10 +7,10 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_sim.vehicle.dynamics import in_turned_frame
 
 FloatArray = NDArray[np.float64]
 
@@ -154,10 +154,3 @@ class ScriptedDriver:
             turned = yaw - math.radians(self.configuration.heading_deg)
             twist[:2] = in_turned_frame(twist[0], twist[1], turned)
         return twist
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float]:
-    """Return the components of a velocity [m/s] in axes turned by an angle [rad]."""
-    cos, sin = math.cos(turned), math.sin(turned)
-    return cos * v_x + sin * v_y, cos * v_y - sin * v_x

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,6 +30,18 @@ STEEPEST = 0.5
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
 _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # of h (1 - r^2/R^2)^3, in h / R
+
+
+class Terrain(NamedTuple):
+    """Height of the ground, for kernels.
+
+    Attributes:
+        parts: from `ElevationConfiguration.table`, shape (K, 5), flat with K = 0.
+        sampling: distance of the four points that span a road plane, Eq. (5) [m].
+    """
+
+    parts: FloatArray
+    sampling: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -125,6 +138,11 @@ class ElevationConfiguration(Configuration):
                 f"its steepness of up to {steepness[worst]:.3g} makes that of the ground up to "
                 f"{total:.3g}, must be at most {STEEPEST:g}",
             )
+
+    @property
+    def terrain(self) -> Terrain:
+        """The ground as the kernels read it."""
+        return Terrain(self.table(), self.sampling_distance)
 
     def table(self) -> FloatArray:
         """Return the parts as the kernels read them.

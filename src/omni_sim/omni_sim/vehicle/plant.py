@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.vehicle import dynamics
+from omni_sim.tire.roller import passive_parameters
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_sim.vehicle.state import CONTACT, LOSS, ROLLER, Losses, Plant, Rollers, Structured
+from omni_sim.wheel.roller_geometry import AXIS
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +26,7 @@ def build_plant(
     masses: MassProperties,
     friction: FrictionMap,
     physics_step: float,
-) -> dynamics.Plant:
+) -> Plant:
     """Lay out the constants of a vehicle for the kernel.
 
     Args:
@@ -38,38 +40,32 @@ def build_plant(
     tire = configuration.tire
     lever = geometry.position - masses.centre
     moment = cross(lever, geometry.active)
+    rim = np.sum(geometry.active * geometry.rolling, axis=1)
     mobility = geometry.active @ geometry.active.T / masses.mass
     mobility += np.outer(moment, moment) / masses.yaw_inertia
     mobility_sum = np.sum(np.abs(mobility), axis=1)
-    rollers, pitch = np.zeros((len(lever), 5)), 0.0
+    rollers, pitch = np.zeros(len(lever), AXIS), 0.0
     if configuration.contacts_move:
         geometries = configuration.roller_geometries
-        rollers = np.array([geometry.table_row for geometry in geometries])
+        rollers = np.array([geometry.constants for geometry in geometries], AXIS)
         pitch = 2.0 * geometries[0].half_pitch
         jump = np.array([geometry.jump for geometry in geometries])
         # An upper bound over all wheel angles; two rollers may share a wheel.
         reach = np.linalg.norm(lever, axis=1) + jump
         mobility_sum = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
         mobility_sum *= 2.0 if configuration.wheel_model == "rollers" else 1.0
-    plant = dynamics.Plant(
+    plant = Plant(
         dt=float(physics_step),
         mass=masses.mass,
         yaw_inertia=masses.yaw_inertia,
-        centre_x=float(masses.centre[0]),
-        centre_y=float(masses.centre[1]),
+        centre=(float(masses.centre[0]), float(masses.centre[1])),
         height=masses.height,
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
-        wheel=np.column_stack(
-            (
-                lever,
-                geometry.active,
-                moment,
-                np.sum(geometry.active * geometry.rolling, axis=1),
-                geometry.radius,
-                mobility_sum,
-            )
-        ),
+        contact=structured(CONTACT, lever, geometry.active, moment, rim),
+        radius=geometry.radius,
+        mobility=np.broadcast_to(mobility_sum, len(lever)).copy(),
         rolling=np.zeros((len(lever), 3)),
+        position=lever,
         plane=load_plane(lever),
         hull=support_polygon(lever),
         wheel_inertia=configuration.wheel_inertia,
@@ -97,8 +93,8 @@ def build_losses(
     configuration: VehicleConfiguration,
     kinematics: PlatformKinematics,
     masses: MassProperties,
-    plant: dynamics.Plant,
-) -> tuple[dynamics.Plant, dynamics.Losses]:
+    plant: Plant,
+) -> tuple[Plant, Losses]:
     """Lay out the passive losses, and the plant as their forces couple to its own.
 
     Args:
@@ -109,7 +105,7 @@ def build_losses(
     """
     losses = configuration.passive_losses
     if not losses.active:
-        return plant, dynamics.Losses(np.zeros((0, 5)), 0.0, 0.0, 0.0)
+        return plant, Losses(np.zeros(0, LOSS), 0.0, 0.0, 0.0)
     geometry = kinematics.geometry
     lever = geometry.position - masses.centre
     moment = cross(lever, geometry.passive)
@@ -121,20 +117,44 @@ def build_losses(
         mobilities.append(np.abs(product))
     # A wheel's spin couples its tire and its roller.
     own = geometry.radius**2 * np.abs(rim) / configuration.wheel_inertia
-    active_rim = np.abs(plant.wheel[:, dynamics.RIM])
-    wheel = plant.wheel.copy()
-    wheel[:, dynamics.MOBILITY] += mobilities[0].sum(axis=0) + own * active_rim
+    active_rim = np.abs(plant.contact["rim"])
+    coupled = plant.mobility + (mobilities[0].sum(axis=0) + own * active_rim)
     mobility = mobilities[0].sum(axis=1) + mobilities[1].sum(axis=1)
     mobility += own * (active_rim + np.abs(rim))
-    constants = np.column_stack((geometry.passive, moment, rim, mobility))
-    return plant._replace(wheel=wheel), dynamics.Losses(
+    constants = structured(LOSS, geometry.passive, moment, rim, mobility)
+    return plant._replace(mobility=coupled), Losses(
         constants, losses.constant_share, losses.growing_share, losses.inertia
     )
 
 
-def static_loads(plant: dynamics.Plant) -> FloatArray:
+def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
+    """Return the individual rollers of a vehicle, if its wheels have them.
+
+    Args:
+        configuration: what the vehicle is made of.
+    """
+    if configuration.wheel_model != "rollers":
+        return None
+    rollers, n = configuration.rollers, len(configuration.wheels)
+    return Rollers(
+        tire_y=passive_parameters(configuration.tire),
+        inertia=rollers.inertia,
+        stiffness=rollers.stiffness,
+        damping=rollers.damping,
+        overlap=rollers.overlap,
+        state=np.zeros((n, rollers.count), ROLLER),
+        push=np.zeros((n, 3)),
+    )
+
+
+def static_loads(plant: Plant) -> FloatArray:
     """Return the wheel loads at rest [N], shape (N,)."""
-    loads = np.empty(len(plant.wheel))
+    loads = np.empty(len(plant.position))
     weight = plant.mass * GRAVITY
-    wheel_loads(plant.wheel, plant.plane, plant.hull, weight, 0.0, 0.0, loads)
+    wheel_loads(plant.position, plant.plane, plant.hull, weight, 0.0, 0.0, loads)
     return loads
+
+
+def structured(kind: np.dtype[np.void], *columns: FloatArray) -> Structured:
+    """Return columns of numbers, shape (N,) or (N, k), as a structured array of floats, (N,)."""
+    return np.ascontiguousarray(np.column_stack(columns)).view(kind)[:, 0]

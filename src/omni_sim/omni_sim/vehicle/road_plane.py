@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from omni_sim.ground.elevation import elevation_at
+from omni_sim.ground.elevation import Terrain, elevation_at
 
 FloatArray = NDArray[np.float64]
 
@@ -50,13 +50,12 @@ def plane_of_points(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def road_plane_at(
-    table: FloatArray, distance: float, x: float, y: float, cos: float, sin: float
+    terrain: Terrain, x: float, y: float, cos: float, sin: float
 ) -> tuple[float, float, float, float]:
     """Return the local road plane of an analytic ground, Eq. (5), for the kernels.
 
     Args:
-        table: from `ground_elevation.ElevationConfiguration.table`.
-        distance: of the four points [m].
+        terrain: height of the ground.
         x: projection of the wheel centre in the world [m].
         y: likewise [m].
         cos: of the direction that counts as forward.
@@ -65,12 +64,13 @@ def road_plane_at(
     Returns:
         Height [m] and ``e_n`` in the world frame [1], three components.
     """
+    parts, distance = terrain.parts, terrain.sampling
     d_x, d_y = distance * cos, distance * sin
     z, forward, left, up = plane_of_points(
-        elevation_at(table, x + d_x, y + d_y),
-        elevation_at(table, x - d_x, y - d_y),
-        elevation_at(table, x - d_y, y + d_x),
-        elevation_at(table, x + d_y, y - d_x),
+        elevation_at(parts, x + d_x, y + d_y),
+        elevation_at(parts, x - d_x, y - d_y),
+        elevation_at(parts, x - d_y, y + d_x),
+        elevation_at(parts, x + d_y, y - d_x),
         distance,
     )
     return z, cos * forward - sin * left, sin * forward + cos * left, up

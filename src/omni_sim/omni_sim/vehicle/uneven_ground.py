@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from omni_sim.ground.elevation import Terrain
 from omni_sim.vehicle.road_plane import road_plane_at
 
 FloatArray = NDArray[np.float64]
@@ -51,36 +52,32 @@ def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def stand(
-    table: FloatArray,
-    distance: float,
+    terrain: Terrain,
     position: FloatArray,
     plane: FloatArray,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
+    place: tuple[float, float],
+    heading: tuple[float, float],
 ) -> tuple[float, float, float, float, float, float]:
     """Return how the wheels stand.
 
     Args:
-        table: from `ground_elevation.ElevationConfiguration.table`.
-        distance: of the four points of Eq. (5) [m].
-        position: wheel contacts relative to the centre of gravity in the body frame [m], (N, 2+).
+        terrain: height of the ground.
+        position: wheel contacts relative to the centre of gravity in the body frame [m], (N, 2).
         plane: from `loads.load_plane`.
-        x: centre of gravity in the world [m].
-        y: likewise [m].
-        cos: of the yaw.
-        sin: likewise.
+        place: centre of gravity in the world [m].
+        heading: cosine and sine of the yaw.
 
     Returns:
         Height ``Z`` of the ground under the centre of gravity [m]; gradient of the vehicle's plane
         forward and to the left [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
     """
     height, forward, left, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y = place
+    cos, sin = heading
     for i in range(position.shape[0]):
         r_x = cos * position[i, 0] - sin * position[i, 1]
         r_y = sin * position[i, 0] + cos * position[i, 1]
-        z, n_x, n_y, n_z = road_plane_at(table, distance, x + r_x, y + r_y, cos, sin)
+        z, n_x, n_y, n_z = road_plane_at(terrain, x + r_x, y + r_y, cos, sin)
         height += plane[i, 0] * z
         forward += plane[i, 1] * z
         left += plane[i, 2] * z

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,19 +11,24 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics
-from omni_sim.vehicle.base_motion import base_motion
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties
-from omni_sim.vehicle.plant import build_losses, build_plant, static_loads
+from omni_sim.vehicle.loads import MassProperties
+from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, static_loads
 from omni_sim.vehicle.road_plane import RoadPlane, WheelContact, road_plane_at, wheel_contact
-from omni_sim.vehicle.roller_dynamics import Rollers
-from omni_sim.vehicle.uneven_ground import level, orientation, stand
-from omni_sim.wheel.brake_pressure import (
-    BrakePressure,
-    brake_torques,
-    build_brake_pressure,
-    release,
+from omni_sim.vehicle.state import (
+    BODY,
+    COUNTERS,
+    ROLLER,
+    WHEEL,
+    Control,
+    Energies,
+    Log,
+    State,
+    Structured,
 )
+from omni_sim.vehicle.uneven_ground import level, orientation
+from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, release
+from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -40,60 +43,13 @@ class VehicleInputError(ValueError):
     """An input to the vehicle that has the wrong shape, is not finite or is out of range."""
 
 
-@dataclasses.dataclass(frozen=True)
-class StepLog:
-    """What happened in each of n steps.
-
-    Attributes:
-        trajectory: x, y, yaw, v_x, v_y, yaw rate of base_link in the world frame, (n + 1, 6).
-        load: wheel loads [N], shape (n, N).
-        force: wheel forces along the active directions [N], (n, N).
-        limit: largest force that friction allowed [N], (n, N).
-        slip: Eq. (20) with sign [1], (n, N).
-        speed: wheel speeds [rad/s], (n, N).
-        brake_torque: of the brakes on the wheels [N m], (n, N).
-        energy: kinetic energy of translation, rotation and wheel spin, energy of the tires'
-            deflection, potential energy of the height [J], (n, 5).
-    """
-
-    trajectory: FloatArray
-    load: FloatArray
-    force: FloatArray
-    limit: FloatArray
-    slip: FloatArray
-    speed: FloatArray
-    brake_torque: FloatArray
-    energy: FloatArray
-
-
-class KernelState(NamedTuple):
-    """What `dynamics.advance` works on.
-
-    Attributes:
-        plant: constants.
-        terrain: height of the ground.
-        losses: along the passive directions.
-        body: body state, shape (10,).
-        contacts: of the wheels, shape (N, 6).
-        rollers: individual rollers, if the wheels have any.
-        wheels: wheel states, shape (N, 12).
-        counters: of steps with tipping or overload, shape (2,).
-        pressure: in the brakes; `brake_pressure.brake_torques` advances it.
-    """
-
-    plant: dynamics.Plant
-    terrain: dynamics.Terrain
-    losses: dynamics.Losses
-    body: FloatArray
-    contacts: FloatArray
-    rollers: Rollers | None
-    wheels: FloatArray
-    counters: NDArray[np.int64]
-    pressure: BrakePressure
-
-
 class Vehicle:
     """A vehicle moving in the plane, or on uneven ground that it keeps to (`uneven_ground`).
+
+    Its wheels are those of ``wheel_model``. With individual rollers a wheel's force is the part of
+    all its rollers' forces along the nominal active direction, and its limit is the sum of their
+    limits; slip, deflection and whether it slides are those of its lower roller; the slip velocity
+    is that of an ideal contact.
 
     The drive follows the inverse kinematics with the rolling radii that the wheels have at rest
     under their static loads, as a calibrated drive does.
@@ -103,10 +59,8 @@ class Vehicle:
         kinematics: of the unloaded wheels, with the names and the order of all wheel arrays.
         masses: body and load together.
         physics_step: [s].
-        wheel_model: that this class simulates.
+        state: what the kernels work on, not a copy; changed by `advance` and `place`.
     """
-
-    wheel_model = "single"
 
     def __init__(
         self,
@@ -132,50 +86,40 @@ class Vehicle:
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
-            VehicleInputError: a number is out of range, or the configuration has other wheels.
+            VehicleInputError: a number is out of range.
         """
-        if configuration.wheel_model != self.wheel_model:
-            raise VehicleInputError(
-                f"{type(self).__name__} has wheels of the model {self.wheel_model!r}, not "
-                f"{configuration.wheel_model!r}; vehicle_factory.build_vehicle takes either"
-            )
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
         self.kinematics = PlatformKinematics(configuration.wheels)
         self.masses = MassProperties.of(configuration.body, configuration.load)
         self.physics_step = physics_step
-        self._plant = build_plant(
+        plant = build_plant(
             configuration, self.kinematics, self.masses, friction or FrictionMap(), physics_step
         )
-        self._plant, self._losses = build_losses(
-            configuration, self.kinematics, self.masses, self._plant
-        )
-        ground = elevation or ElevationConfiguration()
-        self._terrain = dynamics.Terrain(ground.table(), ground.sampling_distance)
+        plant, losses = build_losses(configuration, self.kinematics, self.masses, plant)
         n = len(configuration.wheels)
-        self._body = np.zeros(dynamics.BODY_SIZE)
-        self._wheels = np.zeros((n, dynamics.WHEEL_SIZE))
         brake = configuration.brake
-        self._pressure = build_brake_pressure(
-            brake.time_constant, brake.dead_time, n, self.physics_step
+        self.state = State(
+            plant=plant,
+            terrain=(elevation or ElevationConfiguration()).terrain,
+            losses=losses,
+            body=np.zeros(1, BODY),
+            contacts=plant.contact.copy(),
+            rollers=build_rollers(configuration),
+            wheels=np.zeros(n, WHEEL),
+            counters=np.zeros(1, COUNTERS),
+            pressure=build_brake_pressure(brake.time_constant, brake.dead_time, n, physics_step),
         )
-        self._contacts = self._plant.wheel[:, : dynamics.CONTACT_SIZE].copy()
-        self._individual_rollers: Rollers | None = None
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
-        self._counters = np.zeros(2, dtype=np.int64)
         self._tipping = False
         self._force = np.zeros(2)
-        self._no_log = (
-            np.zeros((0, n, dynamics.WHEEL_SIZE)),
-            np.zeros((0, dynamics.ENERGIES)),
-        )
         self.place(pose, twist)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Put the vehicle somewhere, rolling perfectly, with its tires at rest.
+        """Put the vehicle somewhere, wheels and rollers turning as it moves, its tires at rest.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -186,34 +130,64 @@ class Vehicle:
         g = self.masses.centre
         v = twist_body[:2] + twist_body[2] * np.array([-g[1], g[0]])
         cos, sin = math.cos(yaw), math.sin(yaw)
-        self._body[:] = 0.0
-        self._body[dynamics.X] = x + cos * g[0] - sin * g[1]
-        self._body[dynamics.Y] = y + sin * g[0] + cos * g[1]
-        self._body[dynamics.YAW] = yaw
+        plant, body, wheels = self.state.plant, self.state.body[0], self.state.wheels
+        for array in (self.state.body, wheels, self.state.counters):
+            array[:] = np.zeros((), array.dtype)
+        body["x"] = x + cos * g[0] - sin * g[1]
+        body["y"] = y + sin * g[0] + cos * g[1]
+        body["yaw"] = yaw
         self._lean_on_ground(x, y)
-        self._body[dynamics.V_X] = cos * v[0] - sin * v[1]
-        self._body[dynamics.V_Y] = sin * v[0] + cos * v[1]
-        self._body[dynamics.YAW_RATE] = twist_body[2]
-        release(self._pressure)
-        self._wheels[:] = 0.0
-        self._wheels[:, dynamics.SPEED] = self._plant.rolling @ twist_body
-        pressing = math.sqrt(1.0 - float(np.sum(self._tilt**2)))
-        self._wheels[:, dynamics.LOAD] = pressing * static_loads(self._plant)
-        self._wheels[:, dynamics.ANGLE] = self._start_angle
-        if self._plant.roller_pitch > 0.0:
-            self._wheels[:, dynamics.SPEED] = self._rolling_speed(v, twist_body[2])
-        self._wheels[:, dynamics.LAST_SPEED] = self._wheels[:, dynamics.SPEED]
-        self._counters[:] = 0
+        body["v_x"] = cos * v[0] - sin * v[1]
+        body["v_y"] = sin * v[0] + cos * v[1]
+        body["yaw_rate"] = twist_body[2]
+        release(self.state.pressure)
+        wheels["speed"] = plant.rolling @ twist_body
+        pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
+        wheels["load"] = pressing * static_loads(plant)
+        wheels["angle"] = self._start_angle
+        if plant.roller_pitch > 0.0:
+            wheels["speed"] = self._rolling_speed(v, twist_body[2])
+        wheels["last_speed"] = wheels["speed"]
+        self._place_rollers()
         self._tipping = False
 
     def _rolling_speed(self, velocity: FloatArray, yaw_rate: float) -> FloatArray:
         """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
-        self._wheels[:, dynamics.SPEED] = 0.0
-        dynamics.displace_contacts(self._plant, self._wheels, self._contacts)
-        twist = np.array([*velocity, yaw_rate])
-        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ twist
-        speed: FloatArray = hub / (self._rolling_radius * self._contacts[:, dynamics.RIM])
+        self.state.wheels["speed"] = 0.0
+        dynamics.displace_contacts(self.state.plant, self.state.wheels, self.state.contacts)
+        hub = self._along_active(np.array([*velocity, yaw_rate]))
+        speed: FloatArray = hub / (self._rolling_radius * self.state.contacts["rim"])
         return speed
+
+    def _along_active(self, twist: FloatArray) -> FloatArray:
+        """Return the contacts' velocities along ``n_w`` from that of the centre of gravity."""
+        contacts = self.state.contacts
+        columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
+        return np.asarray(columns @ twist, dtype=np.float64)
+
+    def _place_rollers(self) -> None:
+        """Let every roller spin as it would roll on the ground, ``k`` of Eq. (13)."""
+        rollers, plant, body = self.state.rollers, self.state.plant, self.state.body[0]
+        if rollers is None:
+            return
+        rollers.push[:] = 0.0
+        rollers.state[:] = np.zeros((), ROLLER)
+        rollers.state["q_a"] = 1.0
+        self.state.contacts[:] = plant.contact
+        cos, sin = math.cos(body["yaw"]), math.sin(body["yaw"])
+        v_x, v_y = self.velocity_of_gravity_centre
+        rate, pitch = body["yaw_rate"], plant.roller_pitch
+        for i, radius in enumerate(self._rolling_radius):
+            wheel, contact, axis = self.state.wheels[i], plant.contact[i], plant.rollers[i]
+            angle = wheel["angle"]
+            gamma = angle - pitch * nearest_roller(angle, pitch)
+            n_x, n_y, x, y, _, length, depth = roller_contact(gamma, axis)
+            r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
+            rim = radius * wheel["speed"]
+            slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]
+            slip_y = cos * v_y - sin * v_x + rate * r_x - rim * axis["u_y"]
+            spin = (slip_x * n_y - slip_y * n_x) / ((radius - depth) * length)
+            rollers.state["spin"][i] = spin
 
     def advance(
         self,
@@ -240,7 +214,7 @@ class Vehicle:
             at the start and after each step, shape (n_steps + 1, 6).
         """
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        return self._run(n_steps, control, *self._no_log)
+        return self._run(n_steps, control, logged=False).trajectory
 
     def advance_logged(
         self,
@@ -250,22 +224,10 @@ class Vehicle:
         command_twist: ArrayLike,
         *,
         hold_world_direction: bool = False,
-    ) -> StepLog:
+    ) -> Log:
         """Advance like `advance` and record every step."""
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        wheels = np.empty((n_steps, *self._wheels.shape))
-        energy = np.empty((n_steps, dynamics.ENERGIES))
-        trajectory = self._run(n_steps, control, wheels, energy)
-        return StepLog(
-            trajectory=trajectory,
-            load=wheels[:, :, dynamics.LOAD],
-            force=wheels[:, :, dynamics.FORCE],
-            limit=wheels[:, :, dynamics.LIMIT],
-            slip=wheels[:, :, dynamics.SLIP],
-            speed=wheels[:, :, dynamics.SPEED],
-            brake_torque=wheels[:, :, dynamics.BRAKE],
-            energy=energy,
-        )
+        return self._run(n_steps, control, logged=True)
 
     def push(self, force: ArrayLike) -> None:
         """Let a constant force act at the centre of gravity from now on.
@@ -284,40 +246,23 @@ class Vehicle:
         Returns:
             With the rolling radii under the static loads [rad/s], shape (..., N).
         """
-        return np.asarray(np.asarray(twist) @ self._plant.rolling.T, dtype=np.float64)
+        return np.asarray(np.asarray(twist) @ self.state.plant.rolling.T, dtype=np.float64)
 
     def _lean_on_ground(self, x: float, y: float) -> None:
         """Find the path plane at a position of base_link; it tells where the wheels reach."""
-        g_x, g_y = self._body[dynamics.X] - x, self._body[dynamics.Y] - y
-        for _ in range(_PLACEMENTS if len(self._terrain.elevation) else 0):
-            self._body[dynamics.TILT_X : dynamics.TILT_Y + 1] = self._stand()[3:5]
-            d_x, d_y = level(*self._tilt, g_x, g_y)
-            self._body[dynamics.X], self._body[dynamics.Y] = x + d_x, y + d_y
-
-    def _stand(self) -> tuple[float, float, float, float, float, float]:
-        x, y, yaw = self._body[:3]
-        terrain, plant = self._terrain, self._plant
-        standing: tuple[float, float, float, float, float, float] = stand(
-            terrain.elevation,
-            terrain.sampling,
-            plant.wheel,
-            plant.plane,
-            x,
-            y,
-            math.cos(yaw),
-            math.sin(yaw),
-        )
-        return standing
+        body = self.state.body[0]
+        g_x, g_y = body["x"] - x, body["y"] - y
+        for _ in range(_PLACEMENTS if len(self.state.terrain.parts) else 0):
+            body["tilt_x"], body["tilt_y"] = dynamics.standing(self.state, 0.0)[3:5]
+            d_x, d_y = level(body["tilt_x"], body["tilt_y"], g_x, g_y)
+            body["x"], body["y"] = x + d_x, y + d_y
 
     @property
     def _rolling_radius(self) -> FloatArray:
         """``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
-        radius: FloatArray = self._plant.wheel[:, dynamics.RADIUS]
-        return radius - self._wheels[:, dynamics.LOAD] / self._plant.vertical_stiffness
-
-    @property
-    def _tilt(self) -> FloatArray:
-        return self._body[dynamics.TILT_X : dynamics.TILT_Y + 1]
+        plant = self.state.plant
+        radius: FloatArray = plant.radius - self.state.wheels["load"] / plant.vertical_stiffness
+        return radius
 
     def _control(
         self,
@@ -326,10 +271,10 @@ class Vehicle:
         enable: ArrayLike,
         command_twist: ArrayLike,
         hold_world: bool,
-    ) -> dynamics.Control:
+    ) -> Control:
         if n_steps < 0:
             raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
-        shares = _finite("enable", enable, (len(self._wheels),))
+        shares = _finite("enable", enable, (len(self.state.wheels),))
         if not 0.0 <= _finite("pedal", pedal, ()) <= 1.0:
             raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")
         if np.min(shares) < 0.0 or np.max(shares) > 1.0:
@@ -338,36 +283,21 @@ class Vehicle:
         engaged = pedal < drive.clutch_threshold
         twist = _finite("command twist", command_twist, (3,))
         asked = pedal * self.configuration.brake.max_torque * shares
-        return dynamics.Control(
-            brake=brake_torques(self._pressure, asked, n_steps),
+        return Control(
+            brake=brake_torques(self.state.pressure, asked, n_steps),
             drive_stiffness=drive.stiffness if engaged else 0.0,
             twist=twist,
-            hold_world=bool(hold_world),
+            in_world=bool(hold_world),
             force_x=float(self._force[0]),
             force_y=float(self._force[1]),
         )
 
-    def _run(
-        self, n_steps: int, control: dynamics.Control, wheels: FloatArray, energy: FloatArray
-    ) -> FloatArray:
-        trajectory = np.empty((n_steps + 1, 6))
-        before = int(self._counters[dynamics.TIPPING_STEPS])
-        dynamics.advance(
-            self._plant,
-            self._terrain,
-            self._losses,
-            control,
-            self._body,
-            self._contacts,
-            self._individual_rollers,
-            self._wheels,
-            self._counters,
-            trajectory,
-            wheels,
-            energy,
-        )
-        self._tipping = int(self._counters[dynamics.TIPPING_STEPS]) > before
-        return trajectory
+    def _run(self, n_steps: int, control: Control, *, logged: bool) -> Log:
+        log = Log.of(n_steps, len(self.state.wheels), logged=logged)
+        before = self.tipping_steps
+        dynamics.advance(self.state, control, log)
+        self._tipping = self.tipping_steps > before
+        return log
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
@@ -387,8 +317,8 @@ class Vehicle:
         """
         return (
             self._motion(),
-            float(self._body[dynamics.TILT_X]),
-            float(self._body[dynamics.TILT_Y]),
+            float(self.state.body[0]["tilt_x"]),
+            float(self.state.body[0]["tilt_y"]),
         )
 
     @property
@@ -398,36 +328,22 @@ class Vehicle:
 
     def _motion(self) -> FloatArray:
         motion = np.empty(6)
-        base_motion(self._body, self._plant.centre_x, self._plant.centre_y, motion)
+        dynamics.base_motion(self.state.body[0], self.state.plant.centre, motion)
         return motion
-
-    @property
-    def kernel_state(self) -> KernelState:
-        """The state itself, not a copy, for a kernel that advances the vehicle on its own."""
-        return KernelState(
-            self._plant,
-            self._terrain,
-            self._losses,
-            self._body,
-            self._contacts,
-            self._individual_rollers,
-            self._wheels,
-            self._counters,
-            self._pressure,
-        )
 
     @property
     def velocity_of_gravity_centre(self) -> FloatArray:
         """Velocity of the centre of gravity along the ground, in the world frame [m/s], (2,)."""
-        return self._body[dynamics.V_X : dynamics.V_Y + 1].copy()
+        body = self.state.body[0]
+        return np.array([body["v_x"], body["v_y"]])
 
     @property
     def attitude(self) -> FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground, shape (3,); else zeros."""
-        if not len(self._terrain.elevation):
+        if not len(self.state.terrain.parts):
             return np.zeros(3)
-        height, forward, left, _, _, _ = self._stand()
-        rise = orientation(float(self._body[dynamics.YAW]), forward, left)[2]
+        height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+        rise = orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
         return np.array(
             [
                 height - float(rise[:2] @ self.masses.centre),
@@ -439,45 +355,37 @@ class Vehicle:
     @property
     def wheel_contacts(self) -> tuple[WheelContact, ...]:
         """Contact of each wheel with its road plane, Eqs. (5), (6), in the order of the wheels."""
-        height, forward, left, _, _, _ = self._stand()
-        x, y, yaw = self._body[:3]
+        height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+        body = self.state.body[0]
+        yaw = float(body["yaw"])
         turn = orientation(yaw, forward, left)
-        base = np.array([x, y, height])
-        levers, directions = self._plant.wheel[:, :2], self.kinematics.geometry.rolling
+        base = np.array([body["x"], body["y"], height])
+        levers, directions = self.state.plant.position, self.kinematics.geometry.rolling
         contacts = []
         for lever, rolling, r_s in zip(levers, directions, self._rolling_radius, strict=True):
             centre = base + turn @ [*lever, r_s]
             c_x, c_y = float(centre[0]), float(centre[1])
-            z, *normal = road_plane_at(*self._terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
+            z, *normal = road_plane_at(self.state.terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
             plane = RoadPlane(np.array([c_x, c_y, z]), np.array(normal))
             axis = turn @ [-rolling[1], rolling[0], 0.0]
             contacts.append(wheel_contact(centre, axis, plane))
         return tuple(contacts)
 
     @property
-    def wheel_speed(self) -> FloatArray:
-        """Wheel speeds [rad/s], shape (N,)."""
-        return self._wheels[:, dynamics.SPEED].copy()
+    def wheels(self) -> Structured:
+        """State of each wheel by name, `state.WHEEL`: a copy, shape (N,)."""
+        return self.state.wheels.copy()
 
     @property
-    def wheel_angle(self) -> FloatArray:
-        """Wheel angles [rad, not wrapped], shape (N,)."""
-        return self._wheels[:, dynamics.ANGLE].copy()
+    def rollers(self) -> Structured:
+        """State of each individual roller by name, `state.ROLLER`: a copy, shape (N, n).
 
-    @property
-    def wheel_load(self) -> FloatArray:
-        """Vertical wheel loads [N], shape (N,)."""
-        return self._wheels[:, dynamics.LOAD].copy()
-
-    @property
-    def wheel_force(self) -> FloatArray:
-        """Tire forces on the vehicle along the active directions [N], shape (N,)."""
-        return self._wheels[:, dynamics.FORCE].copy()
-
-    @property
-    def passive_force(self) -> FloatArray:
-        """Forces of the losses on the vehicle along the passive directions [N], shape (N,)."""
-        return self._wheels[:, dynamics.PASSIVE].copy()
+        Raises:
+            VehicleInputError: the wheels have none.
+        """
+        if self.state.rollers is None:
+            raise VehicleInputError("the wheel model 'single' has no individual rollers")
+        return self.state.rollers.state.copy()
 
     @property
     def roller_speed(self) -> FloatArray:
@@ -485,80 +393,42 @@ class Vehicle:
         geometry = self.kinematics.geometry
         rim = np.sum(geometry.passive * geometry.rolling, axis=1)
         hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
-        return np.asarray(hub - self.wheel_speed * self._rolling_radius * rim, dtype=np.float64)
+        speed = self.state.wheels["speed"] * self._rolling_radius
+        return np.asarray(hub - speed * rim, dtype=np.float64)
 
     @property
     def wheel_force_body(self) -> FloatArray:
         """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
-        direction = self._contacts[:, dynamics.N_X : dynamics.N_Y + 1]
-        return np.asarray(self.wheel_force[:, np.newaxis] * direction, dtype=np.float64)
-
-    @property
-    def friction_limit(self) -> FloatArray:
-        """Largest force that load and ground allowed each wheel in the last step [N], (N,)."""
-        return self._wheels[:, dynamics.LIMIT].copy()
-
-    @property
-    def slip(self) -> FloatArray:
-        """Slip of the contact patches along the active directions, Eq. (20) [1], shape (N,)."""
-        return self._wheels[:, dynamics.SLIP].copy()
+        if self.state.rollers is not None:
+            return self.state.rollers.push[:, :2].copy()
+        force, contacts = self.state.wheels["force"], self.state.contacts
+        return np.column_stack((force * contacts["n_x"], force * contacts["n_y"]))
 
     @property
     def slip_velocity(self) -> FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
         v_x, v_y, rate = self.twist
         g_x, g_y = self.masses.centre
-        centre = np.array([v_x - rate * g_y, v_y + rate * g_x, rate])
-        hub = self._contacts[:, [dynamics.N_X, dynamics.N_Y, dynamics.MOMENT]] @ centre
-        rim = self.wheel_speed * self._rolling_radius * self._contacts[:, dynamics.RIM]
-        return np.asarray(hub - rim, dtype=np.float64)
+        hub = self._along_active(np.array([v_x - rate * g_y, v_y + rate * g_x, rate]))
+        speed = self.state.wheels["speed"] * self._rolling_radius
+        return np.asarray(hub - speed * self.state.contacts["rim"], dtype=np.float64)
 
     @property
-    def sliding(self) -> BoolArray:
-        """Whether each contact patch slides, beyond the peak of its curve, shape (N,)."""
-        sliding: BoolArray = self._wheels[:, dynamics.SLIDING] != 0.0
-        return sliding
-
-    @property
-    def deflection(self) -> FloatArray:
-        """Tire deflections ``e`` along the active directions [m], shape (N,)."""
-        return self._wheels[:, dynamics.DEFLECTION].copy()
-
-    @property
-    def brake_torque(self) -> FloatArray:
-        """Torques of the brakes on the wheels, against their rotation [N m], shape (N,)."""
-        return self._wheels[:, dynamics.BRAKE].copy()
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Energy of translation, rotation and wheel spin, without that of rollers [J]."""
-        v_x, v_y, rate = self._body[dynamics.V_X : dynamics.YAW_RATE + 1]
-        return float(
-            0.5 * self.masses.mass * (v_x**2 + v_y**2)
-            + 0.5 * self.masses.yaw_inertia * rate**2
-            + 0.5 * self.configuration.wheel_inertia * np.sum(self.wheel_speed**2)
-        )
-
-    @property
-    def elastic_energy(self) -> float:
-        """Energy of the tires' deflection [J]."""
-        return float(0.5 * self.configuration.tire.stiffness * np.sum(self.deflection**2))
-
-    @property
-    def potential_energy(self) -> float:
-        """Energy ``m g Z`` of the height over the level z = 0 [J]."""
-        return self.masses.mass * GRAVITY * self._stand()[0]
+    def energies(self) -> Energies:
+        """Energies of motion, of the tires' deflection and of the height [J]."""
+        energies: Energies = dynamics.energies(self.state)
+        return energies
 
     @property
     def overloaded(self) -> BoolArray:
         """Whether each wheel's load is beyond the tire model, which clamps it, shape (N,)."""
-        beyond: BoolArray = self._wheels[:, dynamics.LOAD] > self._plant.largest_load
+        beyond: BoolArray = self.state.wheels["load"] > self.state.plant.largest_load
         return beyond
 
     @property
     def overloaded_steps(self) -> int:
         """Number of overloaded wheels summed over all steps since the vehicle was placed."""
-        return int(self._counters[dynamics.OVERLOADED_STEPS])
+        return int(self.state.counters["overloaded_steps"][0])
 
     @property
     def tipping(self) -> bool:
@@ -568,7 +438,7 @@ class Vehicle:
     @property
     def tipping_steps(self) -> int:
         """Number of steps with tipping since the vehicle was placed."""
-        return int(self._counters[dynamics.TIPPING_STEPS])
+        return int(self.state.counters["tipping_steps"][0])
 
 
 def _finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -12,142 +12,144 @@ and holds the wheel at exactly zero speed where less suffices. It never reverses
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from numba import njit
 
-from omni_sim.wheel.single import Curve, tire_force
+from omni_sim.tire.model import Curve
+from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
-# force [N], deflection [m], wheel speed [rad/s], brake torque [N m], patch velocity [m/s], sliding
-WheelStep = tuple[float, float, float, float, float, bool]
+
+class Hub(NamedTuple):
+    """How tire and wheel hang together in a step.
+
+    Attributes:
+        lever: ``g = r_D (n_w . u)`` [m].
+        velocity: of the wheel centre along the active direction at the end of the step if this
+            tire made no force [m/s].
+        mobility: by how much the force changes that velocity [m/s per N].
+    """
+
+    lever: float
+    velocity: float
+    mobility: float
+
+
+class Spin(NamedTuple):
+    """A wheel about its axis.
+
+    Attributes:
+        speed: [rad/s].
+        inertia: [kg m^2].
+        brake: torque that the brake can exert [N m], >= 0.
+    """
+
+    speed: float
+    inertia: float
+    brake: float
+
+
+class Drive(NamedTuple):
+    """The drive of a wheel.
+
+    Attributes:
+        stiffness: ``k`` of the clutch [N m s/rad], 0 when disengaged.
+        speed: commanded wheel speed [rad/s].
+        limit: largest torque of the clutch [N m].
+    """
+
+    stiffness: float
+    speed: float
+    limit: float
+
+
+class WheelStep(NamedTuple):
+    """A wheel after a step.
+
+    Attributes:
+        force: on the vehicle along the active direction [N].
+        deflection: of the tire [m].
+        speed: of the wheel [rad/s].
+        brake: torque of the brake on the wheel [N m].
+        patch_velocity: sliding velocity of the patch [m/s].
+        sliding: whether it slides.
+    """
+
+    force: float
+    deflection: float
+    speed: float
+    brake: float
+    patch_velocity: float
+    sliding: bool
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _rolling(
-    momentum: float,
-    inertia: float,
-    lever: float,
-    deflection: float,
-    hub_velocity: float,
-    mobility: float,
-    speed: float,
-    curve: Curve,
-    stiffness: float,
-    damping: float,
-    dt: float,
-    sliding: bool,
-) -> tuple[float, float, float, float, bool]:
-    """Step a wheel that is free to spin; return force, deflection, omega', v_p, sliding."""
-    free_speed = momentum / inertia
-    force, new_deflection, patch, now_sliding = tire_force(
-        deflection,
-        hub_velocity - lever * free_speed,
-        mobility + dt * lever * lever / inertia,
-        speed,
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
+) -> WheelStep:
+    """Step a wheel that is free to spin, with the angular momentum of all other torques."""
+    free_speed = momentum / spin.inertia
+    force, deflection, velocity, sliding = tire_force(
+        tire,
         curve,
-        stiffness,
-        damping,
-        dt,
-        sliding,
+        patch,
+        hub.velocity - hub.lever * free_speed,
+        hub.mobility + tire.dt * hub.lever * hub.lever / spin.inertia,
     )
-    return force, new_deflection, free_speed - dt * lever * force / inertia, patch, now_sliding
+    speed = free_speed - tire.dt * hub.lever * force / spin.inertia
+    return WheelStep(force, deflection, speed, 0.0, velocity, sliding)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _braked(
-    omega: float,
-    brake: float,
-    momentum: float,
-    inertia: float,
-    lever: float,
-    deflection: float,
-    hub_velocity: float,
-    mobility: float,
-    speed: float,
-    curve: Curve,
-    stiffness: float,
-    damping: float,
-    dt: float,
-    sliding: bool,
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
 ) -> WheelStep:
-    """Step a wheel under a brake of capacity `brake` [N m], turning or held."""
-    wheel = (lever, deflection, hub_velocity, mobility, speed, curve)
-    tire = (stiffness, damping, dt, sliding)
-    if brake <= 0.0:
-        force, e, spin, patch, now = _rolling(momentum, inertia, *wheel, *tire)
-        return force, e, spin, 0.0, patch, now
-    if omega != 0.0:
-        torque = -brake if omega > 0.0 else brake
-        force, e, spin, patch, now = _rolling(momentum + dt * torque, inertia, *wheel, *tire)
-        if spin * omega > 0.0:
-            return force, e, spin, torque, patch, now
+    """Step a wheel under its brake, turning or held; arguments as of `_rolling`."""
+    if spin.brake <= 0.0:
+        free: WheelStep = _rolling(tire, curve, patch, hub, spin, momentum)
+        return free
+    if spin.speed != 0.0:
+        torque = -spin.brake if spin.speed > 0.0 else spin.brake
+        s = _rolling(tire, curve, patch, hub, spin, momentum + tire.dt * torque)
+        if s.speed * spin.speed > 0.0:
+            return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
     # The wheel stands, or comes to a stand within this step.
-    force, e, patch, now = tire_force(
-        deflection, hub_velocity, mobility, speed, curve, stiffness, damping, dt, sliding
+    force, deflection, velocity, sliding = tire_force(
+        tire, curve, patch, hub.velocity, hub.mobility
     )
-    holding = lever * force - momentum / dt
-    if abs(holding) <= brake:
-        return force, e, 0.0, holding, patch, now
-    torque = brake if holding > 0.0 else -brake
-    broken = _rolling(momentum + dt * torque, inertia, *wheel, *tire)
-    if broken[2] * torque < 0.0:
-        return broken[0], broken[1], broken[2], torque, broken[3], broken[4]
-    return force, e, 0.0, torque, patch, now
+    holding = hub.lever * force - momentum / tire.dt
+    if abs(holding) <= spin.brake:
+        return WheelStep(force, deflection, 0.0, holding, velocity, sliding)
+    torque = spin.brake if holding > 0.0 else -spin.brake
+    s = _rolling(tire, curve, patch, hub, spin, momentum + tire.dt * torque)
+    if s.speed * torque < 0.0:
+        return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
+    return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def wheel_step(
-    omega: float,
-    inertia: float,
-    brake: float,
-    drive_stiffness: float,
-    drive_speed: float,
-    drive_limit: float,
-    lever: float,
-    deflection: float,
-    hub_velocity: float,
-    mobility: float,
-    speed: float,
-    curve: Curve,
-    stiffness: float,
-    damping: float,
-    dt: float,
-    sliding: bool,
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, drive: Drive
 ) -> WheelStep:
     """Advance one wheel and its tire by one step.
 
     Args:
-        omega: wheel speed [rad/s].
-        inertia: of the wheel about its axis [kg m^2].
-        brake: torque that the brake can exert [N m], >= 0.
-        drive_stiffness: ``k`` of the clutch [N m s/rad], 0 when disengaged.
-        drive_speed: commanded wheel speed [rad/s].
-        drive_limit: largest torque of the clutch [N m].
-        lever: ``g = r_D (n_w . u)`` [m].
-        deflection: ``e`` [m].
-        hub_velocity: of the wheel centre along the active direction at the end of the step if
-            this tire made no force [m/s].
-        mobility: by how much the force changes that velocity [m/s per N].
-        speed: ``V = r_D |omega| + v_num`` [m/s].
-        curve: of any tire model, from `tire_model.curve_at`.
-        stiffness: ``c`` of the tire [N/m].
-        damping: ``d`` of the tire [N s/m].
-        dt: step [s].
-        sliding: whether the patch slid in the step before.
-
-    Returns:
-        Force on the vehicle along the active direction [N], deflection [m], wheel speed [rad/s],
-        brake torque on the wheel [N m], sliding velocity of the patch [m/s], sliding.
+        tire: constants.
+        curve: of any tire model, from `tire.model.curve_at`.
+        patch: of the tire at the start of the step.
+        hub: how force and motion hang together.
+        spin: of the wheel at the start of the step.
+        drive: of the wheel.
     """
-    wheel = (lever, deflection, hub_velocity, mobility, speed, curve)
-    tire = (stiffness, damping, dt, sliding)
-    if drive_stiffness <= 0.0:
-        step: WheelStep = _braked(omega, brake, inertia * omega, inertia, *wheel, *tire)
+    momentum = spin.inertia * spin.speed
+    if drive.stiffness <= 0.0:
+        step: WheelStep = _braked(tire, curve, patch, hub, spin, momentum)
         return step
-    coupled = inertia + dt * drive_stiffness
-    momentum = inertia * omega + dt * drive_stiffness * drive_speed
-    step = _braked(omega, brake, momentum, coupled, *wheel, *tire)
-    torque = drive_stiffness * (drive_speed - step[2])
-    if abs(torque) > drive_limit:
-        limited = drive_limit if torque > 0.0 else -drive_limit
-        momentum = inertia * omega + dt * limited
-        step = _braked(omega, brake, momentum, inertia, *wheel, *tire)
+    coupled = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
+    driven = momentum + tire.dt * drive.stiffness * drive.speed
+    step = _braked(tire, curve, patch, hub, coupled, driven)
+    torque = drive.stiffness * (drive.speed - step.speed)
+    if abs(torque) > drive.limit:
+        limited = drive.limit if torque > 0.0 else -drive.limit
+        step = _braked(tire, curve, patch, hub, spin, momentum + tire.dt * limited)
     return step

@@ -24,12 +24,13 @@ Neglected: that a roller's spin turns with the wheel, and roller bearings' frict
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from numba import njit
 
 from omni_sim.tire.roller import curve_in_direction
-from omni_sim.wheel.drivetrain import wheel_step
+from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
+from omni_sim.wheel.single import Patch, TireConstants
 
 Pair = tuple[float, float]
 
@@ -52,97 +53,121 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     return 1.0 - into * into * (3.0 - 2.0 * into)
 
 
+class RollerPatch(NamedTuple):
+    """The contact patch of a roller; pairs are components along its axis and across it.
+
+    Attributes:
+        deflection: ``e`` [m].
+        speed: ``V`` [m/s].
+        sliding: whether the patch slid in the step before.
+        direction: of the friction then, a unit vector, to start from.
+    """
+
+    deflection: Pair
+    speed: float
+    sliding: bool
+    direction: Pair
+
+
+class RollerHub(NamedTuple):
+    """How the tire of a roller hangs together with wheel, roller and vehicle in a step.
+
+    Attributes:
+        lever: ``r_D u`` in components along the roller's axis and across it [m].
+        velocity: of the contact as part of the vehicle at the end of the step if this roller made
+            no force, in the same components [m/s].
+        mobility: by how much the force changes it, in any direction [m/s per N].
+        spin: of the roller at the start of the step [rad/s].
+        inertia: of the roller [kg m^2].
+        spin_lever: speed of the roller's surface per spin, across its axis [m].
+    """
+
+    lever: Pair
+    velocity: Pair
+    mobility: float
+    spin: float
+    inertia: float
+    spin_lever: float
+
+
+class RollerStep(NamedTuple):
+    """A wheel and the roller on the ground after a step.
+
+    Attributes:
+        force: on the vehicle along the roller's axis and across it [N].
+        deflection: likewise [m].
+        spin: of the roller [rad/s].
+        speed: of the wheel [rad/s].
+        brake: torque of the brake on the wheel [N m].
+        sliding: whether the patch slides.
+        direction: of the friction, a unit vector.
+        slip: in that direction [1].
+        limit: of the friction there [N].
+    """
+
+    force: Pair
+    deflection: Pair
+    spin: float
+    speed: float
+    brake: float
+    sliding: bool
+    direction: Pair
+    slip: float
+    limit: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def roller_step(
-    omega: float,
-    inertia: float,
-    brake: float,
-    drive_stiffness: float,
-    drive_speed: float,
-    drive_limit: float,
-    lever: Pair,
-    spin: float,
-    spin_inertia: float,
-    spin_lever: float,
-    deflection: Pair,
-    hub: Pair,
-    mobility: float,
-    speed: float,
-    active: Any,
-    passive: Any,
-    stiffness: float,
-    damping: float,
-    dt: float,
-    sliding: bool,
-    guess: Pair,
-) -> tuple[Pair, Pair, float, float, float, bool, Pair, float, float]:
+    tire: TireConstants,
+    curves: tuple[Any, Any],
+    patch: RollerPatch,
+    hub: RollerHub,
+    wheel: Spin,
+    drive: Drive,
+) -> RollerStep:
     """Advance a wheel and the roller on the ground by one step.
 
-    Pairs are components along the roller's axis (active) and across it (passive).
-
     Args:
-        omega: wheel speed [rad/s].
-        inertia: of the wheel about its axis [kg m^2].
-        brake: torque that the brake can exert [N m].
-        drive_stiffness: of the clutch [N m s/rad], 0 when disengaged.
-        drive_speed: commanded wheel speed [rad/s].
-        drive_limit: largest torque of the clutch [N m].
-        lever: ``r_D u`` in components [m].
-        spin: of the roller [rad/s].
-        spin_inertia: of the roller [kg m^2].
-        spin_lever: speed of the roller's surface per spin, along the passive direction [m].
-        deflection: ``e`` [m].
-        hub: velocity of the contact as part of the vehicle at the end of the step if this roller
-            made no force [m/s].
-        mobility: by how much the force changes it, in any direction [m/s per N].
-        speed: ``V`` [m/s].
-        active: curve along the axis, from `tire_model.curve_at`.
-        passive: curve across it.
-        stiffness: ``c`` of the tire [N/m].
-        damping: ``d`` of the tire [N s/m].
-        dt: step [s].
-        sliding: whether the patch slid in the step before.
-        guess: of the direction of the friction, a unit vector.
-
-    Returns:
-        Force on the vehicle [N], deflection [m], roller spin [rad/s], wheel speed [rad/s], brake
-        torque on the wheel [N m], sliding, direction of the friction, slip in it [1], the
-        friction limit there [N].
+        tire: constants of the roller's tread.
+        curves: along the roller's axis and across it, from `tire.model.curve_at`.
+        patch: of the roller at the start of the step.
+        hub: how force and motion hang together.
+        wheel: spin of the wheel at the start of the step.
+        drive: of the wheel.
     """
-    effective = damping + stiffness * dt
-    passive_mobility = dt * spin_lever * spin_lever / spin_inertia
-    hub_p = hub[1] - spin_lever * spin
-    q = guess
+    lever, deflection = hub.lever, patch.deflection
+    effective = tire.damping + tire.stiffness * tire.dt
+    passive_mobility = tire.dt * hub.spin_lever * hub.spin_lever / hub.inertia
+    hub_a, hub_p = hub.velocity[0], hub.velocity[1] - hub.spin_lever * hub.spin
+    q = patch.direction
     for _ in range(_MAXIMUM_ITERATIONS):
         used = q
-        curve, norms = curve_in_direction(active, passive, q)
+        curve, norms = curve_in_direction(curves[0], curves[1], q)
         stretch = norms[0] * q[0] * q[0] + norms[1] * q[1] * q[1]
-        force, _, new_omega, brake_torque, patch, now_sliding = wheel_step(
-            omega,
-            inertia,
-            brake,
-            drive_stiffness,
-            drive_speed,
-            drive_limit,
-            lever[0] * q[0] + lever[1] * q[1],
-            deflection[0] * q[0] + deflection[1] * q[1],
-            hub[0] * q[0] + hub_p * q[1],
-            mobility + passive_mobility * q[1] * q[1],
-            speed * stretch,  # so that the curve is met at its normalised slip
+        after = wheel_step(
+            tire,
             curve,
-            stiffness,
-            damping,
-            dt,
-            sliding,
+            Patch(
+                deflection[0] * q[0] + deflection[1] * q[1],
+                patch.speed * stretch,  # so that the curve is met at its normalised slip
+                patch.sliding,
+            ),
+            Hub(
+                lever[0] * q[0] + lever[1] * q[1],
+                hub_a * q[0] + hub_p * q[1],
+                hub.mobility + passive_mobility * q[1] * q[1],
+            ),
+            wheel,
+            drive,
         )
         # What a sticking patch would need at the wheel's new speed, divided component by
         # component by how force and sliding use it up, is the direction of both.
-        size = abs(force)
-        slid = effective * abs(patch) / stretch
-        a = stiffness * deflection[0] - effective * (hub[0] - lever[0] * new_omega)
-        p = stiffness * deflection[1] - effective * (hub_p - lever[1] * new_omega)
-        a /= size * (1.0 + effective * mobility) + slid * norms[0] + 1e-300
-        p /= size * (1.0 + effective * (mobility + passive_mobility)) + slid * norms[1] + 1e-300
+        size = abs(after.force)
+        slid = effective * abs(after.patch_velocity) / stretch
+        a = tire.stiffness * deflection[0] - effective * (hub_a - lever[0] * after.speed)
+        p = tire.stiffness * deflection[1] - effective * (hub_p - lever[1] * after.speed)
+        a /= size * (1.0 + effective * hub.mobility) + slid * norms[0] + 1e-300
+        p /= size * (1.0 + effective * (hub.mobility + passive_mobility)) + slid * norms[1] + 1e-300
         length = math.hypot(a, p)
         if length == 0.0:
             break
@@ -151,21 +176,20 @@ def roller_step(
         change = (q[0] - side * used[0]) ** 2 + (q[1] - side * used[1]) ** 2
         if change <= _TOLERANCE:
             break
-    forces = (force * used[0], force * used[1])
-    share = dt / effective
+    force = (after.force * used[0], after.force * used[1])
+    share = tire.dt / effective
     deflected = (
-        deflection[0] + share * (forces[0] - stiffness * deflection[0]),
-        deflection[1] + share * (forces[1] - stiffness * deflection[1]),
+        deflection[0] + share * (force[0] - tire.stiffness * deflection[0]),
+        deflection[1] + share * (force[1] - tire.stiffness * deflection[1]),
     )
-    new_spin = spin - dt * spin_lever * forces[1] / spin_inertia
-    return (
-        forces,
+    return RollerStep(
+        force,
         deflected,
-        new_spin,
-        new_omega,
-        brake_torque,
-        now_sliding,
+        hub.spin - tire.dt * hub.spin_lever * force[1] / hub.inertia,
+        after.speed,
+        after.brake,
+        after.sliding,
         q,
-        abs(patch) / (speed * stretch),
+        abs(after.patch_velocity) / (patch.speed * stretch),
         curve.peak_force,
     )

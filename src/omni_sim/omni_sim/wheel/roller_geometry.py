@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -27,9 +28,9 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
-# Columns of the constants of the wheels: rolling direction u in the body frame, cosine and sine of
-# the roller angle at the ground (sin delta, -cos delta), distance d.
-U_X, U_Y, COS, SIN, DISTANCE = range(5)
+AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
+"""Constants of a wheel's rollers: rolling direction ``u`` in the body frame, cosine and sine of the
+roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -44,12 +45,12 @@ def nearest_roller(angle: float, pitch: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def roller_contact(gamma: float, roller: FloatArray) -> tuple[float, ...]:
+def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
     """Return where and in which direction a roller touches the ground.
 
     Args:
         gamma: wheel angle from where the roller is lowest [rad].
-        roller: `RollerGeometry.table_row`, shape (5,).
+        roller: `AXIS`, one entry.
 
     Returns:
         Active direction ``n_w`` in the body frame [1], two components with the sign of
@@ -57,13 +58,13 @@ def roller_contact(gamma: float, roller: FloatArray) -> tuple[float, ...]:
         ``n_w . u`` [1]; length of the horizontal part of the unit axis [1]; depth of the axis
         under the wheel's over the contact [m].
     """
-    u_x, u_y = roller[U_X], roller[U_Y]
+    u_x, u_y = roller.u_x, roller.u_y
     cosine = math.cos(gamma)
-    b_u, b_n = roller[COS] * cosine, roller[SIN]
+    b_u, b_n = roller.cos * cosine, roller.sin
     length = math.sqrt(b_u * b_u + b_n * b_n)  # Eq. (9) without b_z
     b_u, b_n = b_u / length, b_n / length
     # The wheel axis is k x u = (-u_y, u_x).
-    along = roller[DISTANCE] * math.tan(gamma) * roller[SIN] / roller[COS]  # Eq. (10)
+    along = roller.distance * math.tan(gamma) * roller.sin / roller.cos  # Eq. (10)
     return (
         b_n * u_y - b_u * u_x,
         -b_u * u_y - b_n * u_x,
@@ -71,7 +72,7 @@ def roller_contact(gamma: float, roller: FloatArray) -> tuple[float, ...]:
         along * u_x,
         -b_u,
         length,
-        roller[DISTANCE] / cosine,
+        roller.distance / cosine,
     )
 
 
@@ -180,11 +181,11 @@ class RollerGeometry:
         return np.asarray(self.radius - self.distance / cosine, dtype=np.float64)
 
     @property
-    def table_row(self) -> FloatArray:
-        """The constants of `roller_contact`, shape (5,)."""
+    def constants(self) -> tuple[float, ...]:
+        """The constants of `roller_contact`, an entry of `AXIS`."""
         # u = a x k
         u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
-        return np.array([u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance])
+        return u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance
 
     @property
     def jump(self) -> float:

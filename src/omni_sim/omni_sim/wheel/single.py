@@ -16,62 +16,73 @@ The rim does not wait for the force: it gives way by ``v_s = v_free + m F`` with
 and passive for any stiffness and inertia. Because friction falls beyond its peak, two solutions
 may exist near standstill; a patch then keeps the state, adhering or sliding, that it has
 (`sliding`).
-Each tire model solves this equation for its own curve (`tire_model.contact_friction`).
+Each tire model solves this equation for its own curve (`tire.model.contact_friction`).
 Departure from the dissertation: ``v_num`` may be tiny, so that a locked wheel sticks or slides
 as Coulomb friction does and never creeps.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from numba import njit
 
 from omni_sim.tire.model import Curve, contact_friction
 
-__all__ = ["Curve", "contact_friction", "tire_force"]
+
+class TireConstants(NamedTuple):
+    """Spring and damper of a tire and the physics step.
+
+    Attributes:
+        stiffness: ``c`` [N/m].
+        damping: ``d`` [N s/m].
+        dt: step [s].
+    """
+
+    stiffness: float
+    damping: float
+    dt: float
+
+
+class Patch(NamedTuple):
+    """A contact patch at the start of a step.
+
+    Attributes:
+        deflection: ``e`` along the active direction [m].
+        speed: ``V = r_D |omega| + v_num`` [m/s].
+        sliding: whether the patch slid in the step before.
+    """
+
+    deflection: float
+    speed: float
+    sliding: bool
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def tire_force(
-    deflection: float,
-    free_velocity: float,
-    mobility: float,
-    speed: float,
-    curve: Curve,
-    stiffness: float,
-    damping: float,
-    dt: float,
-    sliding: bool,
+    tire: TireConstants, curve: Curve, patch: Patch, free_velocity: float, mobility: float
 ) -> tuple[float, float, float, bool]:
     """Advance the first-order dynamics (4) of one contact patch by one step.
 
     Args:
-        deflection: ``e`` along the active direction [m].
+        tire: constants.
+        curve: of any tire model, from `tire.model.curve_at`.
+        patch: at the start of the step.
         free_velocity: sliding velocity of the rim at the end of the step if the tire made no
             force, ``v_free`` [m/s].
         mobility: ``m``, by how much the tire's force changes that velocity [m/s per N].
-        speed: ``V = r_D |omega| + v_num`` [m/s].
-        curve: of any tire model, from `tire_model.curve_at`.
-        stiffness: ``c`` [N/m].
-        damping: ``d`` [N s/m].
-        dt: step [s].
-        sliding: whether the patch slid in the step before.
 
     Returns:
         Force on the vehicle along the active direction [N], new deflection [m], sliding velocity
         of the patch ``v_p`` [m/s], whether it slides.
     """
-    effective = damping + stiffness * dt
-    trial = stiffness * deflection - effective * free_velocity
-    magnitude, patch_speed, now_sliding = contact_friction(
-        abs(trial),
-        effective,
-        1.0 + effective * mobility,
-        speed,
-        curve,
-        sliding,
+    effective = tire.damping + tire.stiffness * tire.dt
+    trial = tire.stiffness * patch.deflection - effective * free_velocity
+    magnitude, patch_speed, sliding = contact_friction(
+        abs(trial), effective, 1.0 + effective * mobility, patch.speed, curve, patch.sliding
     )
     force = magnitude if trial >= 0.0 else -magnitude
     patch_velocity = -patch_speed if trial >= 0.0 else patch_speed
     # force = c e + D e_dot
-    new_deflection = deflection + dt * (force - stiffness * deflection) / effective
-    return force, new_deflection, patch_velocity, now_sliding
+    step = tire.dt * (force - tire.stiffness * patch.deflection) / effective
+    return force, patch.deflection + step, patch_velocity, sliding

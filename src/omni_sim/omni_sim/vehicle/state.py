@@ -1,0 +1,301 @@
+"""What the kernels of a vehicle work on: constants, inputs and state, all by name.
+
+State lies in structured arrays, so that a kernel reads ``wheel.speed`` and Python
+``wheels["speed"]``; constants and inputs travel as NamedTuples.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_sim.ground.elevation import Terrain
+from omni_sim.wheel.brake_pressure import BrakePressure
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Structured = NDArray[np.void]
+Record = Any
+"""One entry of a structured array, by reference."""
+
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+
+
+def _floats(*names: str) -> np.dtype[np.void]:
+    return np.dtype([(name, np.float64) for name in names])
+
+
+BODY = _floats("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "a_x", "a_y", "tilt_x", "tilt_y")
+"""The body: position of the centre of gravity and its velocity in the world frame [m, rad, m/s,
+rad/s], the low-passed acceleration by the tires in the body frame [m/s^2], and the level components
+of the path plane's normal [1], in whose frame yaw and velocity are."""
+
+CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
+"""Where and how a wheel pushes: contact from the centre of gravity [m], active direction ``n_w``
+[1], ``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
+
+WHEEL = np.dtype(
+    [
+        ("speed", np.float64),
+        ("angle", np.float64),
+        ("deflection", np.float64),
+        ("force", np.float64),
+        ("load", np.float64),
+        ("brake", np.float64),
+        ("slip", np.float64),
+        ("limit", np.float64),
+        ("passive", np.float64),
+        ("gain", np.float64),
+        ("last_speed", np.float64),
+        ("sliding", np.bool_),
+    ],
+    align=True,
+)
+"""A wheel: speed [rad/s], angle [rad], deflection ``e`` of the tire and its force on the vehicle
+along the active direction [m, N], and of the last step the load [N], the torque of the brake on the
+wheel [N m], the slip of the patch (20) [1] and the largest force that load and ground allowed [N].
+With passive losses: their force on the vehicle [N], the speed that they add to the wheel in a step
+and the wheel speed before the last step [rad/s]. Last, whether the patch slides."""
+
+LOSS = _floats("u_x", "u_y", "moment", "rim", "mobility")
+"""Constants of a wheel's passive losses: passive direction ``u_w`` [1], ``cross(r_i - r_g, u_w)``
+[m], ``u_w . u`` [1], sum of the absolute mobilities that couple the roller to any force [1/kg]."""
+
+ROLLER = np.dtype(
+    [
+        ("spin", np.float64),
+        ("e_a", np.float64),
+        ("e_p", np.float64),
+        ("f_a", np.float64),
+        ("f_p", np.float64),
+        ("q_a", np.float64),
+        ("q_p", np.float64),
+        ("load", np.float64),
+        ("limit", np.float64),
+        ("slip", np.float64),
+        ("torque", np.float64),
+        ("sliding", np.bool_),
+    ],
+    align=True,
+)
+"""A roller: spin [rad/s]; deflection [m], force [N] and direction of the friction [1] along its
+axis (active) and across it (passive); the load that it carries and the friction limit [N]; slip
+[1]; its torque on the wheel [N m]; whether it slides."""
+
+COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
+"""Steps with tipping, and wheel-steps beyond the tire's largest load."""
+
+
+class Plant(NamedTuple):
+    """What never changes during a run.
+
+    Attributes:
+        dt: physics step [s].
+        mass: m [kg].
+        yaw_inertia: J about the centre of gravity [kg m^2].
+        centre: of gravity in the body frame [m].
+        height: of the centre of gravity [m].
+        filter_share: weight of the newest acceleration in the low-pass [1].
+        contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
+        radius: of the unloaded wheels [m], shape (N,).
+        mobility: W of the wheels [1/kg], shape (N,).
+        rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
+        position: of the wheels from the centre of gravity [m], shape (N, 2).
+        plane: from `loads.load_plane`.
+        hull: from `loads.support_polygon`.
+        wheel_inertia: I of a wheel about its axis [kg m^2].
+        drive_limit: largest torque of a clutch [N m].
+        tire: constants of the tire model; their type chooses it.
+        largest_load: at which the tire's load is clamped [N].
+        stiffness: c_x [N/m].
+        damping: d_x [N s/m].
+        vertical_stiffness: c_z [N/m].
+        slip_speed: v_num [m/s].
+        friction: factor of the ground outside the patches [1].
+        patches: from `friction.FrictionMap`, shape (P, 7).
+        rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
+        roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
+    """
+
+    dt: float
+    mass: float
+    yaw_inertia: float
+    centre: Pair
+    height: float
+    filter_share: float
+    contact: Structured
+    radius: FloatArray
+    mobility: FloatArray
+    rolling: FloatArray
+    position: FloatArray
+    plane: FloatArray
+    hull: IntArray
+    wheel_inertia: float
+    drive_limit: float
+    tire: Any
+    largest_load: float
+    stiffness: float
+    damping: float
+    vertical_stiffness: float
+    slip_speed: float
+    friction: float
+    patches: FloatArray
+    rollers: Structured
+    roller_pitch: float
+
+
+class Losses(NamedTuple):
+    """Losses along the passive directions.
+
+    Attributes:
+        wheel: constants of the wheels, `LOSS`, shape (N,); none, (0,), without losses.
+        constant: friction per load [1].
+        growing: friction per load and load, Eq. (19) [1/N].
+        inertia: of a roller against its surface speed [kg].
+    """
+
+    wheel: Structured
+    constant: float
+    growing: float
+    inertia: float
+
+
+class Rollers(NamedTuple):
+    """The individual rollers of all wheels: what they add to `Plant`, and their state.
+
+    Attributes:
+        tire_y: constants of the tire model in the direction y.
+        inertia: of a roller [kg m^2].
+        stiffness: of a roller's tread [N/m].
+        damping: of a roller's tread [N s/m].
+        overlap: see `roller_configuration.RollerConfiguration`.
+        state: of the rollers, `ROLLER`, shape (N, n).
+        push: forces [N] and moment about the centre of gravity [N m] of each wheel in the last
+            step, body frame, shape (N, 3).
+    """
+
+    tire_y: Any
+    inertia: float
+    stiffness: float
+    damping: float
+    overlap: float
+    state: Structured
+    push: FloatArray
+
+
+class State(NamedTuple):
+    """All that `dynamics.advance` works on; the arrays are changed in place.
+
+    Attributes:
+        plant: constants.
+        terrain: height of the ground.
+        losses: along the passive directions.
+        body: `BODY`, shape (1,).
+        contacts: `CONTACT` of the last step, shape (N,); they change only if there is a roller
+            pitch, and individual rollers leave them alone.
+        rollers: individual rollers, if the wheels have any; kernels are compiled for either case.
+        wheels: `WHEEL`, shape (N,).
+        counters: `COUNTERS`, shape (1,).
+        pressure: in the brakes; `brake_pressure.brake_torques` advances it.
+    """
+
+    plant: Plant
+    terrain: Terrain
+    losses: Losses
+    body: Structured
+    contacts: Structured
+    rollers: Rollers | None
+    wheels: Structured
+    counters: Structured
+    pressure: BrakePressure
+
+
+class Control(NamedTuple):
+    """What acts on the vehicle during a call.
+
+    Attributes:
+        brake: torque that each brake can exert in each step [N m], shape (n, N), or (1, N) in all
+            steps.
+        drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
+        twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
+        in_world: whether its linear part keeps its direction in the world while the body turns.
+        force_x: constant force at the centre of gravity, world frame [N].
+        force_y: likewise in y [N].
+    """
+
+    brake: FloatArray
+    drive_stiffness: float
+    twist: FloatArray
+    in_world: bool
+    force_x: float
+    force_y: float
+
+
+class Step(NamedTuple):
+    """What all wheels see of one physics step.
+
+    Attributes:
+        place: centre of gravity in the world at the middle of the step [m].
+        heading: cosine and sine of the yaw there.
+        tilt: level components of the path plane's normal [1].
+        ahead: velocity of the centre of gravity [m/s] and yaw rate [rad/s] at the end of the step
+            if the forces did not change, in the body frame.
+        drive: commanded twist in the body frame [m/s, m/s, rad/s].
+        drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
+    """
+
+    place: Pair
+    heading: Pair
+    tilt: Pair
+    ahead: Triple
+    drive: Triple
+    drive_stiffness: float
+
+
+class Log(NamedTuple):
+    """What happened in each of n steps.
+
+    Attributes:
+        trajectory: x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world
+            frame at the start and after each step, shape (n + 1, 6).
+        wheels: `WHEEL` after each step, shape (n, N); or (0, N), which keeps no log.
+        energy: `Energies` after each step [J], shape (n, 5); or (0, 5).
+    """
+
+    trajectory: FloatArray
+    wheels: Structured
+    energy: FloatArray
+
+    @classmethod
+    def of(cls, n_steps: int, n_wheels: int, *, logged: bool) -> Log:
+        """Return an empty log of some steps; only of the trajectory unless `logged`."""
+        rows = n_steps if logged else 0
+        return cls(
+            np.empty((n_steps + 1, 6)), np.empty((rows, n_wheels), WHEEL), np.empty((rows, 5))
+        )
+
+
+class Energies(NamedTuple):
+    """Energies of a vehicle [J].
+
+    Attributes:
+        translation: of the centre of gravity.
+        rotation: of the body about it.
+        spin: of the wheels and individual rollers.
+        elastic: of the tires' deflection.
+        height: ``m g Z`` over the level z = 0.
+    """
+
+    translation: float
+    rotation: float
+    spin: float
+    elastic: float
+    height: float
+
+    @property
+    def kinetic(self) -> float:
+        """Translation, rotation and spin."""
+        return self.translation + self.rotation + self.spin
