@@ -13,8 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.loop import run_closed_loop
 from omni_bringup.cli import workspace
 from omni_bringup.graph.run_variant import run_variant
 from omni_sim.simulator import Simulator
@@ -29,7 +29,7 @@ def graph_factor(configuration: ExperimentConfiguration, variant: str) -> float:
 
 def process_factor(configuration: ExperimentConfiguration) -> float:
     """Return the real-time factor of the same run in this process."""
-    simulator = Simulator(configuration.simulator())
+    simulator = Simulator(configuration)
     start = time.perf_counter()
     history = run_closed_loop(configuration, simulator)
     return float(history.time[-1]) / (time.perf_counter() - start)

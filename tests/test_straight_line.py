@@ -10,9 +10,9 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.loop.history import first_difference
+from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.recorded_run import read_run
 from omni_platform.configuration import from_mapping
 

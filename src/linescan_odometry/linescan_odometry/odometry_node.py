@@ -5,6 +5,7 @@ The contract (topics, types, QoS, parameters, timeouts) is in the README of this
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 from collections.abc import Mapping
@@ -16,13 +17,11 @@ from sensor_msgs.msg import Image, JointState
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.messages import line_batch_of
-from linescan_odometry.odometry import (
-    LineScanOdometry,
-    OdometryConfiguration,
-    TwistEstimate,
-)
+from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
+from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip import SideslipEstimate
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
+from omni_platform.configuration import Configuration, parameter
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
@@ -33,6 +32,17 @@ from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, Status
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SourceConfiguration(Configuration):
+    """What makes the twist of the lines."""
+
+    own_odometry: str = parameter(
+        "",
+        description="Class of your own that does, my_module:MyOdometry, see docs/extending.md; "
+        "empty for the line-scan odometry",
+    )
+
+
 class OdometryNode(Node):
     """Collects one batch of every line camera and publishes the twist that they show."""
 
@@ -40,7 +50,8 @@ class OdometryNode(Node):
         super().__init__("linescan_odometry")
         self.startup = declare_configuration(self, StartupConfiguration)
         configuration = declare_configuration(self, OdometryConfiguration)
-        self._odometry = LineScanOdometry(configuration)
+        source = declare_configuration(self, SourceConfiguration)
+        self._odometry = make_odometry(source.own_odometry, configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
         self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.loop.history import first_difference
+from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import run_metrics
 from omni_brake_assist.decision import AssistState
 from omni_platform.configuration import ConfigurationError
@@ -23,6 +23,7 @@ VALVES = (
     "vehicle.brake.dead_time=0.004",
     "vehicle.brake.time_constant=0.02",
 )
+OUTSIDE = "brake_assist.law=omni_brake_assist.laws.sliding_mode:SlidingMode"
 TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
 
 
@@ -76,6 +77,7 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         # A liar before whom the fail-safe is not helpless, and one that claims what it reads.
         ("straight_line", "assisted", (*lying("drift", 0.5), *TURNING, *NOISE)),
         ("straight_line", "assisted", (*lying("noise", 0.2), *TURNING)),
+        ("straight_line", "assisted", (OUTSIDE, *TURNING, *VALVES)),
     ],
 )
 def test_same_bits_as_the_loop_of_the_cores(
@@ -104,6 +106,12 @@ def test_noise_is_that_of_the_seed_and_within_its_bounds() -> None:
     assert not np.array_equal(noisy.feedback[:20], other.feedback[:20])
     offset = np.array([0.01, 0.01, 0.05])
     assert np.all(np.abs(noisy.feedback - offset - noisy.twist) <= 0.15 * np.abs(noisy.twist))
+
+
+def test_a_law_from_outside_runs_like_a_built_in_one() -> None:
+    outside = run_fast_loop(load("straight_line", "assisted", OUTSIDE, *TURNING))
+    built_in = run_fast_loop(load("straight_line", "assisted", *TURNING))
+    assert first_difference(outside.history(), built_in.history()) is None
 
 
 def test_without_a_stop_the_run_ends_at_its_limit() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.loop import run_closed_loop
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 

@@ -25,6 +25,7 @@ from omni_brake_assist.braking_line import (
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.fail_safe import (
     GOOD,
+    INTERNAL_ERROR,
     LAW_ERROR,
     NANOSECONDS,
     Heard,
@@ -37,7 +38,7 @@ from omni_brake_assist.fail_safe import (
 )
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.built_in import LawConstants, law_constants
-from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
+from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
@@ -291,6 +292,9 @@ def _outcome(
 ) -> int:
     slow = ready and _is_slow(constants, memory.step[0], motion)
     helps = ready and answer == ASSIST
+    if answer == FAILED:
+        distrust(memory.trust[0], INTERNAL_ERROR, 0.0, 0.0, 0.0)
+        error[:] = 0.0
     if helps:
         if not _are_shares(error, enable):
             distrust(memory.trust[0], LAW_ERROR, 0.0, 0.0, 0.0)

@@ -56,7 +56,7 @@ from omni_brake_assist.fail_safe import (
     fault_in_words,
     real_array,
 )
-from omni_brake_assist.laws.law import ASSIST, NO_HELP
+from omni_brake_assist.laws.law import NO_HELP, ask
 from omni_brake_assist.laws.registry import own_law
 from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.valve_dwell import open_valves
@@ -186,7 +186,9 @@ class BrakeAssist:
         if self._law is None:
             return assist_step(constants, memory, inputs, error, enable), enable, error
         ready, motion = listen(constants, memory, inputs)
-        answer = (self._law.step(motion, error, enable) or ASSIST) if ready else NO_HELP
+        answer, problem = ask(self._law, motion, error, enable) if ready else (NO_HELP, "")
+        if problem:
+            self._said[INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
         outcome = act(constants, memory, inputs, ready, answer, motion, error, enable)
         return outcome, enable, error
 

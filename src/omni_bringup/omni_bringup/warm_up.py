@@ -9,9 +9,9 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.loop import run_closed_loop
 from omni_bringup.cli import workspace
 
 _EXPERIMENT = "straight_line"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.placement import design as sensor_design
 from omni_analysis.placement import figure as placement_figure
 from omni_analysis.placement.sensor_error import SensorError, SensorTrial

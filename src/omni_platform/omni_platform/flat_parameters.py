@@ -28,18 +28,21 @@ C = TypeVar("C", bound=Configuration)
 ReadParameter = Callable[[str, Any, Any, ParameterInfo], Any]
 
 
-def flatten(configuration: Configuration, prefix: str = "") -> dict[str, Any]:
+def flatten(
+    configuration: Configuration, prefix: str = "", part: type[Configuration] | None = None
+) -> dict[str, Any]:
     """Return every value of a configuration by its dotted parameter name.
 
     Args:
         configuration: what to flatten.
         prefix: dotted path put before every name.
+        part: a class that it derives from, to take only what that declares.
 
     Returns:
         bool, int, float, str, or list of float or str, by parameter name.
     """
     flat: dict[str, Any] = {}
-    for name, kind, _ in declared_parameters(type(configuration)):
+    for name, kind, _ in declared_parameters(part or type(configuration)):
         value = getattr(configuration, name)
         key = join_key(prefix, name)
         if is_configuration(kind):

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
 
 FloatArray = NDArray[np.float64]

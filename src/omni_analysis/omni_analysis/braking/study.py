@@ -23,10 +23,10 @@ from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.scene import Scene
 from omni_analysis.figures.style import save_figure
 from omni_analysis.figures.top_view import top_view
-from omni_analysis.loop.closed_loop import run_closed_loop
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
+from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.command_options import overrides_option

@@ -3,7 +3,8 @@
 Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
 functions; what is left out is what such a run does not
 need: line cameras, odometry and messages. A run gives the same bits as
-`closed_loop.run_closed_loop` with ``feedback: velocity_sensor``.
+`loop.run_closed_loop` with ``feedback: velocity_sensor``. A law from outside is asked between
+the two compiled halves of a step.
 """
 
 from __future__ import annotations
@@ -24,12 +25,16 @@ from omni_brake_assist.assist_step import (
     HeardWheels,
     Inputs,
     Memory,
+    act,
     assist_step,
+    listen,
     make_constants,
     new_memory,
 )
 from omni_brake_assist.configuration import LAWS
 from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
+from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
+from omni_brake_assist.laws.registry import own_law
 from omni_platform.configuration import ConfigurationError
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
@@ -211,6 +216,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     wheels = np.empty((stamps, len(vehicle.wheel_names), _WHEEL_COLUMNS))
     assist = make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
     memory = new_memory(len(vehicle.wheel_names))
+    law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     instrument_seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
     noise = np.random.default_rng(instrument_seed)
@@ -219,7 +225,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         last = min(used + _CHUNK, stamps)
         if loop.measures:  # drawn piece by piece: most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
-        used, outcome = _run(vehicle.state, assist, memory, sensors, loop, used, last, body, wheels)
+        parts = vehicle.state, assist, memory, sensors, loop, used, last, body, wheels
+        used, outcome = _run(*parts) if law is None else _run_own(law, *parts)
     return FastRun(
         vehicle.wheel_names,
         loop.period_ns,
@@ -236,8 +243,6 @@ def _check(configuration: ExperimentConfiguration) -> None:
         raise ConfigurationError(
             "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
         )
-    if configuration.brake_assist.law not in LAWS:
-        raise ConfigurationError("brake_assist.law", "must be built in for the fast loop")
     limits = configuration.brake_assist
     if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
         raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
@@ -265,7 +270,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        measures=bool(configuration.faults),
+        measures=bool(configuration.faults) or configuration.brake_assist.law not in LAWS,
         enabled=configuration.brake_assist.enabled,
         end=run_end(simulation),
     )
@@ -315,6 +320,29 @@ def _advance(
     dynamics.advance(state, control, Log(scratch, no_wheels, no_energy))
 
 
+class _Desk(NamedTuple):
+    """Arrays that a stamp is worked on with, N wheels."""
+
+    covariance: FloatArray  # (3, 3)
+    imu: FloatArray  # (3,)
+    wheel_speed: FloatArray  # as measured, (N,)
+    error: FloatArray  # (N,)
+    enable: FloatArray  # (N,)
+    scratch: FloatArray  # trajectory of a control period
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _new_desk(wheels: int, steps: int) -> _Desk:
+    return _Desk(
+        np.empty((3, 3)),
+        np.full(3, np.nan),
+        np.full(wheels, np.nan),
+        np.empty(wheels),
+        np.empty(wheels),
+        np.empty((steps + 1, 6)),
+    )
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _listen(
     state: State,
@@ -322,12 +350,11 @@ def _listen(
     loop: _Loop,
     stamp: int,
     row: FloatArray,
-    covariance: FloatArray,
-    imu: FloatArray,
-    wheel_speed: FloatArray,
+    desk: _Desk,
 ) -> Inputs:
-    """Return what the assistant hears at a stamp; the arguments receive what sensors read."""
+    """Return what the assistant hears at a stamp; the row receives the motion and the feedback."""
     now_ns = stamp * loop.period_ns
+    base_motion(state.body[0], state.plant.centre, row)
     velocity, held, feedback = sensors.velocity, sensors.held, row[6:9]
     due = samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
@@ -345,19 +372,19 @@ def _listen(
             state.wheels["speed"].copy(),
             sensors.noise[stamp % sensors.noise.shape[0]],
             feedback,
-            imu,
-            wheel_speed,
+            desk.imu,
+            desk.wheel_speed,
         )
-    state_covariance(velocity, feedback, covariance)
+    state_covariance(velocity, feedback, desk.covariance)
     heard = GOOD if loop.measures else ABSENT
     return Inputs(
         now_ns,
         loop.pedal[stamp],
         loop.enabled,
         GOOD,
-        Heard(GOOD, now_ns, feedback, covariance),
-        HeardWheels(heard, now_ns, wheel_speed),
-        HeardImu(heard, now_ns, imu),
+        Heard(GOOD, now_ns, feedback, desk.covariance),
+        HeardWheels(heard, now_ns, desk.wheel_speed),
+        HeardImu(heard, now_ns, desk.imu),
     )
 
 
@@ -374,29 +401,82 @@ def _run(
     wheels: FloatArray,
 ) -> tuple[int, int]:
     """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
-    error, enable = np.empty(wheels.shape[1]), np.empty(wheels.shape[1])
-    scratch = np.empty((loop.steps + 1, 6))
-    covariance, imu = np.empty((3, 3)), np.full(3, np.nan)
-    wheel_speed = np.full(wheels.shape[1], np.nan)
+    desk = _new_desk(wheels.shape[1], loop.steps)
     for stamp in range(first, last):
-        row = body[stamp]
-        base_motion(state.body[0], state.plant.centre, row)
-        inputs = _listen(state, sensors, loop, stamp, row, covariance, imu, wheel_speed)
-        assist_step(assist, memory, inputs, error, enable)
-        row[_TRUST] = 1.0 if memory.trust[0].cause == GOOD else 0.0
-        stored = energies(state)
-        row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
-        for i in range(enable.size):
-            wheel = state.wheels[i]
-            wheels[stamp, i, _ANGLE] = wheel.angle
-            wheels[stamp, i, _SPEED] = wheel.speed
-            wheels[stamp, i, _TORQUE] = wheel.brake
-            wheels[stamp, i, _ENABLE] = enable[i]
-            wheels[stamp, i, _ERROR] = error[i]
-        outcome = run_outcome(
-            loop.end, sensors.rest, inputs.now_ns, inputs.pedal, rim_speed(row[3:6])
-        )
+        inputs = _listen(state, sensors, loop, stamp, body[stamp], desk)
+        assist_step(assist, memory, inputs, desk.error, desk.enable)
+        outcome = _go_on(state, memory, sensors, loop, stamp, desk, body[stamp], wheels[stamp])
         if outcome != RUNNING:
             return stamp + 1, outcome
-        _advance(state, loop, stamp, row[2], enable, scratch)
     return last, RUNNING
+
+
+def _run_own(
+    law: Law,
+    state: State,
+    assist: Constants,
+    memory: Memory,
+    sensors: _Sensors,
+    loop: _Loop,
+    first: int,
+    last: int,
+    body: FloatArray,
+    wheels: FloatArray,
+) -> tuple[int, int]:
+    """Run the loop with a law from outside between its two compiled halves; as `_run`."""
+    desk = _new_desk(wheels.shape[1], loop.steps)
+    for stamp in range(first, last):
+        inputs, ready, motion = _hear(state, assist, memory, sensors, loop, stamp, body, desk)
+        answer, _ = ask(law, motion, desk.error, desk.enable) if ready else (NO_HELP, "")
+        act(assist, memory, inputs, ready, answer, motion, desk.error, desk.enable)
+        outcome = _go_on(state, memory, sensors, loop, stamp, desk, body[stamp], wheels[stamp])
+        if outcome != RUNNING:
+            return stamp + 1, outcome
+    return last, RUNNING
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hear(
+    state: State,
+    assist: Constants,
+    memory: Memory,
+    sensors: _Sensors,
+    loop: _Loop,
+    stamp: int,
+    body: FloatArray,
+    desk: _Desk,
+) -> tuple[Inputs, bool, Motion]:
+    """Return what the assistant hears, whether to ask the law and what to ask it with."""
+    inputs = _listen(state, sensors, loop, stamp, body[stamp], desk)
+    desk.error[:] = 0.0
+    ready, motion = listen(assist, memory, inputs)
+    return inputs, ready, motion
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _go_on(
+    state: State,
+    memory: Memory,
+    sensors: _Sensors,
+    loop: _Loop,
+    stamp: int,
+    desk: _Desk,
+    row: FloatArray,
+    wheels: FloatArray,
+) -> int:
+    """Record a stamp and advance unless the run is over; return how far it is."""
+    row[_TRUST] = 1.0 if memory.trust[0].cause == GOOD else 0.0
+    stored = energies(state)
+    row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
+    for i in range(desk.enable.size):
+        wheel = state.wheels[i]
+        wheels[i, _ANGLE] = wheel.angle
+        wheels[i, _SPEED] = wheel.speed
+        wheels[i, _TORQUE] = wheel.brake
+        wheels[i, _ENABLE] = desk.enable[i]
+        wheels[i, _ERROR] = desk.error[i]
+    now_ns, speed = stamp * loop.period_ns, rim_speed(row[3:6])
+    outcome: int = run_outcome(loop.end, sensors.rest, now_ns, loop.pedal[stamp], speed)
+    if outcome == RUNNING:
+        _advance(state, loop, stamp, row[2], desk.enable, desk.scratch)
+    return outcome

@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.registry import ODOMETRY_GROUP
 from linescan_odometry.twist import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_platform.configuration import (
@@ -27,65 +28,41 @@ from omni_platform.configuration import (
     join_key,
     parameter,
 )
+from omni_platform.plugins import check_name
 from omni_platform.sensors import LineSensor
-from omni_sim.encoders import EncoderConfiguration
-from omni_sim.faults import FaultConfiguration
-from omni_sim.imu import ImuConfiguration
-from omni_sim.simulator import (
-    CameraConfiguration,
-    GroundConfiguration,
-    ManeuverConfiguration,
-    SimulationConfiguration,
-    SimulatorConfiguration,
-    VehicleConfiguration,
-    VelocitySensorConfiguration,
-)
+from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _EXPERIMENTS = "experiments"
 
+FEEDBACKS = ("optical", "velocity_sensor")
+"""What the brake assistant may listen to without a class from outside."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ExperimentConfiguration(Configuration):
+class ExperimentConfiguration(SimulatorConfiguration):
     """Everything that one run of the loop depends on."""
 
     description: str = parameter("", description="What the experiment shows")
-    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
     feedback: str = parameter(
         "optical",
-        description="What the brake assistant listens to: the line-scan odometry or the noisy "
-        "sampled velocity sensor (60), (61)",
-        choices=("optical", "velocity_sensor"),
-    )
-    vehicle: VehicleConfiguration = parameter(description="Vehicle")
-    ground: GroundConfiguration = parameter(
-        default_factory=GroundConfiguration, description="Ground"
-    )
-    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
-    camera: CameraConfiguration = parameter(
-        default_factory=CameraConfiguration, description="Exposure common to the line cameras"
-    )
-    maneuver: ManeuverConfiguration = parameter(
-        default_factory=ManeuverConfiguration, description="What the scripted driver does"
-    )
-    velocity_sensor: VelocitySensorConfiguration = parameter(
-        default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
-    )
-    imu: ImuConfiguration = parameter(
-        default_factory=ImuConfiguration, description="Inertial measurement unit"
-    )
-    encoders: EncoderConfiguration = parameter(
-        default_factory=EncoderConfiguration, description="Wheel encoders"
-    )
-    faults: Mapping[str, FaultConfiguration] = parameter(
-        default_factory=dict, description="Faults of velocity sensor, IMU and encoders by name"
-    )
-    simulation: SimulationConfiguration = parameter(
-        default_factory=SimulationConfiguration, description="Steps and end of the simulation"
+        description="What the brake assistant listens to: optical is the line-scan odometry, "
+        "velocity_sensor the noisy sampled velocity sensor (60), (61); my_module:MyOdometry is a "
+        "class of your own that hears the lines, see docs/extending.md",
     )
     odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
     brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
+
+    @property
+    def hears_lines(self) -> bool:
+        """Whether the brake assistant depends on the lines of the cameras."""
+        return self.feedback != "velocity_sensor"
+
+    @property
+    def own_odometry(self) -> str:
+        """Name of the odometry from outside that hears the lines, empty for the built-in one."""
+        return "" if self.feedback in FEEDBACKS else self.feedback
 
     def check_consistency(self) -> None:
         """Refuse a loop in which a node would wait for what nobody sends.
@@ -96,9 +73,11 @@ class ExperimentConfiguration(Configuration):
         Raises:
             ConfigurationError: names the wheel or camera, or the feedback.
         """
+        super().check_consistency()
+        check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
         _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
         _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
-        if self.feedback == "optical" and not self.simulation.render_lines:
+        if self.hears_lines and not self.simulation.render_lines:
             raise ConfigurationError(
                 "simulation.render_lines",
                 "must be true for optical feedback; feedback=velocity_sensor needs no lines",
@@ -123,22 +102,6 @@ class ExperimentConfiguration(Configuration):
                 "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
                 f"line camera; {', '.join(odometry.sensors)} must measure the twist by themselves",
             ) from None
-
-    def simulator(self) -> SimulatorConfiguration:
-        """Return the part that the simulator is configured with."""
-        return SimulatorConfiguration(
-            seed=self.seed,
-            vehicle=self.vehicle,
-            ground=self.ground,
-            sensors=self.sensors,
-            camera=self.camera,
-            maneuver=self.maneuver,
-            velocity_sensor=self.velocity_sensor,
-            imu=self.imu,
-            encoders=self.encoders,
-            faults=self.faults,
-            simulation=self.simulation,
-        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

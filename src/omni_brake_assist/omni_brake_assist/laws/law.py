@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-# What a law answers: brakes as it has written them, or all of them because none would help.
-ASSIST, NO_HELP = range(2)
+# What a law answers: brakes as it has written them, or all of them because none would help; FAILED
+# is said for one that could not answer.
+ASSIST, NO_HELP, FAILED = range(3)
 
 
 class Motion(NamedTuple):
@@ -59,3 +60,11 @@ class Law(Protocol):
         Returns:
             ASSIST or nothing to brake so, NO_HELP to have all brakes on.
         """
+
+
+def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tuple[int, str]:
+    """Return the answer of a law from outside, and what went wrong if it failed."""
+    try:
+        return law.step(motion, error, enable) or ASSIST, ""
+    except Exception as problem:  # a fault of the law must not cost a brake
+        return FAILED, f"{type(problem).__name__}: {problem}"

@@ -108,7 +108,7 @@ def drive_nodes(
         topics[graph.APPLIED_COMMAND] = topics.pop(graph.COMMAND)
         nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
     listeners = 1 + len(nodes)  # besides the driver, who may come later
-    optical = configuration.feedback == "optical"
+    optical = configuration.hears_lines
     return [
         *nodes,
         graph.driver(configuration, scratch, seat),

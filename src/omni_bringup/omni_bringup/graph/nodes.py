@@ -13,6 +13,7 @@ from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_bringup.graph.process_group import NodeProcess
 from omni_platform.configuration import Configuration
 from omni_platform.flat_parameters import flatten
+from omni_sim.simulator import SimulatorConfiguration
 
 COMMAND = "/cmd_vel"
 APPLIED_COMMAND = "/driver/applied_cmd_vel"  # of a driven vehicle
@@ -95,8 +96,10 @@ def odometry(
     configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
 ) -> NodeProcess:
     """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
-    listeners = listeners or _RECORDER + 1 + (configuration.feedback == "optical")
+    listeners = listeners or _RECORDER + 1 + configuration.hears_lines
     parameters = _flat(configuration.odometry) | _timing(lockstep) | {"subscribers": listeners}
+    if configuration.own_odometry:
+        parameters["own_odometry"] = configuration.own_odometry
     return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
 
 
@@ -114,7 +117,7 @@ def brake_assist(
         | {"subscribers": listeners, "lockstep": lockstep}
     )
     remaps = []
-    if configuration.feedback == "velocity_sensor":
+    if not configuration.hears_lines:
         remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
     return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
 
@@ -128,12 +131,11 @@ def simulator(
     listeners: int = _RECORDER + 1,
 ) -> NodeProcess:
     """Return the process of the simulator, scripted or `driven` by the node of the driver."""
-    parameters = _flat(configuration.simulator()) | {
+    parameters = _flat(configuration, SimulatorConfiguration) | {
         "subscribers": listeners,
         "mode": "lockstep" if lockstep else "real_time",
         "driver": "topics" if driven else "scripted",
-        "await_odometry": configuration.feedback != "optical"
-        and configuration.simulation.render_lines,
+        "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
     }
     # The name is free then for what a teleoperation node says.
     remaps = ["-r", f"{COMMAND}:={APPLIED_COMMAND}"] if driven else []
@@ -203,9 +205,10 @@ def _timing(lockstep: bool) -> dict[str, Any]:
     return {"diagnostics_period": 0.0} if lockstep else {"use_sim_time": True}
 
 
-def _flat(configuration: Configuration) -> dict[str, Any]:
+def _flat(configuration: Configuration, part: type[Configuration] | None = None) -> dict[str, Any]:
     # An empty list has no type in a parameter file; left out, the declared one holds.
-    return {key: value for key, value in flatten(configuration).items() if value != []}
+    flat = flatten(configuration, part=part)
+    return {key: value for key, value in flat.items() if value != []}
 
 
 def _node(

@@ -11,7 +11,7 @@ import numpy as np
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.messages import line_batch_of
-from linescan_odometry.odometry import LineScanOdometry
+from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssist
@@ -106,7 +106,7 @@ class _Cores:
 
 class _Odometry:
     def __init__(self, configuration: ExperimentConfiguration) -> None:
-        self._odometry = LineScanOdometry(configuration.odometry)
+        self._odometry = make_odometry(configuration.own_odometry, configuration.odometry)
         self._has_wheels = bool(configuration.odometry.sideslip)
         self._sideslip = SideslipMonitor(configuration.odometry)
         self._collector = BatchCollector(

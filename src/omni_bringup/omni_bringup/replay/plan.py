@@ -70,8 +70,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
 
 def feedback_topic(configuration: ExperimentConfiguration) -> str:
     """Return the topic that the brake assistant listens to for the twist."""
-    optical = configuration.feedback == "optical"
-    return "/odometry/twist" if optical else "/velocity_sensor/twist"
+    return "/odometry/twist" if configuration.hears_lines else "/velocity_sensor/twist"
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:

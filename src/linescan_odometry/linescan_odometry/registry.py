@@ -1,0 +1,54 @@
+"""The odometry by name: the line-scan odometry, or a class that a configuration names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.measurements import LineBatch, TwistEstimate
+from linescan_odometry.odometry import LineScanOdometry
+from omni_platform.plugins import load_class
+from omni_platform.signals import Twist
+
+ODOMETRY_GROUP = "linescan_odometry.odometries"
+"""Entry points under which an installed package offers its odometries by name."""
+
+
+class Odometry(Protocol):
+    """What makes a twist of lines."""
+
+    def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
+        """Take the lines since the last update and estimate the twist."""
+
+    def warm_up(self) -> None:
+        """Load every kernel."""
+
+
+class _OwnOdometry:
+    """An odometry from outside: a class made of an `OdometryConfiguration`, with ``update``."""
+
+    def __init__(self, cls: type, configuration: OdometryConfiguration) -> None:
+        self._odometry = cls(configuration)
+
+    def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
+        twist: Twist = self._odometry.update(batches)
+        return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
+
+    def warm_up(self) -> None:
+        pass
+
+
+def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
+    """Make an odometry.
+
+    Args:
+        name: ``module:Class`` or an entry point; empty for the line-scan odometry.
+        configuration: sensors and settings.
+
+    Raises:
+        ConfigurationError: there is no such class, or it cannot be imported.
+    """
+    if not name:
+        return LineScanOdometry(configuration)
+    return _OwnOdometry(load_class("feedback", name, (), ODOMETRY_GROUP, "update"), configuration)
