@@ -19,7 +19,15 @@ from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
-from omni_sim.camera.optics import blur_samples, check_exposure, instants, seen, transmission
+from omni_sim.camera.optics import (
+    blur_samples,
+    check_exposure,
+    instants,
+    pixel_faults,
+    seen,
+    shade,
+    transmission,
+)
 from omni_sim.texture.texture import GroundTexture
 
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
@@ -53,6 +61,7 @@ class LineCamera:
         self.sensor = sensor
         self._seen = seen(sensor, configuration)
         self._transmission = transmission(sensor, configuration, key)
+        self._faults = pixel_faults(sensor, configuration, key)
         self._texture = texture
         self._configuration = configuration
         self._key = key
@@ -87,13 +96,18 @@ class LineCamera:
         Raises:
             ValueError: a pose is not finite.
         """
-        if velocities is None or self._configuration.exposure_time == 0.0:
-            greys = self._integrate(poses)
-        else:
-            greys = self._blurred(poses, velocities)
+        greys = self.ground(poses, velocities)
         if self._transmission is not None:
             greys *= self._transmission
         return greys
+
+    def ground(
+        self, poses: FloatArray, velocities: FloatArray | None = None
+    ) -> NDArray[np.float32]:
+        """Return what `greys` would without shading, dirt and unlike gains of the pixels."""
+        if velocities is None or self._configuration.exposure_time == 0.0:
+            return self._integrate(poses)
+        return self._blurred(poses, velocities)
 
     def _integrate(self, poses: FloatArray) -> NDArray[np.float32]:
         view = self._seen
@@ -150,9 +164,24 @@ class LineCamera:
         velocities: FloatArray | None = None,
     ) -> None:
         """Fill `lines`, an array like that of `blank`, as `lines()` does."""
+        self.develop(self.ground(poses, velocities), first_line, lines)
+
+    def develop(self, ground: NDArray[np.float32], first_line: int, lines: LineArray) -> None:
+        """Fill `lines` with what the camera makes of a ground that lies below perfect optics.
+
+        Args:
+            ground: grey levels, see `ground`, shape (m, pixels).
+            first_line: as in `lines`.
+            lines: receives them, see `blank`.
+        """
         exposure = self._configuration
+        greys = ground if self._transmission is None else ground * self._transmission
+        if exposure.shadow > 0.0:
+            greys = shade(greys, self._seen, exposure, first_line)
+        if self._faults is not None:
+            greys = greys * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
         expose(
-            self.greys(poses, velocities),
+            greys,
             exposure.gain,
             exposure.offset,
             exposure.noise_deviation,

@@ -89,6 +89,55 @@ class CameraConfiguration(Configuration):
         minimum=0.0,
         maximum=1.0,
     )
+    photo_response: float = parameter(
+        0.0,
+        description="Standard deviation of the pixels' gains (PRNU)",
+        minimum=0.0,
+        maximum=0.5,
+    )
+    dark_signal: float = parameter(
+        0.0,
+        description="Standard deviation of the pixels' offsets (DSNU), in grey levels of an 8-bit "
+        "scale",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    dark_steps: float = parameter(
+        0.0,
+        description="Difference of the offsets of neighbouring eighths of a line, which are read "
+        "out by different amplifiers, in grey levels of an 8-bit scale",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    stuck_pixels: int = parameter(
+        0, description="Pixels that are always black or always white", minimum=0, maximum=1000
+    )
+    hot_pixels: int = parameter(
+        0,
+        description="Pixels with 20 to 120 grey levels of dark signal",
+        minimum=0,
+        maximum=1000,
+    )
+    mud: float = parameter(
+        0.0,
+        description="Share of the view, from the end of the line, hidden by mud on the optics",
+        minimum=0.0,
+        maximum=0.9,
+    )
+    shadow: float = parameter(
+        0.0,
+        description="Share of the light lost in the shadow of something else than the ground",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    shadow_speed: float = parameter(
+        0.0,
+        description="At which the shadow's edge runs to and fro along the line; 0 for an edge that "
+        "stands still in the view",
+        unit="m/s",
+        minimum=0.0,
+        maximum=100.0,
+    )
 
     @property
     def noise_deviation(self) -> float:

@@ -1,4 +1,4 @@
-"""What stands between the ground and the pixels: magnification, shading, dirt, motion blur."""
+"""What stands between ground and grey levels: optics, dirt, motion blur and faulty pixels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ FloatArray = NDArray[np.float64]
 _SAMPLES_PER_PIXEL = 4  # of a blurred line, along the axis
 _SAMPLES_PER_WIDTH = 16  # and across it
 _MOST_SAMPLES = 128
+_TAPS = 8  # amplifiers that read out a line
+_WHITE = 255.0
+_PENUMBRA = 0.002  # width of a shadow's soft edge [m]
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
@@ -57,18 +60,99 @@ def transmission(
     Args:
         sensor: the camera.
         configuration: its optics.
-        key: of the places and sizes of the specks.
+        key: of the places and sizes of the specks, and of the gains of the pixels.
     """
-    if configuration.shading == 0.0 and configuration.dirt_spots == 0:
+    unlike = configuration.photo_response > 0.0
+    if configuration.shading == 0.0 and configuration.dirt_spots == 0 and not unlike:
         return None
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
     share = 1.0 - configuration.shading * (2.0 * place - 1.0) ** 2
-    generator = np.random.default_rng(np.random.SeedSequence(int(key), spawn_key=(1,)))
+    generator = _pattern(key, 1)
     for middle, size in generator.uniform((0.0, 0.5), (1.0, 1.5), (configuration.dirt_spots, 2)):
         radius = 0.5 * size * configuration.dirt_size / sensor.length
         r = np.minimum(np.abs(place - middle) / radius, 1.0)
         share *= 1.0 - configuration.dirt_opacity * (1.0 - r * r) ** 2
+    if unlike:
+        response = _pattern(key, 2).standard_normal(sensor.pixels)
+        share *= np.maximum(1.0 + configuration.photo_response * response, 0.0)
     return share.astype(np.float32)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PixelFaults:
+    """What the pixels say besides the light of the ground, in grey levels of an 8-bit scale.
+
+    Attributes:
+        offset: dark signal, and the light of what hides the ground, shape (pixels,).
+        sight: share of the ground's light, 0 where mud or a defect hides it, shape (pixels,).
+    """
+
+    offset: NDArray[np.float32]
+    sight: NDArray[np.float32]
+
+
+def pixel_faults(
+    sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
+) -> PixelFaults | None:
+    """Return the faults of a camera's pixels, None if they have none.
+
+    Args:
+        sensor: the camera.
+        configuration: its faults.
+        key: of their places.
+    """
+    pixels = sensor.pixels
+    generator = _pattern(key, 3)
+    offset: FloatArray = configuration.dark_signal * generator.standard_normal(pixels)
+    offset += configuration.dark_steps * (np.arange(pixels) * _TAPS // pixels % 2)
+    sight = np.ones(pixels)
+    # Drawn before they are used, so that one kind of fault does not move another.
+    order, levels = generator.permutation(pixels), generator.uniform(20.0, 120.0, pixels)
+    mud = _mud(generator, sensor)
+    hidden = np.arange(pixels) >= round((1.0 - configuration.mud) * pixels)
+    offset[hidden], sight[hidden] = mud[hidden], 0.0
+    hot = order[: configuration.hot_pixels]
+    offset[hot] += levels[hot]
+    stuck = order[::-1][: configuration.stuck_pixels]
+    offset[stuck], sight[stuck] = np.where(stuck % 2 == 0, 2.0 * _WHITE, -_WHITE), 0.0
+    if not offset.any() and sight.all():
+        return None
+    return PixelFaults(offset.astype(np.float32), sight.astype(np.float32))
+
+
+def shade(
+    greys: NDArray[np.float32],
+    sensor: LineSensor,
+    configuration: CameraConfiguration,
+    first_line: int,
+) -> NDArray[np.float32]:
+    """Return lines darkened by a shadow whose soft edge stands in the view or runs to and fro.
+
+    Args:
+        greys: of the ground, shape (m, pixels).
+        sensor: the camera.
+        configuration: with the shadow.
+        first_line: index of the first line since the start of the run.
+    """
+    elapsed = (first_line + np.arange(len(greys))) / sensor.line_rate
+    way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # in views
+    edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
+    place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
+    lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
+    shaded = greys * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
+    return np.asarray(shaded, np.float32)
+
+
+def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
+    """Return grey levels of crumbs of a millimetre and less."""
+    nodes = np.arange(0.0, sensor.length + 1e-3, 6e-4)
+    place = (np.arange(sensor.pixels) + 0.5) * sensor.pixel_pitch
+    greys = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)
+    return np.asarray(np.interp(place, nodes, greys))
+
+
+def _pattern(key: np.uint64, number: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(int(key), spawn_key=(number,)))
 
 
 def blur_samples(

@@ -1,8 +1,8 @@
 """What the procedural grounds are made of: layers of patterns with structure of known size.
 
 The grounds of Figures 59, 65 to 67 and 71, looked at as through the dissertation's flatbed
-scanner. Sizes are in metres, so the number of texels is only the resolution at which the same
-ground is looked at. Everything follows from the random generator.
+scanner, and harder ones. Sizes are in metres, so the number of texels is only the resolution at
+which the same ground is looked at. Everything follows from the random generator.
 
 =============  =====================================================================================
 cork           pressed granules of 2 mm
@@ -14,6 +14,16 @@ plastic        a smooth sheet: a faint moulded grain of 0.25 to 2 mm and fainter
 metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
+worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same grey
+concrete       trowelled: mottles of some centimetres, cement and sand grain, few pores
+wet_concrete   the same with wet patches, dark and without detail
+gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
+sand           grains of 0.1 to 0.4 mm and faint ripples
+grass          blades of 12 to 40 mm, in all directions
+bark           ridges of 5 to 30 mm along x between dark furrows
+brick          bricks of 100 x 67 mm in running bond, of little contrast, between mortar joints
+cobble         stones of 50 mm with worn tops between wide dark joints
+planks         boards of 50 mm with their grain along x between dark grooves
 =============  =====================================================================================
 """
 
@@ -25,7 +35,17 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_sim.texture.patterns import Cells, Leaves, Noise, Pattern, Plain, Rings, Studs
+from omni_sim.texture.patterns import (
+    Added,
+    Bond,
+    Cells,
+    Leaves,
+    Noise,
+    Pattern,
+    Plain,
+    Rings,
+    Studs,
+)
 
 Layers = list[Pattern]
 
@@ -62,23 +82,11 @@ def _stone(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _asphalt(size: float, generator: np.random.Generator) -> Layers:
-    # Radii by the power law r^-3, for which every scale covers as much ground as any other.
-    least, greatest = 0.0003, 0.003
-    mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
-    count = round(_ASPHALT_COVERAGE * size**2 / mean_area)
-    share = generator.uniform(size=count)
-    radius = 1.0 / np.sqrt(1.0 / least**2 + share * (1.0 / greatest**2 - 1.0 / least**2))
-    leaves = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (count, 2)),
-            radius / size,
-            generator.uniform(0.55, 1.0, count),
-            generator.uniform(0.0, math.pi, count),
-            generator.normal(128.0, 34.0, count).clip(45.0, 225.0),
-        )
+    chippings = _stones(
+        size, generator, (0.0003, 0.003), _ASPHALT_COVERAGE, (128.0, 34.0), 0.55, (45.0, 225.0)
     )
     octaves = ((0.0008, 10.0), (0.0003, 10.0), (0.00018, 7.0))
-    chippings = Leaves(leaves, 0.00006 / size)
+    chippings = Leaves(chippings.leaves, 0.00006 / size)
     return [Plain(48.0), chippings, *_octaves(size, generator, octaves)]
 
 
@@ -174,6 +182,106 @@ def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
     ]
 
 
+def _worn_asphalt(size: float, generator: np.random.Generator) -> Layers:
+    chippings = _stones(size, generator, (0.0005, 0.004), 2.0, (116.0, 6.0), 0.55)
+    octaves = ((0.02, 1.5), (0.002, 2.5), (0.0008, 4.0), (0.0003, 6.0), (0.00018, 4.0))
+    return [Plain(104.0), chippings, *_octaves(size, generator, octaves)]
+
+
+def _concrete(size: float, generator: np.random.Generator) -> Layers:
+    octaves = ((0.03, 6.0), (0.008, 4.0), (0.002, 5.0), (0.0006, 7.0), (0.00025, 6.0))
+    pores = _stones(size, generator, (0.0002, 0.0012), 0.02, (85.0, 12.0), 0.6)
+    return [Plain(150.0), pores, *_octaves(size, generator, octaves)]
+
+
+def _wet_concrete(size: float, generator: np.random.Generator) -> Layers:
+    dry = _concrete(size, generator)
+    patches = _stones(size, generator, (0.012, 0.035), 0.35, (88.0, 3.0), 0.5)
+    return [
+        *dry,
+        Leaves(patches.leaves, 0.0015 / size),
+        *_octaves(size, generator, ((0.0003, 3.0),)),
+    ]
+
+
+def _gravel(size: float, generator: np.random.Generator) -> Layers:
+    stones = _stones(size, generator, (0.002, 0.008), 3.0, (125.0, 28.0), 0.55)
+    octaves = ((0.004, 7.0), (0.001, 6.0), (0.0003, 6.0))
+    return [Plain(45.0), stones, *_octaves(size, generator, octaves)]
+
+
+def _sand(size: float, generator: np.random.Generator) -> Layers:
+    octaves = ((0.03, 3.0), (0.006, 2.0), (0.0004, 10.0), (0.0002, 14.0), (0.00012, 10.0))
+    return [Plain(150.0), *_octaves(size, generator, octaves)]
+
+
+def _grass(size: float, generator: np.random.Generator) -> Layers:
+    count = round(1.6 * size**2 / (math.pi * 0.012**2 * 0.07))
+    blades = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            generator.uniform(0.006, 0.02, count) / size,
+            generator.uniform(0.04, 0.1, count),
+            generator.uniform(0.0, math.pi, count),
+            generator.normal(105.0, 28.0, count).clip(30.0, 210.0),
+        )
+    )
+    octaves = ((0.01, 6.0), (0.0006, 4.0), (0.0002, 3.0))
+    return [Plain(40.0), Leaves(blades, 0.0001 / size), *_octaves(size, generator, octaves)]
+
+
+def _bark(size: float, generator: np.random.Generator) -> Layers:
+    count = round(1.2 * size**2 / (math.pi * 0.02 * 0.003))
+    furrows = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            generator.uniform(0.008, 0.03, count) / size,
+            generator.uniform(0.06, 0.18, count),
+            generator.normal(0.0, 0.12, count),
+            generator.normal(60.0, 14.0, count).clip(20.0, 100.0),
+        )
+    )
+    ridges = (
+        (0.004, 0.03, 16.0),
+        (0.0012, 0.008, 12.0),
+        (0.0005, 0.002, 9.0),
+        (0.0003, 0.0003, 7.0),
+    )
+    return [
+        Plain(120.0),
+        Leaves(furrows, 0.0006 / size),
+        *(_noise(size, generator, *ridge) for ridge in ridges),
+    ]
+
+
+def _brick(size: float, generator: np.random.Generator) -> Layers:
+    rows, columns = 2 * _per_period(size, 0.1333), _per_period(size, 0.1)
+    grey = generator.normal(118.0, 8.0, (rows, columns)).astype(np.float32)
+    octaves = ((0.02, 4.0), (0.003, 3.0), (0.0007, 3.0), (0.00025, 3.0))
+    pits = _stones(size, generator, (0.0003, 0.0015), 0.01, (80.0, 10.0), 0.6)
+    bricks = Bond(grey, 158.0, 0.008 / size, 0.0012 / size, staggered=True)
+    return [bricks, pits, *_octaves(size, generator, octaves)]
+
+
+def _cobble(size: float, generator: np.random.Generator) -> Layers:
+    cells, waves = _per_period(size, 0.05), _per_period(size, 0.015)
+    stones = Cells(
+        generator.uniform(0.3, 0.7, (cells, cells, 2)).astype(np.float32),
+        generator.normal(125.0, 15.0, (cells, cells)).astype(np.float32),
+        border_grey=45.0,
+        border=0.007 * cells / size,
+        warp=generator.uniform(-0.05, 0.05, (2, waves, waves)).astype(np.float32),
+    )
+    octaves = ((0.012, 6.0), (0.002, 4.0), (0.0006, 5.0), (0.0002, 4.0))
+    return [stones, *_octaves(size, generator, octaves)]
+
+
+def _planks(size: float, generator: np.random.Generator) -> Layers:
+    grey = generator.normal(0.0, 9.0, (_per_period(size, 0.05), 1)).astype(np.float32)
+    boards = Bond(grey, -75.0, 0.003 / size, 0.0006 / size, staggered=False)
+    return [*_wood(size, generator), Added(boards)]
+
+
 MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
     "cork": _cork,
     "asphalt": _asphalt,
@@ -183,6 +291,16 @@ MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
     "metal": _metal,
     "walking_tile": _walking_tile,
     "dry_earth": _dry_earth,
+    "worn_asphalt": _worn_asphalt,
+    "concrete": _concrete,
+    "wet_concrete": _wet_concrete,
+    "gravel": _gravel,
+    "sand": _sand,
+    "grass": _grass,
+    "bark": _bark,
+    "brick": _brick,
+    "cobble": _cobble,
+    "planks": _planks,
 }
 """Layers of each ground, lowest first, for a period [m] and a random generator."""
 
@@ -190,6 +308,43 @@ MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
 def _per_period(size: float, spacing: float) -> int:
     """Return how many cells of about `spacing` [m] make up a period, as a whole number."""
     return max(1, round(size / spacing))
+
+
+def _stones(
+    size: float,
+    generator: np.random.Generator,
+    radii: tuple[float, float],
+    coverage: float,
+    grey: tuple[float, float],
+    flattest: float,
+    limits: tuple[float, float] = (20.0, 225.0),
+) -> Leaves:
+    """Return ellipses of every scale alike: radii by the power law r^-3.
+
+    Args:
+        size: period [m].
+        generator: of places, sizes and greys.
+        radii: least and greatest long half axis [m].
+        coverage: times that they would cover the ground [1].
+        grey: mean and standard deviation of their grey levels.
+        flattest: least ratio of the axes.
+        limits: of the grey levels.
+    """
+    least, greatest = radii
+    mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
+    count = round(coverage * size**2 / mean_area)
+    share = generator.uniform(size=count)
+    radius = 1.0 / np.sqrt(1.0 / least**2 + share * (1.0 / greatest**2 - 1.0 / least**2))
+    leaves = np.column_stack(
+        (
+            generator.uniform(0.0, 1.0, (count, 2)),
+            radius / size,
+            generator.uniform(flattest, 1.0, count),
+            generator.uniform(0.0, math.pi, count),
+            generator.normal(*grey, count).clip(*limits),
+        )
+    )
+    return Leaves(leaves, 0.0001 / size)
 
 
 def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]:

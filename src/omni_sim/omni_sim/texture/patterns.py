@@ -137,6 +137,57 @@ class Rings:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Bond:
+    """Rows along x of rectangles with joints between them, such as bricks or boards.
+
+    Attributes:
+        grey: of each rectangle, shape (rows, columns); a single column is a board without an end.
+        joint_grey: of the joints.
+        joint: their width [periods].
+        softness: width of the transition at their edges [periods].
+        staggered: whether every other row is moved by half a rectangle.
+    """
+
+    grey: Floats
+    joint_grey: float
+    joint: float
+    softness: float
+    staggered: bool
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Draw the rectangles."""
+        rows, columns = self.grey.shape
+        texels = band.shape[1]
+        y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) / texels * rows
+        row = np.minimum(y.astype(np.int64), rows - 1)
+        to_edge = (0.5 - np.abs(y - row - 0.5))[:, None] / rows
+        x = (np.arange(texels, dtype=np.float32) + 0.5) / texels * columns
+        x = (x + 0.5 * self.staggered * (row % 2)[:, None]) % columns
+        column = np.minimum(x.astype(np.int64), columns - 1)
+        if columns > 1:
+            to_edge = np.minimum(to_edge, (0.5 - np.abs(x - column - 0.5)) / columns)
+        inside = np.clip((to_edge - 0.5 * self.joint) / self.softness + 0.5, 0.0, 1.0)
+        band[:] = self.joint_grey + (self.grey[row[:, None], column] - self.joint_grey) * inside
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Added:
+    """Another pattern, added to what is below instead of drawn over it.
+
+    Attributes:
+        pattern: which.
+    """
+
+    pattern: Pattern
+
+    def draw(self, band: Floats, first_row: int) -> None:
+        """Add the pattern."""
+        added = np.zeros_like(band)
+        self.pattern.draw(added, first_row)
+        band += added
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Studs:
     """Square studs with rounded corners and bevelled edges on a grid, lit from the upper left.
 
