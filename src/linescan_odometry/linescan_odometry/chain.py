@@ -1,54 +1,118 @@
-"""Joins the batches of one sensor into an unbroken chain of lines."""
+"""Joins the batches of one sensor into an unbroken chain of lines, and checks their time.
+
+The stamps of the newest lines and the number of lines in between say how long a line takes. Where
+that is not the configured line period, lines were lost or repeated, or the line rate is wrong, and
+nobody can tell which: every velocity would be wrong by the same share. A whole batch that is
+missing is none of that: the lines of the next one still follow each other.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from linescan_odometry.measurements import LineBatch, Lines
+from linescan_odometry.measurements import LineBatch, Lines, Unmeasured
 from omni_platform.sensors import LineSensor
+
+_ANEW = 10.0  # batches back in time: a recording that is played again
+_WHOLE = 0.75  # of a batch that is missing
 
 
 class LineChain:
-    """Keeps the last line of a batch, so that the first of the next has one to compare with."""
+    """Keeps the last line of a batch, so that the first of the next has one to compare with.
+
+    Attributes:
+        stretch: share by which the time of the batch joined last does not fit its number of lines,
+            by which its velocity may be wrong; 0 if it fits.
+        remark: the same in words; empty if it fits.
+    """
 
     def __init__(self, sensor: LineSensor) -> None:
         """Start with no line."""
         self._pixels = sensor.pixels
+        self._rate = sensor.line_rate
         self._period_ns = 1e9 / sensor.line_rate
         self._buffer: Lines = np.empty((0, sensor.pixels), np.uint8)
         self._last_row = -1
-        self._last_ns = 0
+        self._last_ns: int | None = None
+        self.stretch = 0.0
+        self.remark = ""
+        self._late = 0.0  # lines, by which the batches before were late in all
 
     def reset(self) -> None:
         """Forget the last line."""
         self._last_row = -1
+        self._last_ns = None
+        self._late = 0.0
 
     def join(self, batch: LineBatch) -> Lines:
         """Return the lines of a batch behind the last line of the batch before.
 
-        That line is left out where the batches do not join: at the start, and where the oldest
-        line is not one line period younger than the last one, to within half a period.
+        That line is left out where the batches do not join: at the start and after a gap of whole
+        batches.
 
         Args:
             batch: at least one line of the configured number of pixels.
 
         Returns:
             m or m + 1 lines, oldest first; memory that the next call overwrites.
+
+        Raises:
+            Unmeasured: the stamp is older than the one before, or the last line is that of the
+                batch before.
         """
         lines = batch.lines
         count = len(lines)
+        elapsed = None
+        if self._last_ns is not None:
+            elapsed = (batch.stamp_ns - self._last_ns) / self._period_ns
+            if elapsed < -_ANEW * count:
+                self.reset()
+                elapsed = None
+            elif elapsed < 0.0:
+                raise Unmeasured(
+                    f"time: the stamp is {-elapsed:.3g} lines older than the one before, batches "
+                    "are swapped"
+                )
+        last = self._buffer[self._last_row] if self._last_row >= 0 else None
+        if last is not None and count > 1 and elapsed:
+            repeated = np.array_equal(last, lines[-1]) and not np.array_equal(lines[-2], lines[-1])
+            if repeated:
+                self._last_ns = batch.stamp_ns
+                raise Unmeasured("time: the lines of the batch before came again")
+        late = 0.0 if elapsed is None else elapsed - count
+        alike = last is not None and last.dtype == lines.dtype
+        joined = alike and abs(late) < 0.5
+        self._keep(lines, joined=joined)
+        self._last_ns = batch.stamp_ns
+        self.stretch, self.remark = 0.0, ""
+        if elapsed is not None and self._contradicts(late, elapsed, count, joined=joined):
+            self.stretch = abs(late) / count
+            self.remark = (
+                f"time: {count} lines in {elapsed:.4g} periods of {self._rate:g} lines/s: lines "
+                "are lost or repeated, or the line rate is wrong"
+            )
+        return self._buffer[0 if joined else 1 : count + 1]
+
+    def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
+        """Return whether the time does not fit the number of lines; a missing batch is no fault."""
+        if joined:
+            self._late += late
+            drifted = abs(self._late) >= 1.0
+            # Jitter of the stamps stays where it is, a wrong rate adds up.
+            self._late *= 0.9
+            return drifted
+        self._late = 0.0
+        again = elapsed == 0.0  # the same batch, as good as it was
+        return not again and count > 1 and late < _WHOLE * count
+
+    def _keep(self, lines: Lines, *, joined: bool) -> None:
+        """Copy the lines behind the last one."""
+        count = len(lines)
+        last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:
             grown: Lines = np.empty((count + 1, self._pixels), lines.dtype)
-            if self._last_row >= 0 and self._buffer.dtype == lines.dtype:
-                grown[0] = self._buffer[self._last_row]
-            else:
-                self._last_row = -1
             self._buffer = grown
-        elif self._last_row > 0:
-            self._buffer[0] = self._buffer[self._last_row]
-        late_ns = batch.stamp_ns - self._last_ns - count * self._period_ns
-        joined = self._last_row >= 0 and abs(late_ns) < 0.5 * self._period_ns
+        if last is not None:
+            self._buffer[0] = last
         self._buffer[1 : count + 1] = lines
         self._last_row = count
-        self._last_ns = batch.stamp_ns
-        return self._buffer[0 if joined else 1 : count + 1]

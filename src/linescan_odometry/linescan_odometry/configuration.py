@@ -49,9 +49,9 @@ class OdometryConfiguration(Configuration):
         maximum=100.0,
     )
     flat_field_places: int = parameter(
-        0,
-        description="Places of the ground whose mean is the shading of the optics, which is then "
-        "divided out; 0 for no correction",
+        200,
+        description="Places of the ground whose mean is what stands still in the view (shading, "
+        "dirt, unlike pixels), which is then divided out; 0 for no correction",
         minimum=0,
         maximum=100000,
     )

@@ -1,37 +1,50 @@
 """Flat-field correction: takes out what stands still in the lines while the ground moves.
 
-Uneven light and vignetting stay where they are on every line. A search for
-the shift between lines then finds them at zero: a shading of 30 % hides coarse textures. The mean
-of lines of many different places is the profile of the optics; lines are divided by it.
+Uneven light, dirt, unlike pixels, a shadow of the vehicle: whatever is fixed in the view matches
+itself at a displacement of zero. The mean of lines of many different places is its profile, and
+lines are divided by it. Pixels that do not change as the others do, stuck ones or some that look at
+mud, see no ground: a few side by side are interpolated, more are set to the mean of the line.
 
-Only places that share nothing with those before may enter, or the ground itself would be taken
-for a profile, at rest above all. Whether a line shows another place cannot be told from its
-displacement, which is just what may be locked at zero. It is told from the *differences* of
-neighbouring groups of pixels, in which a smooth profile hardly shows: no shift may match them.
+Only places that share little with those before may enter, or the ground itself would be taken for
+a profile, at rest above all. Whether the view has moved on is told from the *difference* of two
+lines, in which nothing fixed is left: at rest it is noise, which no pixel shares with its
+neighbour, and else it has the structure of the ground.
 
-A mean over N places still holds a share of ``1 / sqrt(N)`` of their texture, which stands still
-like a profile and pulls displacements towards zero all the more as it has steep gradients. So the
-profile is a polynomial, whose degree grows with ``sqrt(N)``: shading and vignetting are corrected,
-narrow dirt on the optics is not.
+A mean over N places still holds a share of ``1 / N`` of the energy of their texture. So the profile
+is used only where it is clearly more than that, in its levels or in its gradients (small
+differences between neighbouring pixels are faint, but weigh most in a sub-pixel match), and is
+shrunk by the share of it that is likely texture. A camera without faults keeps its lines as they
+are.
 """
 
 from __future__ import annotations
 
-import math
-from collections import deque
+from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from linescan_odometry.matching.pearson import PearsonSearch
-from linescan_odometry.measurements import Lines
+from linescan_odometry.measurements import FloatArray, LineBatchError, Lines
 
-_GROUPS = 128  # of pixels that are compared: their noise is less than that of pixels
-_SAME_PLACE = 0.5  # correlation of the differences from which on two lines show the same place
-_REMEMBERED = 8  # places that a new one must differ from
-_FEWEST_PLACES = 20  # before anything is corrected
-_HIGHEST_DEGREE = 24
+Floats = NDArray[np.float32]
+
+_REMEMBERED = 6  # places that a new one must differ from
+_NEIGHBOURS = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
+_SIGMAS = 3.5  # of that correlation where there is only noise
+_UNLIKE = 0.8  # energy of a difference over that of both lines, 1 if they share nothing
+_DECORRELATED = 0.35  # of the largest structure of a difference
+_GROWN = 2.0  # the structure of differences, when places before turn out to be near each other
+_FEWEST_PLACES = 6  # before anything is corrected
+_FAR_PLACES = 30  # that are not all near each other
+_FEWEST_ACTIVE = 12  # before pixels are found to be blind
+_QUICK_PLACES = 48  # until which every line is looked at, later some of each batch
+_LINES_PER_BATCH = 4
+_CLEARLY = 3.0  # times what the texture of the places lets expect
 _STRONGEST = 4.0  # gain
+_BLIND = 0.45  # of the temporal deviation of the other pixels
+_FEW = 6  # blind pixels side by side that are interpolated
+_MOST_BLIND = 0.6  # share of a view; beyond, there is nothing to be saved
 
 
 class FlatField:
@@ -45,17 +58,18 @@ class FlatField:
             places: number of places that the profile is the mean over, forgetting older ones;
                 0 for no correction.
         """
-        self._group = max(1, pixels // _GROUPS)
-        self._groups = pixels // self._group
+        self._pixels = pixels
         self._places = places
-        self._search = PearsonSearch(self._groups - 1, (self._groups - 1) // 2)
-        self._seen: deque[NDArray[np.uint16]] = deque(maxlen=_REMEMBERED)
+        self._seen = np.zeros((_REMEMBERED, pixels), np.float32)
         self._count = 0
+        self._undecided = False
+        self._structure = 0.0  # the largest of the differences of late
         self._mean = np.ones(pixels)
-        place = np.linspace(-1.0, 1.0, pixels)
-        degree = min(_HIGHEST_DEGREE, pixels // 8)
-        # Orthonormal polynomials by rising degree, shape (n, degree + 1).
-        self._basis = np.linalg.qr(np.polynomial.legendre.legvander(place, degree))[0]
+        self._square = np.ones(pixels)
+        self._step = np.zeros(pixels - 1)  # mean square of the differences of neighbours
+        self._dark: FloatArray = np.zeros(pixels)
+        self._gain: FloatArray | None = None
+        self._blind: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
 
     @property
     def places(self) -> int:
@@ -63,19 +77,82 @@ class FlatField:
         return self._count
 
     @property
-    def profile(self) -> NDArray[np.float64]:
+    def active(self) -> bool:
+        """Whether anything is to be corrected at all."""
+        return self._places > 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is known what stands still in the view, be it nothing."""
+        return self._count >= _FAR_PLACES
+
+    @property
+    def profile(self) -> FloatArray:
         """Brightness of each pixel over the mean of the line, learnt so far [1], shape (n,)."""
-        terms = 1 + int(2.0 * math.sqrt(self._count))
-        basis = self._basis[:, :terms]
-        smooth: NDArray[np.float64] = basis @ (basis.T @ self._mean)
-        smooth /= smooth.mean()
-        return smooth
+        profile: FloatArray = self._mean / self._mean.mean()
+        return profile
+
+    @property
+    def blind(self) -> NDArray[np.bool_]:
+        """Which pixels see no ground, shape (n,)."""
+        return self._blind
+
+    def take_references(self, dark: Lines | None, white: Lines | None) -> None:
+        """Take lines of a covered camera and of an even white surface as the tables.
+
+        Args:
+            dark: lines without light, in grey levels, shape (m, n); None for no dark signal.
+            white: lines of an evenly lit surface, shape (m, n); None for equal gains.
+
+        Raises:
+            LineBatchError: another number of pixels, or white is no brighter than dark.
+        """
+        for lines in (dark, white):
+            if lines is not None and lines.shape[1:] != (self._pixels,):
+                raise LineBatchError(
+                    f"references have lines of {self._pixels} px, not of shape {lines.shape}"
+                )
+        self._dark = np.zeros(self._pixels) if dark is None else dark.mean(axis=0)
+        if white is not None:
+            light = white.mean(axis=0) - self._dark
+            if light.mean() <= 0.0:
+                raise LineBatchError("the white reference is no brighter than the dark one")
+            self._mean = light / light.mean()
+            self._square = self._mean**2
+            self._blind = self._mean < 1.0 / _STRONGEST
+        self._count = max(self._count, self._places)
+        self._gain = 1.0 / np.maximum(self._mean, 1.0 / _STRONGEST)
+
+    def save(self, path: Path) -> None:
+        """Write the learnt tables to a file of numpy (.npz)."""
+        np.savez(
+            path, count=self._count, mean=self._mean, square=self._square, step=self._step,
+            dark=self._dark, structure=self._structure,
+        )  # fmt: skip
+
+    def load(self, path: Path) -> None:
+        """Read tables that `save` wrote.
+
+        Raises:
+            LineBatchError: they are of a camera of another number of pixels.
+        """
+        with np.load(path) as tables:
+            if tables["mean"].shape != (self._pixels,):
+                raise LineBatchError(
+                    f"{path} is of {len(tables['mean'])} px, this camera has {self._pixels} px"
+                )
+            self._count, self._structure = int(tables["count"]), float(tables["structure"])
+            self._mean, self._square = tables["mean"], tables["square"]
+            self._step, self._dark = tables["step"], tables["dark"]
+        self._undecided = True
 
     def apply(self, lines: Lines) -> Lines:
-        """Learn from the newest of some lines, and return them over the profile."""
+        """Learn from some lines, oldest first, and return them over the profile."""
         if self._places == 0:
             return lines
-        self.learn(lines[-1])
+        every = 1 if self._count < _QUICK_PLACES else max(1, len(lines) // _LINES_PER_BATCH)
+        for line in lines[::-every][::-1]:
+            self.learn(line)
         return self.correct(lines)
 
     def learn(self, line: Lines) -> bool:
@@ -87,37 +164,124 @@ class FlatField:
         Returns:
             Whether it was taken.
         """
-        mean = float(line.mean())
-        if mean == 0.0 or not self._is_elsewhere(line, mean):
+        level = line - self._dark
+        mean = float(level.mean())
+        if mean <= 0.0:
             return False
+        relative = (level / mean).astype(np.float32)
+        known = min(self._count, _REMEMBERED)
+        least, greatest, likeness, energy = _structure(relative, self._seen[:known])
+        # Pixels of a ground finer than they are share nothing either, but no line is like another.
+        unlike = known > 0 and energy > _UNLIKE
+        if known and not unlike and likeness < max(_NEIGHBOURS, _SIGMAS / self._pixels**0.5):
+            return False
+        if greatest > _GROWN * self._structure:
+            # The places so far were near each other: their mean holds the ground.
+            self._count, known, self._gain = 0, 0, None
+            self._blind = np.zeros(self._pixels, np.bool_)
+        self._structure = max(self._structure, greatest)
+        if known and not unlike and least < _DECORRELATED * self._structure:
+            return False
+        self._seen[self._count % _REMEMBERED] = relative
         self._count += 1
+        self._structure *= 1.0 - 0.1 / _REMEMBERED
         share = 1.0 / min(self._count, self._places)
-        self._mean += share * (line / mean - self._mean)
+        self._mean += share * (relative - self._mean)
+        self._square += share * (relative.astype(np.float64) ** 2 - self._square)
+        self._undecided = True
+        self._step += share * (np.diff(relative).astype(np.float64) ** 2 - self._step)
         return True
 
     def correct(self, lines: Lines) -> Lines:
-        """Return lines over the profile, as 16 bit; the lines themselves before it is known.
+        """Return lines over the profile, as 16 bit; the lines themselves while there is none.
 
         One quarter of the range is used at a gain of 1, so that no gain saturates a pixel.
 
         Args:
             lines: m lines of n pixels, shape (m, n).
         """
-        if self._count < _FEWEST_PLACES:
+        if self._undecided:
+            self._decide()
+        if self._gain is None:
             return lines
-        gain = 1.0 / np.maximum(self.profile, 1.0 / _STRONGEST)
         scale = 64.0 if lines.dtype == np.uint8 else 0.25
-        corrected: Lines = np.rint(lines * (scale * gain)).astype(np.uint16)
+        light = (lines - self._dark) * (scale * self._gain)
+        if self._blind.any():
+            _fill(light, self._blind)
+        corrected: Lines = np.rint(light.clip(0.0, 65535.0)).astype(np.uint16)
         return corrected
 
-    def _is_elsewhere(self, line: Lines, mean: float) -> bool:
-        groups = line[: self._groups * self._group].reshape(self._groups, self._group)
-        differences = np.diff(groups.mean(axis=1)) * (8000.0 / mean)
-        new = np.clip(np.rint(differences) + 32768.0, 0.0, 65535.0).astype(np.uint16)
-        shift, similarity = np.empty(1, np.int64), np.empty(1)
-        for old in self._seen:
-            self._search.match(np.stack((old, new)), shift, similarity)
-            if similarity[0] >= _SAME_PLACE:
-                return False
-        self._seen.append(new)
-        return True
+    def _decide(self) -> None:
+        """Decide whether there is a profile, and which pixels are blind."""
+        self._undecided = False
+        if self._count < _FEWEST_PLACES:
+            return
+        number = min(self._count, self._places)
+        profile = self.profile
+        spread = np.maximum(self._square - self._mean**2, 0.0) * number / (number - 1.0)
+        steps = np.diff(profile)
+        step_spread = np.maximum(self._step - np.diff(self._mean) ** 2, 0.0)
+        texture, level = float(spread.mean()) / number, float(np.var(profile))
+        edge, gradient = float(step_spread.mean()) / number, float(np.mean(steps**2))
+        # Places near each other share their coarse structure, but hardly their gradients.
+        certain = gradient > _CLEARLY * edge
+        certain |= self._count >= _FAR_PLACES and level > _CLEARLY * texture
+        if self._gain is None and not certain:
+            return
+        # The share of the profile that is no texture of the places.
+        real = max(0.0, 1.0 - texture / max(level, 1e-12), 1.0 - edge / max(gradient, 1e-12))
+        smooth = 1.0 + real * (profile - 1.0)
+        self._gain = 1.0 / np.maximum(smooth, 1.0 / _STRONGEST)
+        if self._count >= _FEWEST_ACTIVE:
+            activity = np.sqrt(spread) * self._gain
+            blind = activity < _BLIND * float(np.median(activity))
+            blind |= smooth < 1.0 / _STRONGEST
+            if blind.mean() <= _MOST_BLIND:
+                self._blind = blind
+
+
+@njit(cache=True, nogil=True)
+def _structure(line: Floats, seen: Floats) -> tuple[float, float, float, float]:
+    """Compare a line with others by their differences.
+
+    Returns:
+        The least and the greatest structure, which is the mean product of neighbouring pixels of
+        a difference; that product over their mean square in the difference of least structure;
+        the least energy of a difference over that of the two lines.
+    """
+    least, greatest, neighbours, energy = 1e30, 0.0, 1.0, 1.0
+    pixels = line.shape[0]
+    own = np.var(line)
+    for row in range(seen.shape[0]):
+        square, product, before, total = 0.0, 0.0, 0.0, 0.0
+        for i in range(pixels):
+            d = float(line[i]) - float(seen[row, i])
+            square += d * d
+            product += d * before
+            before = d
+            total += d
+        offset = total * total / pixels
+        square -= offset
+        product -= offset
+        if product < least:
+            least = product
+            neighbours = product / square if square > 0.0 else 0.0
+        greatest = max(greatest, product)
+        both = pixels * (own + np.var(seen[row]))
+        energy = min(energy, square / both if both > 0.0 else 0.0)
+    return least / pixels, greatest / pixels, neighbours, energy
+
+
+def _fill(light: FloatArray, blind: NDArray[np.bool_]) -> None:
+    """Interpolate a few blind pixels side by side, set more of them to the mean of the line."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], blind, [False])).astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    sighted = ~blind
+    mean = light[:, sighted].mean(axis=1)
+    for first, end in zip(starts, ends, strict=True):
+        if end - first > _FEW or first == 0 or end == len(blind):
+            light[:, first:end] = mean[:, None]
+        else:
+            share = (np.arange(first, end) - first + 1.0) / (end - first + 1.0)
+            before, after = light[:, first - 1, None], light[:, end, None]
+            light[:, first:end] = before + share * (after - before)

@@ -61,6 +61,7 @@ class SensorReading:
         measured: whether velocity and variance can be used.
         reason: why they cannot; empty if they can.
         still_time: for how long the view has not changed at all [s]; 0 if it has.
+        remark: what is wrong with the lines although they can be used; empty if nothing is.
     """
 
     velocity: float
@@ -70,6 +71,7 @@ class SensorReading:
     measured: bool
     reason: str = ""
     still_time: float = 0.0
+    remark: str = ""
 
     @classmethod
     def unmeasured(
@@ -77,6 +79,15 @@ class SensorReading:
     ) -> SensorReading:
         """Make a reading that says why there is none."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
+
+
+class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
+    """A batch shows no velocity; carries the reading that says why."""
+
+    def __init__(self, reason: str, inlier_share: float = 0.0) -> None:
+        """Take the reason and the share of line pairs that could have been used."""
+        super().__init__(reason)
+        self.reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
 
 
 @dataclasses.dataclass(frozen=True)

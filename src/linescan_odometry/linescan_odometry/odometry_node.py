@@ -97,7 +97,7 @@ class OdometryNode(Node):
             *(wheel.measured for wheel in sideslip.values()),
         )
         values = {
-            name: reading.reason or f"correlation {reading.correlation:.3f}"
+            name: reading.reason or reading.remark or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
         }
         values |= {

@@ -18,23 +18,20 @@ from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.measurements import LineBatch, Lines, SensorReading
+from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
+_QUICK = 6.0  # px per line, beyond which what stands still cannot pull
+_STRUCTURE = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
+_STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
+_LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
+_LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
+_MOVING_RANGE = 30000.0
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
-
-
-class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
-    """A batch shows no velocity; carries the reading that says why."""
-
-    def __init__(self, reason: str, inlier_share: float = 0.0) -> None:
-        """Take the reason and the share of line pairs that could have been used."""
-        super().__init__(reason)
-        self.reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +69,9 @@ class SensorOdometry:
         )
         self._matcher = self._make_matcher(search)
         self._ends_matcher = self._make_matcher(METRICS[configuration.metric](sensor.pixels, limit))
+        self._moving_matcher = self._make_matcher(
+            METRICS[configuration.metric](sensor.pixels, limit)
+        )
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
@@ -91,6 +91,7 @@ class SensorOdometry:
             implausible = self._plausibility.mark(batch.stamp_ns, pairs)
             mean = self._average(lines, pairs, frozen, implausible)
             mean = self._span(lines, mean)
+            mean = self._doubt_still(lines, mean)
             self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
             return self._reading(lines, mean)
         except Unmeasured as nothing:
@@ -167,15 +168,54 @@ class SensorOdometry:
             return mean
         return dataclasses.replace(mean, displacement=whole / span, variance=variance)
 
+    def _doubt_still(self, lines: Lines, mean: _Mean) -> _Mean:
+        """Doubt a slow displacement, to which something that stands still in the view may pull.
+
+        What is fixed is the same in every line: less their mean, the lines hold only what moves.
+        They must show the same displacement. At rest there is nothing left to see, and nothing to
+        doubt; nor is there once the flat field knows what stands still.
+        """
+        if self._flat_field.settled or not self._flat_field.active:
+            return mean
+        if abs(mean.displacement) > _QUICK or len(lines) <= _STILL_PAIRS:
+            return mean
+        moving = lines - lines.mean(axis=0)
+        change = moving[-1] - moving[0]
+        change -= change.mean()
+        square = float(change @ change)
+        structure = float(change[1:] @ change[:-1])
+        if structure < _STRUCTURE * square or square == 0.0:
+            return mean
+        scale = _MOVING_RANGE / max(float(np.abs(moving).max()), 1.0)
+        pairs = self._moving_matcher.match(np.rint(32768.0 + scale * moving).astype(np.uint16))
+        usable = pairs.displacement[pairs.usable]
+        median = float(np.median(usable)) if 2 * len(usable) > len(moving) - 1 else math.inf
+        if math.isinf(median):
+            steps = np.diff(moving, axis=0)
+            if float(np.sum(steps[:, 1:] * steps[:, :-1])) < _STEPPING * structure * len(steps):
+                return mean  # each line is much like the one before: too little moves to tell
+        if abs(median - mean.displacement) > self._configuration.median_tolerance:
+            raise Unmeasured(
+                "something stands still in the view: less the mean of all lines, the lines of the "
+                "batch " + ("do not match" if math.isinf(median) else f"move by {median:.3g} px")
+            )
+        near = usable[np.abs(usable - median) <= self._configuration.median_tolerance]
+        pull = max(0.0, abs(float(near.mean()) - mean.displacement) - _LEAST_PULL)
+        return dataclasses.replace(mean, variance=mean.variance + pull**2)
+
     def _reading(self, lines: Lines, mean: _Mean) -> SensorReading:
         """Return the velocity of a mean displacement."""
         scale = self._sensor.pixel_pitch * self._sensor.line_rate
+        velocity = mean.displacement * scale
+        if self._chain.stretch > _LONGEST_STRETCH:
+            raise Unmeasured(self._chain.remark)
         return SensorReading(
-            velocity=mean.displacement * scale,
-            variance=mean.variance * scale**2,
+            velocity=velocity,
+            variance=mean.variance * scale**2 + (velocity * self._chain.stretch) ** 2,
             correlation=mean.correlation,
             inlier_share=mean.share,
             measured=True,
+            remark=self._chain.remark,
             still_time=self._still_time(lines, mean),
         )
 
