@@ -37,7 +37,12 @@ from omni_brake_assist.fail_safe import (
     since,
 )
 from omni_brake_assist.laws import built_in
-from omni_brake_assist.laws.built_in import LawConstants, law_constants
+from omni_brake_assist.laws.built_in import (
+    LawConstants,
+    LawMemory,
+    law_constants,
+    law_memory,
+)
 from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
@@ -94,12 +99,14 @@ class Memory(NamedTuple):
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (6,).
         valves: see `valve_dwell`, shape (N, 2).
+        laws: of the control laws.
     """
 
     trust: NDArray[np.void]
     step: NDArray[np.void]
     line: FloatArray
     valves: FloatArray
+    laws: LawMemory
 
 
 class HeardWheels(NamedTuple):
@@ -174,7 +181,7 @@ def make_constants(
 def new_memory(wheels: int) -> Memory:
     """Return the memory of an assistant that has not been told anything, of N wheels."""
     valves = np.zeros((wheels, VALVE_SIZE))
-    return Memory(new_trust(), np.zeros(1, _STEP), np.zeros(LINE_SIZE), valves)
+    return Memory(new_trust(), np.zeros(1, _STEP), np.zeros(LINE_SIZE), valves, law_memory(wheels))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -196,7 +203,9 @@ def assist_step(
     """
     error[:] = 0.0
     ready, motion = listen(constants, memory, inputs)
-    answer = built_in.step(constants.laws, motion, error, enable) if ready else NO_HELP
+    answer = NO_HELP
+    if ready:
+        answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
     return int(act(constants, memory, inputs, ready, answer, motion, error, enable))
 
 

@@ -6,12 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
+from omni_platform.brakes import BrakeConfiguration
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.plugins import check_name
 
-LAWS = ("sliding_mode",)
+LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""
 
 LAW_GROUP = "omni_brake_assist.laws"
@@ -30,7 +31,8 @@ class BrakeAssistConfiguration(Configuration):
     )
     law: str = parameter(
         "sliding_mode",
-        description="Control law: sliding_mode is that of 2013; my_module:MyLaw is a class of your "
+        description="Control law: sliding_mode is that of 2013, allocation shares the "
+        "braking between the wheels by what they can bear; my_module:MyLaw is a class of your "
         "own, see docs/extending.md",
     )
     weighting: str = parameter(
@@ -44,6 +46,32 @@ class BrakeAssistConfiguration(Configuration):
         description="Tuning constant of the enhanced weighting, odd; larger is closer to zero",
         minimum=1,
         maximum=999,
+    )
+    max_rotation: float = parameter(
+        0.5,
+        description="Change of heading, and of the direction of motion, that the law allocation "
+        "spends for a shorter way",
+        unit="deg",
+        minimum=0.0,
+        maximum=360.0,
+    )
+    nominal_mass: float = parameter(
+        1000.0,
+        description="Mass of the vehicle, roughly; the law allocation starts from it and learns",
+        unit="kg",
+        above=0.0,
+        maximum=1.0e6,
+    )
+    wheel_inertia: float = parameter(
+        1.0,
+        description="Nominal moment of inertia of a wheel about its axis, for the law allocation",
+        unit="kg m^2",
+        above=0.0,
+        maximum=1.0e4,
+    )
+    brake: BrakeConfiguration = parameter(
+        description="Nominal brake of each wheel, for the law allocation",
+        default_factory=BrakeConfiguration,
     )
     minimum_dwell_time: float = parameter(
         0.0,

@@ -60,7 +60,7 @@ from omni_sim.velocity_sensor import (
     sensor_memory,
     state_covariance,
 )
-from omni_sim.wheel.brake_pressure import brake_torques
+from omni_sim.wheel.brake_pressure import brake_torques, passed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -270,7 +270,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        measures=bool(configuration.faults) or configuration.brake_assist.law not in LAWS,
+        measures=bool(configuration.faults) or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,
         end=run_end(simulation),
     )
@@ -310,7 +310,11 @@ def _advance(
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     no_wheels, no_energy = np.empty((0, enable.size), WHEEL), np.empty((0, 5))
     control = Control(
-        brake_torques(state.pressure, pedal * loop.brake_torque * enable, loop.steps),
+        brake_torques(
+            state.pressure,
+            pedal * loop.brake_torque * passed(state.pressure, enable),
+            loop.steps,
+        ),
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
         loop.hold_world,

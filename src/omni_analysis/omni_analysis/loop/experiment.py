@@ -162,6 +162,9 @@ class ExperimentLibrary:
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
         _tell(tree, "brake_assist", "wheels", wheels)
+        if isinstance(vehicle, Mapping):
+            _tell(tree, "brake_assist", "brake", vehicle.get("brake"))
+            _tell(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
         return from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -297,7 +300,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
     """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
     told = tree.get(node, {})
-    if isinstance(told, Mapping) and isinstance(truth, Mapping):
+    if isinstance(told, Mapping) and truth is not None:
         tree[node] = _merge({name: truth}, told)
 
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 from numba import njit
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws import sliding_mode
+from omni_brake_assist.laws import allocation, sliding_mode
 from omni_brake_assist.laws.law import FloatArray, Motion
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
 
-SLIDING_MODE = 0
+SLIDING_MODE, ALLOCATION = range(2)
 
 
 class LawConstants(NamedTuple):
@@ -21,10 +21,27 @@ class LawConstants(NamedTuple):
     Attributes:
         kind: which one is asked.
         sliding_mode: constants of that law.
+        allocation: likewise.
     """
 
     kind: int
     sliding_mode: Manifold
+    allocation: allocation.Constants
+
+
+class LawMemory(NamedTuple):
+    """What the laws remember from step to step; each starts anew with `Motion.first`.
+
+    Attributes:
+        allocation: of that law.
+    """
+
+    allocation: allocation.Memory
+
+
+def law_memory(wheels: int) -> LawMemory:
+    """Return the memory of laws that have not been asked anything, of N wheels."""
+    return LawMemory(allocation.new_memory(wheels))
 
 
 def law_constants(
@@ -32,10 +49,17 @@ def law_constants(
 ) -> LawConstants:
     """Lay out the constants of the laws for the kernel."""
     law = sliding_mode.SlidingMode(configuration, geometry)
-    return LawConstants(SLIDING_MODE, law.manifold.constants)
+    kind = ALLOCATION if configuration.law == "allocation" else SLIDING_MODE
+    return LawConstants(
+        kind, law.manifold.constants, allocation.make_constants(configuration, geometry)
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def step(laws: LawConstants, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
+def step(
+    laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
+) -> int:
     """Ask the chosen law; arguments as `Law.step`."""
+    if laws.kind == ALLOCATION:
+        return int(allocation.step(laws.allocation, memory.allocation, motion, error, enable))
     return int(sliding_mode.step(laws.sliding_mode, motion, error, enable))

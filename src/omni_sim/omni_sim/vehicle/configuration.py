@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from omni_platform.brakes import BrakeConfiguration
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
@@ -21,33 +22,6 @@ from omni_sim.vehicle.loads import (
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration
 from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geometries
 from omni_sim.wheel.roller_geometry import RollerGeometry
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BrakeConfiguration(Configuration):
-    """The brake of each wheel."""
-
-    max_torque: float = parameter(
-        2000.0,
-        description="Torque of a wheel's brake with the pedal fully down",
-        unit="N m",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    dead_time: float = parameter(
-        0.0,
-        description="Time until the pressure in a brake begins to follow pedal and valve",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    time_constant: float = parameter(
-        0.0,
-        description="Time constant with which the pressure then builds up and falls",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

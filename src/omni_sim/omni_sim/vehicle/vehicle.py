@@ -27,7 +27,12 @@ from omni_sim.vehicle.state import (
     Structured,
 )
 from omni_sim.vehicle.uneven_ground import level, orientation
-from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, release
+from omni_sim.wheel.brake_pressure import (
+    brake_torques,
+    build_brake_pressure,
+    passed,
+    release,
+)
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
@@ -109,7 +114,9 @@ class Vehicle:
             rollers=build_rollers(configuration),
             wheels=np.zeros(n, WHEEL),
             counters=np.zeros(1, COUNTERS),
-            pressure=build_brake_pressure(brake.time_constant, brake.dead_time, n, physics_step),
+            pressure=build_brake_pressure(
+                brake.time_constant, brake.dead_time, n, physics_step, brake.grain
+            ),
         )
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
@@ -282,7 +289,8 @@ class Vehicle:
         drive = self.configuration.drive
         engaged = pedal < drive.clutch_threshold
         twist = _finite("command twist", command_twist, (3,))
-        asked = pedal * self.configuration.brake.max_torque * shares
+        passing = passed(self.state.pressure, shares)
+        asked = pedal * self.configuration.brake.max_torque * passing
         return Control(
             brake=brake_torques(self.state.pressure, asked, n_steps),
             drive_stiffness=drive.stiffness if engaged else 0.0,

@@ -1,8 +1,8 @@
 """The pressure in the brakes: it follows the valves late, and not at once.
 
-What is asked of a brake, ``c`` (the pedal's share of the largest torque where its valve is open,
-else 0), reaches its cylinder after a dead time ``t_d``, and the torque that the brake can then
-exert builds up and falls with a first-order lag:
+What is asked of a brake, ``c`` (the pedal's share of the largest torque, times the share that its
+valve lets pass: all or nothing, or any in steps), reaches its cylinder after a dead time ``t_d``,
+and the torque that the brake can then exert builds up and falls with a first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
@@ -33,6 +33,7 @@ class BrakePressure(NamedTuple):
         torque: that each brake can exert [N m], shape (N,).
         delayed: what was asked in the last D steps of the dead time [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
+        grain: step of the share that a valve can let pass [1], 1 for on and off, 0 for any.
     """
 
     remainder: float
@@ -40,10 +41,11 @@ class BrakePressure(NamedTuple):
     torque: FloatArray
     delayed: FloatArray
     oldest: IntArray
+    grain: float = 0.0
 
 
 def build_brake_pressure(
-    time_constant: float, dead_time: float, wheels: int, physics_step: float
+    time_constant: float, dead_time: float, wheels: int, physics_step: float, grain: float = 0.0
 ) -> BrakePressure:
     """Return brakes without pressure.
 
@@ -52,6 +54,7 @@ def build_brake_pressure(
         dead_time: ``t_d`` [s].
         wheels: number of them.
         physics_step: [s].
+        grain: step of the share that a valve can let pass [1].
     """
     remainder = mean_remainder = 0.0
     if time_constant > 0.0:
@@ -64,6 +67,7 @@ def build_brake_pressure(
         np.zeros(wheels),
         np.zeros((delay, wheels)),
         np.zeros(1, dtype=np.int64),
+        grain,
     )
 
 
@@ -72,6 +76,16 @@ def release(pressure: BrakePressure) -> None:
     pressure.torque[:] = 0.0
     pressure.delayed[:] = 0.0
     pressure.oldest[0] = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def passed(pressure: BrakePressure, enable: FloatArray) -> FloatArray:
+    """Return the shares of the pressure that the valves let pass when told to [1], shape (N,)."""
+    shares = enable.copy()
+    if pressure.grain > 0.0:
+        for i in range(enable.size):
+            shares[i] = min(math.floor(enable[i] / pressure.grain + 0.5) * pressure.grain, 1.0)
+    return shares
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,0 +1,479 @@
+"""Control allocation: forces of the wheels that stop the vehicle shortest on its heading and line.
+
+A wheel's speed tells its friction, ``f = (T + I dw/dt) / g``, and true ground speed tells its slip,
+so a single slide shows what a wheel can bear: no mass, load or tire need be known. At every step
+
+1. the forces of the last period are observed, and capacities of wheels near the peak learnt,
+2. what the forces do not explain of yaw and lateral acceleration is taken for a disturbance (a
+   centre of gravity off the centre, a slope, wheels that stand and hold against a push),
+3. bounded least squares find the forces with the largest deceleration; if heading or line would
+   leave what `max_rotation` allows, their rates are brought back as equations of high weight,
+4. each force becomes a torque, and slip is held at its target by the wheel's speed; on-off valves
+   take the pattern that is predicted to come nearest instead.
+
+A wheel that the motion hardly drags along its active direction is locked: its friction holds
+against any drift and takes energy from it. docs/allocation.md derives all this.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.laws.box_least_squares import box_least_squares
+from omni_brake_assist.laws.law import ASSIST, NO_HELP, FloatArray, Motion
+from omni_brake_assist.laws.wheel_model import (
+    QUEUE,
+    NominalBrake,
+    asked_at,
+    lagged,
+    turn_on,
+)
+from omni_platform.geometry import PlatformGeometry, cross
+
+_GRAVITY = 9.81
+_TARGET_SLIP = 0.15
+_STANDING = 0.02  # share of the fastest hub's speed below which a wheel is locked [1]
+_FORCE_SHARE = 0.7  # of a newly observed force [1]
+_LEARNING_TIME = 0.03  # of a capacity, down to what a slide shows [s]
+_GROWTH_TIME = 0.3  # of a capacity that was reached without a slide [s]
+_SHY_STEPS = 3  # at the start, in which nothing is learnt of capacities
+_DISTURBANCE_TIME = 0.04  # [s]
+_MASS_TIME = 0.1  # [s]
+_MASS_STEPS = 8  # after which a mass is believed
+_MASS_RANGE = 5.0  # the mass is within this factor of the nominal one [1]
+_LINE_TIME = 0.2  # in which a drift is to end [s]
+_LARGEST_ASIDE = 5.0  # lateral acceleration that may be asked for [m/s^2]
+_YAW_TIME = 0.1  # in which a yaw rate is to be within its limit [s]
+_HEADING_TIME = 0.3  # of the approach to the limit of the heading [s]
+_GENTLE_TURN = 0.5  # yaw deceleration towards the limit, at least [rad/s^2]
+_TURN_RESERVE = 1.1  # of the yaw deceleration that the start of a turn needs [1]
+_TURN_WEIGHT, _LINE_WEIGHT = 300.0, 20.0  # beside a weight of 1 of the deceleration
+_REGULAR = 1e-3
+_SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
+_FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
+_AT_BOUND = 0.98
+
+WHEEL = np.dtype(
+    [
+        ("speed", "f8"),  # of the last step [rad/s]
+        ("torque", "f8"),  # of the nominal brake now [N m]
+        ("mean", "f8"),  # likewise over the period to come
+        ("force", "f8"),  # observed, at least 0 [N]
+        ("capacity", "f8"),  # [N]
+        ("wanted", "f8"),  # [N]
+    ]
+)
+BODY = np.dtype(
+    [
+        ("steps", "i8"),  # since the start of braking
+        ("heading", "f8"),  # since then [rad]
+        ("v_x", "f8"),  # of the last step [m/s]
+        ("v_y", "f8"),
+        ("yaw_rate", "f8"),
+        ("turn_limit", "f8"),  # yaw deceleration that the limit is approached with [rad/s^2]
+        ("turning", "f8"),  # yaw acceleration that the forces do not explain [rad/s^2]
+        ("aside", "f8"),  # lateral acceleration, likewise [m/s^2]
+        ("mass", "f8"),  # learnt [kg]
+        ("slowing", "f8"),  # magnitude of the acceleration [m/s^2]
+        ("pull", "f8"),  # magnitude of the forces' sum [N]
+    ]
+)
+
+
+class Constants(NamedTuple):
+    """What the law is made of.
+
+    Attributes:
+        n_x: active directions [1], shape (N,).
+        n_y: likewise.
+        lever: ``cross(r_i, n_wi)`` [m], shape (N,).
+        rim: ``r_i (n_wi . u_i)``, with its sign [m], shape (N,).
+        radius: [m], shape (N,).
+        gyration: assumed square of the radius of gyration [m^2].
+        inertia: nominal, of a wheel [kg m^2].
+        mass: nominal, of the vehicle [kg].
+        max_rotation: allowed change of heading, and of the direction of motion [rad].
+        brake: nominal.
+    """
+
+    n_x: FloatArray
+    n_y: FloatArray
+    lever: FloatArray
+    rim: FloatArray
+    radius: FloatArray
+    gyration: float
+    inertia: float
+    mass: float
+    max_rotation: float
+    brake: NominalBrake
+
+
+class Memory(NamedTuple):
+    """What the law remembers.
+
+    Attributes:
+        body: of `BODY`, shape (1,).
+        wheel: of `WHEEL`, shape (N,).
+        sent: torques asked of the brakes by step, a ring, shape (QUEUE, N).
+    """
+
+    body: NDArray[np.void]
+    wheel: NDArray[np.void]
+    sent: FloatArray
+
+
+def make_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> Constants:
+    """Lay out a configuration for the kernel."""
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    brake = configuration.brake
+    return Constants(
+        n_x,
+        n_y,
+        cross(geometry.position, geometry.active),
+        geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
+        geometry.radius.copy(),
+        0.5 * float(np.mean(np.sum(geometry.position**2, axis=1))),
+        configuration.wheel_inertia,
+        configuration.nominal_mass,
+        math.radians(configuration.max_rotation),
+        NominalBrake(brake.max_torque, brake.dead_time, brake.time_constant, brake.grain),
+    )
+
+
+def new_memory(wheels: int) -> Memory:
+    """Return the memory of a law that has not been asked anything."""
+    return Memory(np.zeros(1, BODY), np.zeros(wheels, WHEEL), np.zeros((QUEUE, wheels)))
+
+
+class _Wheels(NamedTuple):
+    """The wheels at a step, in the sense in which each rolls, all of shape (N,).
+
+    Attributes:
+        sign: of the hub's velocity along the active direction [1].
+        hub: its magnitude [m/s].
+        spin: wheel speed, at least 0 [rad/s].
+        slip: Eq. (20) [1].
+        rim: lever [m].
+        stands: whether the motion hardly drags it [1].
+    """
+
+    sign: FloatArray
+    hub: FloatArray
+    spin: FloatArray
+    slip: FloatArray
+    rim: FloatArray
+    stands: FloatArray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def step(
+    law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
+) -> int:
+    """Share the braking between the wheels; arguments as `Law.step`.
+
+    The error of a wheel is its sliding speed less that at the target slip [m/s].
+    """
+    for i in range(error.size):
+        if not math.isfinite(motion.wheel_speed[i]):
+            return NO_HELP  # without wheel speeds nothing is known of the forces
+    if motion.pedal <= 0.0:
+        return NO_HELP
+    body = memory.body[0]
+    first = motion.first or motion.dt <= 0.0
+    if first:
+        _start(law, memory, motion)
+    wheels = _look(law, motion)
+    if not first:
+        _observe(law, memory, motion, wheels)
+        _explain(law, memory, motion, wheels)
+    _learn(law, memory, wheels)
+    body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
+    for i in range(error.size):
+        memory.wheel[i].speed = motion.wheel_speed[i]
+        sliding = wheels.hub[i] - wheels.rim[i] * wheels.spin[i]
+        error[i] = sliding - _TARGET_SLIP * law.radius[i] * wheels.spin[i]
+    wanted = _allocate(law, memory, motion, wheels)
+    _brake(law, memory, motion, wheels, wanted, enable)
+    body.steps += 1
+    return ASSIST
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start(law: Constants, memory: Memory, motion: Motion) -> None:
+    """Forget everything but the guess that the wheels share the nominal mass."""
+    body, wheel = memory.body[0], memory.wheel
+    body.steps = 0
+    body.heading = body.turning = body.aside = body.slowing = body.pull = 0.0
+    body.mass = law.mass
+    need = _TURN_RESERVE * motion.yaw_rate**2 / (2.0 * max(law.max_rotation, 1e-3))
+    body.turn_limit = max(_GENTLE_TURN, need)
+    memory.sent[:] = 0.0
+    for i in range(wheel.size):
+        wheel[i].torque = wheel[i].mean = wheel[i].force = 0.0
+        wheel[i].capacity = wheel[i].wanted = law.mass * _GRAVITY / wheel.size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look(law: Constants, motion: Motion) -> _Wheels:
+    n = law.rim.size
+    sign, hub, spin, slip = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    rim, stands = np.abs(law.rim), np.zeros(n)
+    fastest = 0.0
+    for i in range(n):
+        w = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y + law.lever[i] * motion.yaw_rate
+        hub[i] = abs(w)
+        sign[i] = 1.0 if w >= 0.0 else -1.0
+        turning = sign[i] if law.rim[i] >= 0.0 else -sign[i]
+        spin[i] = max(turning * motion.wheel_speed[i], 0.0)
+        slip[i] = (hub[i] - rim[i] * spin[i]) / (law.radius[i] * spin[i] + 1e-3)
+        fastest = max(fastest, hub[i])
+    for i in range(n):
+        stands[i] = 1.0 if hub[i] <= _STANDING * fastest else 0.0
+    return _Wheels(sign, hub, spin, slip, rim, stands)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _observe(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> None:
+    """Observe the forces of the last period: ``f = (T + I dw/dt) / g``."""
+    for i in range(law.rim.size):
+        wheel = memory.wheel[i]
+        turning = wheels.sign[i] if law.rim[i] >= 0.0 else -wheels.sign[i]
+        before = max(turning * wheel.speed, 0.0)
+        least = 0.01 * wheels.hub[i] / wheels.rim[i]
+        if wheels.stands[i] != 0.0:
+            seen = 0.0  # what holds against a push is left to the disturbance
+        elif wheels.spin[i] <= least and before <= least:
+            seen = wheel.force  # a locked wheel tells nothing
+        else:
+            gained = law.inertia * (wheels.spin[i] - before) / motion.dt
+            seen = min(max(wheel.mean + gained, 0.0), law.brake.max_torque) / wheels.rim[i]
+        wheel.force += _FORCE_SHARE * (seen - wheel.force)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _explain(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> None:
+    """Compare the accelerations of the last period with the forces; learn mass and the rest."""
+    body, dt = memory.body[0], motion.dt
+    body.heading += 0.5 * (body.yaw_rate + motion.yaw_rate) * dt
+    f_x, f_y, moment = 0.0, 0.0, 0.0
+    for i in range(law.rim.size):
+        force = -wheels.sign[i] * memory.wheel[i].force
+        f_x += force * law.n_x[i]
+        f_y += force * law.n_y[i]
+        moment += force * law.lever[i]
+    a_x = (motion.v_x - body.v_x) / dt - motion.yaw_rate * motion.v_y
+    a_y = (motion.v_y - body.v_y) / dt + motion.yaw_rate * motion.v_x
+    turned = (motion.yaw_rate - body.yaw_rate) / dt
+    share = min(dt / _MASS_TIME, 1.0)
+    body.slowing += share * (math.hypot(a_x, a_y) - body.slowing)
+    body.pull += share * (math.hypot(f_x, f_y) - body.pull)
+    if body.steps > _MASS_STEPS and body.slowing > 1.0:
+        body.mass += share * (body.pull / body.slowing - body.mass)
+        body.mass = min(max(body.mass, law.mass / _MASS_RANGE), law.mass * _MASS_RANGE)
+    share = min(dt / _DISTURBANCE_TIME, 1.0)
+    body.turning += share * (turned - moment / (body.mass * law.gyration) - body.turning)
+    rest_x, rest_y = a_x - f_x / body.mass, a_y - f_y / body.mass
+    aside = rest_x * motion.across_x + rest_y * motion.across_y
+    body.aside += share * (aside - body.aside)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
+    """Learn what the wheels can bear: down by a slide, up where none came."""
+    period = 0.01
+    for i in range(law.rim.size):
+        wheel = memory.wheel[i]
+        capacity = wheel.capacity
+        if memory.body[0].steps > _SHY_STEPS:
+            if wheels.slip[i] > 0.6 * _TARGET_SLIP:
+                capacity += min(period / _LEARNING_TIME, 1.0) * (wheel.force - capacity)
+            elif wheel.wanted > 0.9 * capacity:
+                capacity += period / _GROWTH_TIME * capacity
+        most = law.brake.max_torque / wheels.rim[i]
+        wheel.capacity = min(max(capacity, wheel.force, 1.0), most)
+
+
+class _Task(NamedTuple):
+    """What the forces are to do; rows of the sums that they make, shape (N,), and their bounds."""
+
+    along: FloatArray
+    across: FloatArray
+    turns: FloatArray
+    left: float
+    right: float
+    least: float
+    most: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total: float) -> _Task:
+    """Return deceleration, line and heading as sums of forces over the sum of capacities."""
+    n = law.rim.size
+    body = memory.body[0]
+    speed = math.hypot(motion.v_x, motion.v_y)
+    e_x, e_y = (motion.v_x / speed, motion.v_y / speed) if speed > 0.0 else (0.0, 0.0)
+    p_x, p_y = motion.across_x, motion.across_y
+    reach = math.sqrt(law.gyration) + 1e-9
+    along, across, turns = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        unit = wheels.sign[i] / total
+        along[i] = unit * (law.n_x[i] * e_x + law.n_y[i] * e_y)
+        across[i] = -unit * (law.n_x[i] * p_x + law.n_y[i] * p_y)
+        turns[i] = -unit * law.lever[i] / reach
+    drift = p_x * motion.v_x + p_y * motion.v_y
+    leeway = speed * math.sin(min(law.max_rotation, 0.5 * math.pi))
+    aside_least = max((-leeway - drift) / _LINE_TIME, -_LARGEST_ASIDE) - body.aside
+    aside_most = min((leeway - drift) / _LINE_TIME, _LARGEST_ASIDE) - body.aside
+    push, swing = body.mass / total, body.mass * law.gyration / (total * reach)
+    return _Task(
+        along,
+        across,
+        turns,
+        aside_least * push,
+        aside_most * push,
+        (_turn_rate(law, body, -1.0) - body.turning) * swing,
+        (_turn_rate(law, body, 1.0) - body.turning) * swing,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turn_rate(law: Constants, body: Any, side: float) -> float:
+    """Return the largest (side 1) or least (-1) yaw acceleration that keeps within the limit.
+
+    The yaw rate may be as large as a constant deceleration can still stop at the limit; near it
+    and beyond the heading returns exponentially.
+    """
+    left = law.max_rotation - side * body.heading
+    rate = left / _HEADING_TIME
+    if left > 0.0:
+        rounding = body.turn_limit * _HEADING_TIME
+        rate = math.sqrt(2.0 * body.turn_limit * left + rounding * rounding) - rounding
+    return float(side * (rate - side * body.yaw_rate) / _YAW_TIME)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _allocate(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> FloatArray:
+    """Return the forces with the largest deceleration that heading and line allow [N], (N,)."""
+    n = law.rim.size
+    wheel = memory.wheel
+    upper, wanted = np.empty(n), np.empty(n)
+    total = 1e-9
+    for i in range(n):
+        total += wheel[i].capacity
+        upper[i] = wheel[i].capacity if wheels.stands[i] == 0.0 else 0.0
+        wanted[i] = wheel[i].wanted
+    task = _task(law, memory, motion, wheels, total)
+    hessian, linear = np.zeros((n, n)), task.along.copy()
+    for i in range(n):
+        for j in range(n):
+            hessian[i, j] = task.along[i] * task.along[j]
+        hessian[i, i] += _REGULAR / total**2
+    box_least_squares(hessian, linear, upper, wanted)
+    turns_kept = line_kept = False
+    for _ in range(2):  # one may leave its bounds by the other
+        if not turns_kept:
+            turns_kept = _keep(
+                task.turns, task.least, task.most, _TURN_WEIGHT, hessian, linear, upper, wanted
+            )
+        if not line_kept:
+            line_kept = _keep(
+                task.across, task.left, task.right, _LINE_WEIGHT, hessian, linear, upper, wanted
+            )
+    return wanted
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep(
+    row: FloatArray,
+    least: float,
+    most: float,
+    weight: float,
+    hessian: FloatArray,
+    linear: FloatArray,
+    upper: FloatArray,
+    wanted: FloatArray,
+) -> bool:
+    """Bring a sum of forces back to its bounds if it is beyond; return whether it was."""
+    value = 0.0
+    for i in range(row.size):
+        value += row[i] * wanted[i]
+    if least <= value <= most:
+        return False
+    goal = least if value < least else most
+    for i in range(row.size):
+        for j in range(row.size):
+            hessian[i, j] += weight * row[i] * row[j]
+        linear[i] += weight * goal * row[i]
+    box_least_squares(hessian, linear, upper, wanted)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _brake(
+    law: Constants,
+    memory: Memory,
+    motion: Motion,
+    wheels: _Wheels,
+    wanted: FloatArray,
+    enable: FloatArray,
+) -> None:
+    """Turn forces into shares of the brake torque."""
+    body, brake = memory.body[0], law.brake
+    dt = motion.dt if motion.dt > 0.0 else 0.01
+    slowing = body.slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
+    newest = int(body.steps % QUEUE)
+    most = brake.max_torque * motion.pedal
+    delay = brake.dead_time / dt
+    ahead = brake.dead_time + dt
+    servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
+    for i in range(wanted.size):
+        wheel = memory.wheel[i]
+        # What is on its way to the brake.
+        spin, torque, force = wheels.spin[i], wheel.torque, wheel.force
+        hub = wheels.hub[i] * (1.0 - min(slowing * ahead, 0.5))
+        steps = math.ceil(delay - 1e-9)
+        for k in range(steps):
+            asked = (
+                asked_at(memory.sent, newest - 1, delay - 1.0 - k, i)
+                if delay - 1.0 - k >= 0.0
+                else 0.0
+            )
+            torque, mean = lagged(brake, torque, asked, dt)
+            spin, force = turn_on(
+                spin,
+                mean,
+                hub,
+                wheel.capacity,
+                _TARGET_SLIP,
+                wheels.rim[i],
+                law.radius[i],
+                law.inertia,
+                dt,
+            )
+        goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+        expected = force + _FORESIGHT * (wheel.capacity - force)
+        servo = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
+        need = servo
+        if wanted[i] < _AT_BOUND * wheel.capacity:
+            need = min(servo, wheels.rim[i] * wanted[i] + law.inertia * spin * slowing)
+        if brake.time_constant > 0.0:  # leads the lag
+            lead = -math.expm1(-2.0 * dt / brake.time_constant)
+            need = torque + (need - torque) / lead
+        if wheels.stands[i] != 0.0:
+            need = most
+        need = min(max(need, 0.0), most)
+        enable[i] = need / most
+        if brake.grain > 0.0:
+            enable[i] = min(math.floor(enable[i] / brake.grain + 0.5) * brake.grain, 1.0)
+        memory.sent[newest, i] = enable[i] * most
+        wheel.wanted = wanted[i]
+        asked = asked_at(memory.sent, newest, delay, i)
+        wheel.torque, wheel.mean = lagged(brake, wheel.torque, asked, dt)

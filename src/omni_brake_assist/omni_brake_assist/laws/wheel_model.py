@@ -1,0 +1,124 @@
+"""What a wheel does under a brake torque, as far as the assistant can know: brake lag and slip.
+
+The nominal brake follows what is asked of it after a dead time and with a first-order lag. The
+wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
+capacity that has been learnt and stays there. That is no tire model: only the sign of its slope and
+its height count, and both are corrected at every step by what the wheel has done.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_SUBSTEPS = 2
+_NEWTON = 3
+QUEUE = 128
+"""Steps that a dead time may last at most."""
+
+
+class NominalBrake(NamedTuple):
+    """What is assumed of the brakes.
+
+    Attributes:
+        max_torque: with the pedal fully down [N m].
+        dead_time: [s].
+        time_constant: [s].
+        grain: step of the share that passes [1], 1 for valves that are open or shut.
+    """
+
+    max_torque: float
+    dead_time: float
+    time_constant: float
+    grain: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
+    """Return the torque that was asked of brake `i` a number of steps ago [N m].
+
+    Args:
+        sent: torques by step, a ring, shape (QUEUE, N).
+        newest: row of the newest one.
+        delay: steps before it, may be a fraction.
+        i: the wheel.
+    """
+    whole = min(math.floor(delay), QUEUE - 2)
+    share = min(delay - whole, 1.0)
+    late, later = sent[(newest - whole) % QUEUE, i], sent[(newest - whole - 1) % QUEUE, i]
+    return float((1.0 - share) * late + share * later)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lagged(brake: NominalBrake, torque: float, asked: float, dt: float) -> tuple[float, float]:
+    """Return the torque of a brake after a step, and its mean over the step [N m]."""
+    if brake.time_constant <= 0.0:
+        return asked, asked
+    ratio = dt / brake.time_constant
+    missing = torque - asked
+    mean = asked + missing * -math.expm1(-ratio) / ratio
+    return asked + missing * math.exp(-ratio), mean
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def friction(slip: float, peak_slip: float, capacity: float) -> tuple[float, float]:
+    """Return the assumed force [N] and its slope over the slip [N]."""
+    if slip >= peak_slip:
+        return capacity, 0.0
+    if slip <= 0.0:
+        return 0.0, 0.0
+    missing = 1.0 - slip / peak_slip
+    return capacity * (1.0 - missing * missing), 2.0 * capacity * missing / peak_slip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn_on(
+    spin: float,
+    torque: float,
+    hub: float,
+    capacity: float,
+    peak_slip: float,
+    rim: float,
+    radius: float,
+    inertia: float,
+    dt: float,
+) -> tuple[float, float]:
+    """Advance a wheel by a step; implicit, so that a stiff tire needs no small steps.
+
+    Args:
+        spin: speed in the sense in which it rolls [rad/s], at least 0.
+        torque: of its brake [N m].
+        hub: speed of its centre along the active direction [m/s], at least 0.
+        capacity: largest force [N].
+        peak_slip: slip from which on it is there [1].
+        rim: lever ``r |n_w . u|`` [m].
+        radius: [m].
+        inertia: [kg m^2].
+        dt: [s].
+
+    Returns:
+        Speed [rad/s] and mean force [N].
+    """
+    h = dt / _SUBSTEPS
+    total = 0.0
+    for _ in range(_SUBSTEPS):
+        new, force = spin, 0.0
+        for _ in range(_NEWTON):
+            ground = radius * new + 1e-3
+            slip = (hub - rim * new) / ground
+            force, slope = friction(slip, peak_slip, capacity)
+            stiff = slope * (rim + radius * slip) / ground  # -df/dspin
+            residual = new - spin - h * (rim * force - torque) / inertia
+            new = max(new - residual / (1.0 + h * rim * stiff / inertia), 0.0)
+        force = min(max((inertia * (new - spin) / h + torque) / rim, 0.0), capacity)
+        if new <= 0.0:
+            force = friction((hub) / 1e-3, peak_slip, capacity)[0]
+        total += force
+        spin = new
+    return spin, total / _SUBSTEPS

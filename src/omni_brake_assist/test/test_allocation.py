@@ -1,0 +1,139 @@
+"""Sharing the braking between the wheels: the solver, the model of a wheel, the law's decisions."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.laws import allocation
+from omni_brake_assist.laws.box_least_squares import box_least_squares
+from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
+from omni_brake_assist.laws.wheel_model import NominalBrake, lagged, turn_on
+from omni_platform.brakes import PROPORTIONAL, BrakeConfiguration
+from omni_platform.geometry import PlatformGeometry, WheelMount
+
+Wheels = dict[str, WheelMount]
+
+
+@pytest.mark.parametrize("wheels", range(3, 9))
+def test_bounded_least_squares_are_those_of_scipy(wheels: int) -> None:
+    random = np.random.default_rng(wheels)
+    for _ in range(60):
+        rows = random.normal(size=(3 + wheels, wheels))
+        goal = random.normal(size=3 + wheels) * 3.0
+        upper = random.uniform(0.0, 1.0, wheels) * random.integers(0, 2, wheels)
+        upper[0] = 1.0
+        start = random.uniform(0.0, 1.0, wheels)
+        box_least_squares(rows.T @ rows, rows.T @ goal, upper, start)
+        other = lsq_linear(rows, goal, (np.zeros(wheels) - 1e-12, upper + 1e-12), tol=1e-12).x
+        assert np.all((start >= 0.0) & (start <= upper))
+        cost, least = (float(np.sum((rows @ x - goal) ** 2)) for x in (start, other))
+        assert cost <= least + 1e-6
+
+
+def test_a_brake_with_lag_delivers_its_impulse() -> None:
+    brake = NominalBrake(1000.0, 0.0, 0.05, 0.0)
+    torque, impulse = 0.0, 0.0
+    for _ in range(200):
+        torque, mean = lagged(brake, torque, 600.0, 0.01)
+        impulse += mean * 0.01
+    assert torque == pytest.approx(600.0)
+    assert impulse == pytest.approx(600.0 * (2.0 - 0.05), rel=1e-6)
+
+
+def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
+    spin = 50.0
+    force = 0.0
+    for _ in range(100):
+        spin, force = turn_on(spin, 300.0, 7.07, 4000.0, 0.15, 0.1414, 0.2, 0.5, 0.01)
+    assert force == pytest.approx(300.0 / 0.1414, rel=1e-3)
+    assert 0.0 < spin < 50.0
+    for _ in range(20):
+        spin, force = turn_on(spin, 1500.0, 7.07, 4000.0, 0.15, 0.1414, 0.2, 0.5, 0.01)
+    assert spin == 0.0
+    assert force == 4000.0
+
+
+def _law(wheels: Wheels) -> tuple[allocation.Constants, allocation.Memory]:
+    configuration = BrakeAssistConfiguration(
+        wheels=wheels,
+        law="allocation",
+        wheel_inertia=0.5,
+        brake=BrakeConfiguration(kind=PROPORTIONAL, max_torque=1500.0),
+    )
+    geometry = PlatformGeometry.from_wheels(wheels)
+    return allocation.make_constants(configuration, geometry), allocation.new_memory(len(wheels))
+
+
+def _motion(v_x: float, spin: float, wheels: int, *, first: bool, pedal: float = 1.0) -> Motion:
+    speeds = np.full(wheels, spin)
+    return Motion(first, 0.0 if first else 0.01, v_x, 0.0, 0.0, 0.0, 1.0, pedal, speeds)
+
+
+def test_without_wheel_speeds_all_brakes_are_on(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    motion = _motion(5.0, math.nan, 4, first=True)
+    assert allocation.step(law, memory, motion, np.zeros(4), np.zeros(4)) == NO_HELP
+
+
+def test_brakes_that_are_all_alike_act_alike(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    rolling = 5.0 / 0.2
+    for step in range(5):
+        motion = _motion(5.0, rolling, 4, first=step == 0)
+        assert allocation.step(law, memory, motion, error, enable) == ASSIST
+        assert np.ptp(enable) < 1e-6
+        assert 0.0 < enable[0] <= 1.0
+    assert np.all(error < 0.0)  # wheels that roll are below their slip
+
+
+def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(6):
+        speeds = np.full(4, 22.0)
+        speeds[2] = 25.0 - 4.0 * step
+        motion = Motion(step == 0, 0.01 * (step > 0), 5.0, 0.0, 0.0, 0.0, 1.0, 1.0, speeds)
+        allocation.step(law, memory, motion, error, enable)
+    assert enable[2] < 0.5 * np.min(np.delete(enable, 2))
+    assert error[2] > 0.0
+
+
+def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    speed = 3.0 * math.sqrt(0.5)
+    across = math.sqrt(0.5)
+    speeds = np.array([speed, speed, speed, speed])
+    motion = Motion(True, 0.0, speed, speed, 0.0, -across, across, 1.0, speeds)
+    allocation.step(law, memory, motion, error, enable)
+    active = PlatformGeometry.from_wheels(mecanum).active
+    standing = np.abs(active @ [across, across]) < 1e-6
+    assert np.count_nonzero(standing) == 2
+    assert np.all(enable[standing] == 1.0)
+
+
+def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    random = np.random.default_rng(5)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(3000):
+        scale = 10.0 ** random.uniform(-6.0, 3.0)
+        twist = random.normal(size=3) * scale
+        speeds = random.normal(size=4) * 10.0 ** random.uniform(-6.0, 4.0)
+        angle = random.uniform(-math.pi, math.pi)
+        motion = Motion(
+            step == 0 or random.uniform() < 0.02,
+            float(random.choice([0.0, 1e-6, 0.01, 0.25])),
+            *twist.tolist(),
+            math.cos(angle),
+            math.sin(angle),
+            float(random.uniform(0.0, 1.0)),
+            speeds,
+        )
+        allocation.step(law, memory, motion, error, enable)
+        assert np.all((enable >= 0.0) & (enable <= 1.0))
+        assert np.all(np.isfinite(error))

@@ -1,0 +1,53 @@
+"""What a wheel's brake can do: told to the simulator as the truth, to the assistant as nominal."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from omni_platform.configuration import Configuration, parameter
+
+ON_OFF, PROPORTIONAL = "on_off", "proportional"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrakeConfiguration(Configuration):
+    """The brake of each wheel."""
+
+    kind: str = parameter(
+        ON_OFF,
+        description="What lets pressure pass: 'on_off' valves, open from an enable of one half on, "
+        "or 'proportional' brakes, electric or by servo valves, that follow any enable",
+        choices=(ON_OFF, PROPORTIONAL),
+    )
+    resolution: float = parameter(
+        0.0,
+        description="Step of the enable that a proportional brake tells apart (0: none)",
+        minimum=0.0,
+        maximum=0.5,
+    )
+    max_torque: float = parameter(
+        2000.0,
+        description="Torque of a wheel's brake with the pedal fully down",
+        unit="N m",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    dead_time: float = parameter(
+        0.0,
+        description="Time until the pressure in a brake begins to follow pedal and valve",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    time_constant: float = parameter(
+        0.0,
+        description="Time constant with which the pressure then builds up and falls",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    @property
+    def grain(self) -> float:
+        """Step of the share of pressure that the brake tells apart [1], 0 for any share."""
+        return 1.0 if self.kind == ON_OFF else self.resolution
