@@ -122,13 +122,15 @@ def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels) -> None:
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(3000):
         scale = 10.0 ** random.uniform(-6.0, 3.0)
-        twist = random.normal(size=3) * scale
+        v_x, v_y, yaw_rate = (random.normal(size=3) * scale).tolist()
         speeds = random.normal(size=4) * 10.0 ** random.uniform(-6.0, 4.0)
         angle = random.uniform(-math.pi, math.pi)
         motion = Motion(
             step == 0 or random.uniform() < 0.02,
             float(random.choice([0.0, 1e-6, 0.01, 0.25])),
-            *twist.tolist(),
+            v_x,
+            v_y,
+            yaw_rate,
             math.cos(angle),
             math.sin(angle),
             float(random.uniform(0.0, 1.0)),

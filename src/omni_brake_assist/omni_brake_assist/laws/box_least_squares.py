@@ -52,7 +52,7 @@ def _solve_free(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def box_least_squares(  # noqa: PLR0912
+def box_least_squares(
     hessian: FloatArray, linear: FloatArray, upper: FloatArray, solution: FloatArray
 ) -> None:
     """Minimise ``1/2 f' H f - q' f`` within ``0 <= f <= c``.
