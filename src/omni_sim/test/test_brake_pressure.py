@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure
+from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, passed
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
     np.testing.assert_allclose(impulse, (rising + falling) * ASKED, rtol=1e-12)
 
 
-def light_brakes(forklift: VehicleConfiguration, **brake: float) -> VehicleConfiguration:
+def light_brakes(forklift: VehicleConfiguration, **brake: Any) -> VehicleConfiguration:
     """A vehicle with its load in the middle, whose brakes do not lock the wheels."""
     return dataclasses.replace(
         forklift,
@@ -93,3 +94,10 @@ def test_a_vehicle_that_is_placed_anew_has_no_pressure(forklift: VehicleConfigur
     first = vehicle.advance(333, 1.0, np.ones(4), np.zeros(3))
     vehicle.place((0.0, 0.0, 0.0), (6.0, 2.0, 1.0))
     np.testing.assert_array_equal(vehicle.advance(333, 1.0, np.ones(4), np.zeros(3)), first)
+
+
+def test_valves_are_open_or_shut_and_proportional_ones_take_steps() -> None:
+    enable = np.array([0.0, 0.24, 0.49, 0.51, 1.0])
+    for grain, shares in ((0.0, enable), (1.0, [0, 0, 0, 1, 1]), (0.25, [0, 0.25, 0.5, 0.5, 1])):
+        pressure = build_brake_pressure(0.0, 0.0, 5, STEP, grain)
+        np.testing.assert_allclose(passed(pressure, enable), shares)

@@ -31,7 +31,6 @@ from omni_brake_assist.assist_step import (
     make_constants,
     new_memory,
 )
-from omni_brake_assist.configuration import LAWS
 from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
 from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
 from omni_brake_assist.laws.registry import own_law
