@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "odometry = linescan_odometry.odometry_node:main",
+            "odometry = linescan_odometry.start_odometry_node:main",
         ]
     },
 )

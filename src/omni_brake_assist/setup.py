@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "brake_assist = omni_brake_assist.brake_assist_node:main",
+            "brake_assist = omni_brake_assist.start_brake_assist_node:main",
         ]
     },
 )

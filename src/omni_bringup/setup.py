@@ -1,9 +1,13 @@
 """Installs omni_bringup as an ament_python package."""
 
 from glob import glob
+from pathlib import Path
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
+
+# The configuration of the workspace, so that launch files find it from anywhere.
+CONFIG = Path("../../config")
 
 package = ElementTree.parse("package.xml").getroot()
 name = package.findtext("name")
@@ -19,13 +23,18 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
         (f"share/{name}/launch", sorted(glob("launch/*.launch.py"))),
+        *(
+            (f"share/{name}/config/{folder.name}", sorted(map(str, folder.glob("*.yaml"))))
+            for folder in sorted(CONFIG.iterdir())
+            if folder.is_dir()
+        ),
     ],
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "driver = omni_bringup.drive.driver_node:main",
+            "driver = omni_bringup.start_driver_node:main",
             "omni = omni_bringup.cli:main",
-            "player = omni_bringup.replay.player_node:main",
+            "player = omni_bringup.start_player_node:main",
         ]
     },
 )

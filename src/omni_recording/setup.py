@@ -19,5 +19,5 @@ setup(
         (f"share/{name}", ["package.xml"]),
     ],
     zip_safe=False,
-    entry_points={"console_scripts": ["recorder = omni_recording.recorder_node:main"]},
+    entry_points={"console_scripts": ["recorder = omni_recording.start_recorder_node:main"]},
 )

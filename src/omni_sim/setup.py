@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "simulator = omni_sim.simulator_node:main",
+            "simulator = omni_sim.start_simulator_node:main",
         ]
     },
 )

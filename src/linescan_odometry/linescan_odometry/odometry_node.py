@@ -11,23 +11,34 @@ import sys
 from collections.abc import Mapping
 from functools import partial
 
+import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image, JointState
 
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.messages import line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
+from linescan_odometry.pose import PoseIntegrator
 from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip import SideslipEstimate
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_platform.configuration import Configuration, parameter
-from omni_ros.messages import joint_state, planar_twist_with_covariance
+from omni_platform.sensors import LineSensor
+from omni_ros.frames import FrameConfiguration, prefix_frames
+from omni_ros.messages import (
+    fixed_transform,
+    joint_state,
+    planar_odometry,
+    planar_twist_with_covariance,
+)
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
-from omni_ros.qos import RELIABLE
+from omni_ros.qos import BEST_EFFORT, RELIABLE, advertise, listen
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
+from omni_ros.transforms import MISSING, TransformPublisher
 
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
@@ -43,6 +54,22 @@ class SourceConfiguration(Configuration):
     )
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class InterfaceConfiguration(Configuration):
+    """What the node does for the graph around it."""
+
+    best_effort_cameras: bool = parameter(
+        False,
+        description="Accept cameras whose drivers offer best effort (sensor data), and lose lines "
+        "instead of delaying them",
+    )
+    publish_tf: bool = parameter(
+        True,
+        description="Publish odom -> base_link on /tf and the cameras' frames on /tf_static, where "
+        "tf2_msgs is installed",
+    )
+
+
 class OdometryNode(Node):
     """Collects one batch of every line camera and publishes the twist that they show."""
 
@@ -51,10 +78,17 @@ class OdometryNode(Node):
         self.startup = declare_configuration(self, StartupConfiguration)
         configuration = declare_configuration(self, OdometryConfiguration)
         source = declare_configuration(self, SourceConfiguration)
+        inputs = declare_configuration(self, InterfaceConfiguration)
+        self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
         self._odometry = make_odometry(source.own_odometry, configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
-        self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
+        self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
+        self._odom = advertise(self, Odometry, "odom")
+        self._pose = PoseIntegrator()
+        self._transforms = None
+        if inputs.publish_tf:
+            self._transforms = self._make_transforms(configuration.sensors)
         sensors = ", ".join(configuration.sensors)
         self._status = StatusReporter(
             self,
@@ -64,13 +98,13 @@ class OdometryNode(Node):
         self._sideslip = SideslipMonitor(configuration)
         self._angles = None
         if configuration.sideslip:
-            self._angles = self.create_publisher(JointState, "odometry/sideslip", RELIABLE)
+            self._angles = advertise(self, JointState, "odometry/sideslip")
         self.outputs = (self._twist,)
-        self.further_outputs = () if self._angles is None else (self._angles,)
+        self.further_outputs = (self._odom, *(() if self._angles is None else (self._angles,)))
+        qos = BEST_EFFORT if inputs.best_effort_cameras else RELIABLE
         for sensor in configuration.sensors:
-            self.create_subscription(
-                Image, f"line_scan/{sensor}/lines", partial(self._on_lines, sensor), RELIABLE
-            )
+            take = partial(self._on_lines, sensor)
+            listen(self, Image, f"line_scan/{sensor}/lines", take, qos)
 
     def _on_lines(self, sensor: str, message: Image) -> None:
         for batches in self._collector.add(sensor, line_batch_of(message)):
@@ -82,10 +116,32 @@ class OdometryNode(Node):
             self._angles.publish(
                 joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
             )
-        self._twist.publish(
-            planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
-        )
+        twist = planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
+        prefix_frames(twist, self._prefix)
+        self._twist.publish(twist)
+        self._publish_pose(estimate)
         self._report(estimate, sideslip)
+
+    def _publish_pose(self, estimate: TwistEstimate) -> None:
+        twist, covariance = estimate.twist, estimate.covariance
+        pose = self._pose.update(estimate.stamp_ns, twist, covariance)
+        odometry = planar_odometry(pose.stamp_ns, pose.value, pose.covariance, twist, covariance)
+        prefix_frames(odometry, self._prefix)
+        self._odom.publish(odometry)
+        if self._transforms is not None:
+            self._transforms.follow(odometry)
+
+    def _make_transforms(self, sensors: Mapping[str, LineSensor]) -> TransformPublisher:
+        fixed = [
+            fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
+            for name, sensor in sensors.items()
+        ]
+        for transform in fixed:
+            prefix_frames(transform, self._prefix)
+        transforms = TransformPublisher(self, fixed)
+        if not transforms.available:
+            self.get_logger().debug(MISSING)
+        return transforms
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Say how every camera fares, when one changes and every second."""
@@ -123,13 +179,10 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # Of those, at least the recorder listens to the angles.
-        await_subscribers(
-            node.further_outputs,
-            min(node.startup.subscribers, 1),
-            spinner,
-            node.startup.match_timeout,
-        )
+        # Of those who are there by now, some may listen to pose and angles.
+        for publisher in node.further_outputs:
+            listeners = node.count_subscribers(publisher.topic_name)
+            await_subscribers((publisher,), listeners, spinner, node.startup.match_timeout)
         spin_until_stopped(node, spinner)
 
     sys.exit(run_process(OdometryNode, run))

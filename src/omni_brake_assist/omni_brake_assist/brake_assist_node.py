@@ -29,7 +29,7 @@ from omni_platform.signals import Twist
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
-from omni_ros.qos import RELIABLE
+from omni_ros.qos import advertise, listen
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_ros.voices import Voices
@@ -73,19 +73,18 @@ class BrakeAssistNode(Node):
         self._feedback: Twist | None = None
         self._pairing = StepPairing()
         self._pedal_heard = self._twist_heard = time.monotonic()
-        self._enable = self.create_publisher(JointState, "brake/enable", RELIABLE)
-        self._error = self.create_publisher(JointState, "brake_assist/error", RELIABLE)
+        self._enable = advertise(self, JointState, "brake/enable")
+        self._error = advertise(self, JointState, "brake_assist/error")
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
             Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET),
         )
         self.outputs = (self._enable, self._error)
-        listen = self.create_subscription
         heard = (
-            listen(JointState, "brake/pedal", self._on_pedal, RELIABLE),
-            listen(TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE),
-            listen(JointState, "wheel_states", self._on_wheel_states, RELIABLE),
+            listen(self, JointState, "brake/pedal", self._on_pedal),
+            listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist),
+            listen(self, JointState, "wheel_states", self._on_wheel_states),
         )
         self._voices = Voices(self, heard, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout

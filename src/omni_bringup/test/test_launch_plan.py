@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,8 @@ import yaml
 
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.commands.drive import drive_nodes
-from omni_bringup.graph import launch_plan
 from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.launch_plan import ARGUMENTS, planned_nodes
+from omni_bringup.graph.launch_plan import ARGUMENTS, installed_config, launch_plan
 from omni_bringup.graph.process_group import NodeProcess
 from omni_platform.configuration import ConfigurationError
 
@@ -29,7 +28,7 @@ def arguments(**changes: str) -> dict[str, str]:
     return defaults | {"config": str(CONFIG)} | changes
 
 
-def described(nodes: list[NodeProcess]) -> Mapping[str, Any]:
+def described(nodes: Sequence[NodeProcess]) -> Mapping[str, Any]:
     """Return package, executable, parameters and remappings of each node."""
     found = {}
     for node in nodes:
@@ -49,23 +48,16 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_every_mode_has_a_file_of_sound_python(mode: str) -> None:
-    text = (PACKAGE / f"launch/{mode}.launch.py").read_text()
+@pytest.mark.parametrize("file", sorted((PACKAGE / "launch").glob("*.py")), ids=lambda f: f.name)
+def test_every_launch_file_is_sound_and_the_runs_share_one_text(file: Path) -> None:
+    text = file.read_text()
     tree = ast.parse(text)
-    assert {node.name for node in tree.body if isinstance(node, ast.FunctionDef)} == {
-        "generate_launch_description",
-        "start",
+    assert compile(tree, str(file), "exec")
+    assert "generate_launch_description" in {
+        node.name for node in tree.body if isinstance(node, ast.FunctionDef)
     }
-    imported = {
-        alias.name
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom) and node.module == "omni_bringup.graph.launch_plan"
-        for alias in node.names
-    }
-    assert imported == {"ARGUMENTS", "planned_nodes", mode.upper()}
-    assert getattr(launch_plan, mode.upper()) == mode
-    assert compile(tree, mode, "exec")
+    mode = file.name.removesuffix(".launch.py")
+    assert (mode in MODES) == (f'run_description("{mode}")' in text)
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "real_time"])
@@ -80,9 +72,9 @@ def test_a_run_gets_the_parameters_of_the_command_line(mode: str, tmp_path: Path
         graph.brake_assist(configuration, scratch, lockstep=lockstep),
         graph.simulator(configuration, scratch, lockstep=lockstep),
     ]
-    planned = planned_nodes(mode, arguments(out=str(bag), overrides="seed=7"))
+    planned = launch_plan(mode, arguments(out=str(bag), overrides="seed=7")).nodes
     assert described(planned) == described(expected)
-    simulator = described(planned)["simulator"][2]["simulator"]["ros__parameters"]
+    simulator = described(planned)["simulator"][2]["/**"]["ros__parameters"]
     assert (simulator["mode"], simulator["driver"], simulator["seed"]) == (mode, "scripted", 7)
 
 
@@ -92,7 +84,7 @@ def test_a_drive_gets_the_parameters_of_the_command_line(out: str, tmp_path: Pat
     scratch.mkdir()
     configuration = ExperimentLibrary(CONFIG).load("small_stop", "assisted")
     folder = Path(out).resolve() if out else None
-    planned = planned_nodes("drive", arguments(experiment="small_stop", out=out))
+    planned = launch_plan("drive", arguments(experiment="small_stop", out=out)).nodes
     assert described(planned) == described(drive_nodes(configuration, scratch, {}, folder))
     assert [node.name for node in planned][-4:] == [
         "driver",
@@ -104,4 +96,10 @@ def test_a_drive_gets_the_parameters_of_the_command_line(out: str, tmp_path: Pat
 
 def test_a_run_without_a_folder_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"^out: is needed"):
-        planned_nodes("lockstep", arguments())
+        launch_plan("lockstep", arguments())
+
+
+def test_the_configuration_is_installed_for_launches_from_anywhere() -> None:
+    for folder in ("vehicles", "experiments", "hardware"):
+        installed = {file.name for file in (installed_config() / folder).iterdir()}
+        assert installed == {file.name for file in (CONFIG / folder).glob("*.yaml")}

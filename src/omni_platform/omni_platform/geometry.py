@@ -44,7 +44,11 @@ class WheelMount(Configuration):
         maximum=180.0,
     )
     radius: float = parameter(
-        0.2, description="Radius of the unloaded wheel over its rollers", unit="m", above=0.0
+        0.2,
+        description="Radius of the unloaded wheel over its rollers",
+        unit="m",
+        above=0.0,
+        maximum=10.0,
     )
 
 

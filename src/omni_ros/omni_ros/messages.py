@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +10,15 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    Quaternion,
+    TransformStamped,
+    TwistStamped,
+    TwistWithCovarianceStamped,
+)
+from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
@@ -81,9 +90,48 @@ def planar_twist_with_covariance(
     """
     message = TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
     _set_planar(message.twist.twist, twist)
-    matrix = np.zeros((6, 6))
-    matrix[np.ix_(_PLANAR, _PLANAR)] = covariance
-    message.twist.covariance = matrix.ravel()
+    message.twist.covariance = _spatial(covariance)
+    return message
+
+
+def planar_odometry(
+    stamp_ns: int,
+    pose: FloatArray,
+    pose_covariance: FloatArray,
+    twist: FloatArray,
+    twist_covariance: FloatArray,
+) -> Odometry:
+    """Return a pose in `odom` and a twist in `base_link`.
+
+    Args:
+        stamp_ns: stamp [ns].
+        pose: x, y [m] and yaw [rad], shape (3,).
+        pose_covariance: shape (3, 3).
+        twist: v_x, v_y [m/s] and yaw rate [rad/s], shape (3,); what is no number is zero there.
+        twist_covariance: shape (3, 3).
+    """
+    message = Odometry(header=header(stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
+    message.pose.pose = planar_pose(pose)
+    message.pose.covariance = _spatial(pose_covariance)
+    _set_planar(message.twist.twist, np.where(np.isfinite(twist), twist, 0.0))
+    message.twist.covariance = _spatial(twist_covariance)
+    return message
+
+
+def planar_pose(pose: FloatArray) -> Pose:
+    """Return x, y [m] and yaw [rad] as a pose on the ground."""
+    x, y, yaw = (float(value) for value in pose)
+    turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+    return Pose(position=Point(x=x, y=y), orientation=turn)
+
+
+def fixed_transform(frame: str, pose: FloatArray, parent: str = BASE_FRAME) -> TransformStamped:
+    """Return where a frame is fixed: x, y [m] and yaw [rad] in its parent."""
+    place = planar_pose(pose)
+    message = TransformStamped(header=header(0, parent), child_frame_id=frame)
+    message.transform.translation.x = place.position.x
+    message.transform.translation.y = place.position.y
+    message.transform.rotation = place.orientation
     return message
 
 
@@ -155,6 +203,13 @@ def diagnostics(
 
 def _doubles(values: FloatArray) -> array[float]:
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def _spatial(covariance: FloatArray) -> FloatArray:
+    """Return a planar covariance (3, 3) among zeros as the messages have it, shape (36,)."""
+    matrix = np.zeros((6, 6))
+    matrix[np.ix_(_PLANAR, _PLANAR)] = covariance
+    return matrix.ravel()
 
 
 def _set_planar(twist: object, values: FloatArray) -> None:

@@ -9,20 +9,24 @@ import contextlib
 import json
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from omni_ros.environment import REPORT_VARIABLE
+from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor that `REPORT_VARIABLE` names; nowhere without it.
+    """Write a document to the file descriptor, or file, that the environment names, if it does.
 
     Args:
         document: what there is to tell, as strict JSON has it.
     """
     descriptor = os.environ.get(REPORT_VARIABLE)
-    if descriptor is None:
-        return
+    file = os.environ.get(REPORT_FILE_VARIABLE)
     line = json.dumps(document, allow_nan=False).encode() + b"\n"
     with contextlib.suppress(OSError):  # nobody listens any more
-        os.write(int(descriptor), line)
+        if descriptor is not None:
+            os.write(int(descriptor), line)
+        if file is not None:
+            with Path(file).open("ab") as reports:
+                reports.write(line)

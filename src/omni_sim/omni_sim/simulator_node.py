@@ -15,6 +15,7 @@ import dataclasses
 import math
 import sys
 import time
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,9 +25,12 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.description import urdf
+from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
     diagnostics,
     joint_state,
@@ -38,7 +42,7 @@ from omni_ros.messages import (
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
-from omni_ros.qos import LATCHED, RELIABLE
+from omni_ros.qos import LATCHED, advertise, listen
 from omni_ros.report import report
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
@@ -51,6 +55,7 @@ FloatArray = NDArray[np.float64]
 _SECOND = 1_000_000_000
 _INPUTS = 4  # topics that the node listens to at most
 _LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
+_CLOCK_PERIOD = 0.1  # [s] between two looks at who tells the time
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 
@@ -70,6 +75,11 @@ class LoopConfiguration(Configuration):
         False,
         description="Lockstep: wait for the odometry of each step too, where the brake assistant "
         "that answers does not",
+    )
+    publish_clock: bool = parameter(
+        True,
+        description="Tell the simulated time on /clock; of several simulators in a ROS domain only "
+        "one does",
     )
     driver: str = parameter(
         "scripted",
@@ -92,16 +102,15 @@ class SimulatorNode(Node):
         super().__init__("simulator")
         self.startup = declare_configuration(self, StartupConfiguration)
         self.loop = declare_configuration(self, LoopConfiguration)
+        self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
         self.configuration = declare_configuration(self, SimulatorConfiguration)
         manual = declare_configuration(self, ManualDriverConfiguration)
         self.manual_driver: ManualDriver | None = None
         if self.loop.driver == "topics":
             self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
             self._inbox = DemandInbox(manual.driver_timeout)
-            self.create_subscription(JointState, "driver/pedal", self._on_driver_pedal, RELIABLE)
-            self.create_subscription(
-                TwistStamped, "driver/cmd_vel", self._on_driver_command, RELIABLE
-            )
+            listen(self, JointState, "driver/pedal", self._on_driver_pedal)
+            listen(self, TwistStamped, "driver/cmd_vel", self._on_driver_command)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         self._wheels = tuple(self.configuration.vehicle.wheels)
         self._all_on = np.ones(len(self._wheels))
@@ -110,32 +119,32 @@ class SimulatorNode(Node):
         self._twist_stamp_ns = -1
         self._heard: dict[str, float] = {}  # when a node last spoke, on the steady clock [s]
         self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
+        self._clock_due = 0.0  # when to look who tells the time, on the steady clock [s]
+        self._owns_clock = True
         self.sent: dict[str, int] = {}
         self._make_publishers()
-        self._enables = self.create_subscription(
-            JointState, "brake/enable", self._on_enable, RELIABLE
-        )
+        self._enables = listen(self, JointState, "brake/enable", self._on_enable)
         # Only its stamp is used: to keep step, and to tell which node is silent.
-        self.create_subscription(
-            TwistWithCovarianceStamped, "odometry/twist", self._on_twist, RELIABLE
-        )
+        listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist)
 
     def _make_publishers(self) -> None:
-        create = self.create_publisher
-        self._simulated_time = create(Clock, "/clock", RELIABLE)
-        self._wheel_states = create(JointState, "wheel_states", RELIABLE)
-        self._imu = create(Imu, "imu", RELIABLE)
-        self._pedal = create(JointState, "brake/pedal", RELIABLE)
-        self._command = create(TwistStamped, "cmd_vel", RELIABLE)
-        self._truth = create(Odometry, "ground_truth/odom", RELIABLE)
-        self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist", RELIABLE)
-        self._markers = create(MarkerArray, "markers", RELIABLE)
-        self._diagnostics = create(DiagnosticArray, "/diagnostics", RELIABLE)
+        create = partial(advertise, self)
+        self._simulated_time = create(Clock, "/clock")
+        self._wheel_states = create(JointState, "wheel_states")
+        self._joints = create(JointState, "joint_states")  # of robot_state_publisher
+        self._imu = create(Imu, "imu")
+        self._pedal = create(JointState, "brake/pedal")
+        self._command = create(TwistStamped, "cmd_vel")
+        self._truth = create(Odometry, "ground_truth/odom")
+        self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist")
+        self._markers = create(MarkerArray, "markers")
+        self._diagnostics = create(DiagnosticArray, "/diagnostics")
+        self._description = create(String, "robot_description", LATCHED)
         self._told_limits: frozenset[str] = frozenset()
         self._lines = {}
         self._camera_infos = {}
         for name in self.configuration.sensors:
-            self._lines[name] = create(Image, f"line_scan/{name}/lines", RELIABLE)
+            self._lines[name] = create(Image, f"line_scan/{name}/lines")
             info = create(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
             self._camera_infos[name] = info
         self.outputs = (
@@ -154,27 +163,31 @@ class SimulatorNode(Node):
             self._diagnostics,
         )
 
-    def publish_camera_infos(self) -> None:
-        """Say once what the line cameras see."""
+    def publish_descriptions(self) -> None:
+        """Say once what the vehicle is like and what the line cameras see."""
+        vehicle = self.configuration.vehicle
+        size = (vehicle.chassis_length, vehicle.chassis_width)
+        self._description.publish(
+            String(data=urdf("vehicle", vehicle.wheels, self.configuration.sensors, size))
+        )
         for name, sensor in self.configuration.sensors.items():
             self._send(self._camera_infos[name], camera_info(name, sensor))
 
     def publish(self, observation: Observation) -> None:
         """Publish one step; the pedal last, so that what it is answered with is under way."""
         stamp_ns = observation.stamp_ns
-        self._send(self._simulated_time, Clock(clock=to_time(stamp_ns)))
+        if self._tells_time():
+            self._send(self._simulated_time, Clock(clock=to_time(stamp_ns)))
         for name, batch in observation.line_batches.items():
             self._send(self._lines[name], line_image(batch.stamp_ns, name, batch.lines))
-        self._send(
-            self._wheel_states,
-            joint_state(
-                stamp_ns,
-                self._wheels,
-                position=observation.wheel_angle,
-                velocity=observation.encoder_speed,
-                effort=observation.brake_torque,
-            ),
+        wheels = joint_state(
+            stamp_ns,
+            self._wheels,
+            position=observation.wheel_angle,
+            velocity=observation.encoder_speed,
+            effort=observation.brake_torque,
         )
+        self._send(self._wheel_states, wheels)
         if self.configuration.imu.enabled:
             self._send(self._imu, imu_message(stamp_ns, observation.imu, self.configuration.imu))
         self._send(
@@ -188,6 +201,7 @@ class SimulatorNode(Node):
         self._send(self._command, planar_twist(stamp_ns, observation.command))
         self._send(self._truth, ground_truth(observation))
         if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
+            self._joints.publish(wheels)
             self._send(self._markers, scene_markers(self.configuration, observation))
 
         simulator = self.simulator
@@ -195,6 +209,32 @@ class SimulatorNode(Node):
         exceeded = frozenset(state for state, holds in states.items() if holds)
         if exceeded != self._told_limits:
             self._tell_limits(stamp_ns, exceeded)
+
+    def _tells_time(self) -> bool:
+        """Tell whether /clock is this node's: in a domain with several simulators, of one only."""
+        if not self.loop.publish_clock:
+            return False
+        now = time.monotonic()
+        if now >= self._clock_due:
+            self._clock_due = now + _CLOCK_PERIOD
+            topic = self._simulated_time.topic_name
+            voices = self.get_publishers_info_by_topic(topic)
+            # All see the same, and so agree without a word on who it is.
+            own = (self.get_namespace(), self.get_name())
+            first = min(
+                (
+                    (tuple(voice.endpoint_gid), voice.node_namespace, voice.node_name)
+                    for voice in voices
+                ),
+                default=((), *own),
+            )
+            self._owns_clock = first[1:] == own
+            if not self._owns_clock:
+                self.get_logger().warning(
+                    f"{topic} is told by {first[1].rstrip('/')}/{first[2]}; not by this simulator",
+                    once=True,
+                )
+        return self._owns_clock
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
         """Return for how long [s] the run left what the model covers, and a sentence, by limit."""
@@ -219,7 +259,7 @@ class SimulatorNode(Node):
             self.get_logger().warning(words)
         status = diagnostics(
             stamp_ns,
-            self.get_name(),
+            self.get_fully_qualified_name().removeprefix("/"),
             1 if exceeded else 0,
             words or "within the limits of the model again",
             {"state": ", ".join(sorted(exceeded)) or "ok"},
@@ -275,6 +315,7 @@ class SimulatorNode(Node):
         return newest_ns >= 0 and newest_ns > stamp_ns - self.simulator.control_period_ns
 
     def _send(self, publisher: object, message: object) -> None:
+        prefix_frames(message, self._prefix)
         publisher.publish(message)  # type: ignore[attr-defined]
         topic = publisher.topic_name  # type: ignore[attr-defined]
         self.sent[topic] = self.sent.get(topic, 0) + 1
@@ -319,7 +360,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     expected, timeout = node.startup.subscribers, node.startup.match_timeout
     await_subscribers(node.outputs, expected, spinner, timeout)
     await_subscribers(node.recorded_outputs, max(0, expected - 1), spinner, timeout)
-    node.publish_camera_infos()
+    node.publish_descriptions()
     progress = RunProgress(node.configuration)
     started = time.monotonic()
     while not spinner.stop:

@@ -217,7 +217,7 @@ class ExperimentLibrary:
                     key, f"{name!r} is not known; {hint}known: {', '.join(known)}"
                 )
         try:
-            document = _load_yaml(path.read_text(encoding="utf-8"))
+            document = load_yaml(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
         except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
@@ -267,7 +267,7 @@ def parse_override(text: str) -> dict[str, Any]:
             "--set", f"{text!r} must have the form key=value, such as vehicle.load.mass=400"
         )
     try:
-        value = _load_yaml(value_text)
+        value = load_yaml(value_text)
     except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
         raise ConfigurationError(key, f"the value {value_text!r} is not valid YAML") from None
     for part in reversed(parts):
@@ -286,7 +286,13 @@ _Loader.add_implicit_resolver(
 )
 
 
-def _load_yaml(text: str) -> Any:
+def load_yaml(text: str) -> Any:
+    """Return what a YAML text says, with numbers such as 1e-3 as numbers.
+
+    Raises:
+        yaml.YAMLError: it is no YAML.
+        ValueError: a value, such as a date, is none.
+    """
     return yaml.load(text, Loader=_Loader)
 
 

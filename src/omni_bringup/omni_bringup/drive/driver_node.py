@@ -38,7 +38,7 @@ from omni_ros.report import report
 _POLL = 0.005  # [s] between two looks at the topics
 _DEMAND_PERIOD = 0.02  # [s]
 _STATE_PERIOD = 0.033  # [s] of what the page shows
-_ASSISTANT = "/brake_assist"
+_ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
 
 
@@ -99,6 +99,7 @@ class DriverNode(Node):
         self.state: dict[str, Any] = {"assist": configuration.assist}
         self._pedal = self.create_publisher(JointState, "driver/pedal", RELIABLE)
         self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", RELIABLE)
+        self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.heard = 0
         self._listen(Twist, "cmd_vel", self._on_command)
@@ -158,14 +159,14 @@ class DriverNode(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == _ASSISTANT.removeprefix("/"):
+            if status.name == self._assistant.removeprefix("/"):
                 self.state["assist_state"] = next(
                     (entry.value for entry in status.values if entry.key == "state"), ""
                 )
                 self.state["assist_reason"] = status.message
 
     def _on_parameters(self, message: ParameterEvent) -> None:
-        if message.node == _ASSISTANT:
+        if message.node == self._assistant:
             for given in message.changed_parameters:
                 if given.name == _SWITCH:
                     self.state["assist"] = given.value.bool_value

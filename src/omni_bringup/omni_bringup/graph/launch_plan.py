@@ -1,21 +1,31 @@
-"""The nodes that the files in ``launch/`` start: those of `omni run` and `omni drive`."""
+"""What the files in ``launch/`` start: the nodes of `omni run` and `omni drive`, and their end."""
 
 from __future__ import annotations
 
+import dataclasses
+import io
+import json
 import shlex
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from omni_analysis.loop.experiment import ExperimentLibrary
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+from omni_analysis.figures.comparison_table import comparison_table
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.metrics import results_document
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.process_group import NodeProcess
+from omni_bringup.graph.run_folder import write_configuration, write_summary
+from omni_bringup.graph.run_variant import check_counts, check_report, measured
 from omni_platform.configuration import ConfigurationError
 
 # Launch arguments: default and description.
 ARGUMENTS = {
-    "config": ("config", "Folder of the configuration, as in the workspace"),
+    "config": ("", "Folder of the configuration; that of this package if empty"),
     "experiment": ("straight_line", "A file of config/experiments/"),
     "variant": ("", "Variant of the experiment; its last if empty"),
     "overrides": ("", "KEY=VALUE words, as --set of omni takes them"),
@@ -24,8 +34,57 @@ ARGUMENTS = {
 LOCKSTEP, REAL_TIME, DRIVE = "lockstep", "real_time", "drive"
 
 
-def planned_nodes(mode: str, given: Mapping[str, str]) -> list[NodeProcess]:
-    """Return the nodes of a mode, listeners first; their parameter files are left in ``/tmp``.
+@dataclasses.dataclass(frozen=True)
+class LaunchPlan:
+    """What a launch file starts.
+
+    Attributes:
+        nodes: listeners first.
+        scratch: folder of the nodes' parameter files and reports; to be removed at the end.
+        experiment: its name.
+        variant: its name.
+        configuration: of the whole loop.
+        folder: of the recording, if there is one.
+        is_run: whether the simulator comes to an end that has results.
+    """
+
+    nodes: Sequence[NodeProcess]
+    scratch: Path
+    experiment: str
+    variant: str
+    configuration: ExperimentConfiguration
+    folder: Path | None
+    is_run: bool
+
+    def reports(self, name: str) -> Path:
+        """Return the file in which a node reports."""
+        return self.scratch / f"{name}.reports"
+
+    def finish(self) -> str:
+        """Write configuration, versions and results beside a finished recording; return a table.
+
+        Raises:
+            ProcessError: the run did not come to its end; likewise RunError where data are lost.
+        """
+        if self.folder is None:
+            raise ConfigurationError("out", "is needed: the folder of the recording")
+        write_configuration(self.configuration, self.folder)
+        report = self._last_report("simulator")
+        check_report(report)
+        check_counts(self._last_report("recorder"), report)
+        result = measured(report, self.variant, self.folder)
+        metrics = {self.variant: result.metrics}
+        write_summary(results_document(self.experiment, metrics), self.folder)
+        return _printed(comparison_table(metrics))
+
+    def _last_report(self, name: str) -> dict[str, Any]:
+        lines = self.reports(name).read_text(encoding="utf-8").splitlines()
+        document: dict[str, Any] = json.loads(lines[-1])
+        return document
+
+
+def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
+    """Return what to start in a mode.
 
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.
@@ -34,14 +93,39 @@ def planned_nodes(mode: str, given: Mapping[str, str]) -> list[NodeProcess]:
     Raises:
         ConfigurationError: an argument or a value of the configuration does not fit.
     """
-    library = ExperimentLibrary(Path(given["config"]))
-    variant = given["variant"] or library.variants(given["experiment"])[-1]
-    overrides = shlex.split(given["overrides"])
-    configuration = library.load(given["experiment"], variant, overrides)
+    library = ExperimentLibrary(Path(given["config"]) if given["config"] else installed_config())
+    experiment = given["experiment"]
+    variant = given["variant"] or library.variants(experiment)[-1]
+    configuration = library.load(experiment, variant, shlex.split(given["overrides"]))
     folder = Path(given["out"]).resolve() if given["out"] else None
-    scratch = Path(tempfile.mkdtemp(prefix="omni-"))
-    if mode == DRIVE:
-        return drive_nodes(configuration, scratch, {}, folder)
-    if folder is None:
+    if folder is None and mode != DRIVE:
         raise ConfigurationError("out", "is needed: the folder of the recording")
-    return graph.run_nodes(configuration, folder, scratch, lockstep=mode == LOCKSTEP)
+    scratch = Path(tempfile.mkdtemp(prefix="omni-"))
+    if mode == DRIVE or folder is None:
+        nodes = drive_nodes(configuration, scratch, {}, folder)
+    else:
+        nodes = graph.run_nodes(configuration, folder, scratch, lockstep=mode == LOCKSTEP)
+    name = Path(experiment).stem
+    return LaunchPlan(nodes, scratch, name, variant, configuration, folder, mode != DRIVE)
+
+
+def installed_config() -> Path:
+    """Return the folder of the configuration that is installed with this package.
+
+    Raises:
+        ConfigurationError: this package is not installed.
+    """
+    try:
+        return Path(get_package_share_directory("omni_bringup")) / "config"
+    except PackageNotFoundError:
+        raise ConfigurationError(
+            "config", "is needed where omni_bringup is not installed"
+        ) from None
+
+
+def _printed(table: Any) -> str:
+    from rich.console import Console
+
+    console = Console(file=io.StringIO(), width=100)
+    console.print(table)
+    return str(console.file.getvalue())  # type: ignore[attr-defined]

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_bringup.graph.hardware import parameters_text
 from omni_bringup.graph.process_group import NodeProcess
 from omni_platform.configuration import Configuration
 from omni_platform.flat_parameters import flatten
@@ -19,6 +18,7 @@ COMMAND = "/cmd_vel"
 APPLIED_COMMAND = "/driver/applied_cmd_vel"  # of a driven vehicle
 GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
 
+_SHARED = ("/clock", "/diagnostics")
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
@@ -32,6 +32,7 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
         "/brake/enable": "sensor_msgs/msg/JointState",
         "/brake_assist/error": "sensor_msgs/msg/JointState",
         COMMAND: "geometry_msgs/msg/TwistStamped",
+        "/odom": "nav_msgs/msg/Odometry",
         "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
         "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
         GROUND_TRUTH: "nav_msgs/msg/Odometry",
@@ -76,19 +77,19 @@ def recorder(
     topics = recorded_topics(configuration) if topics is None else topics
     parameters: dict[str, Any] = {
         "folder": str(folder),
-        "topics": list(topics),
+        "topics": [_relative(topic) for topic in topics],
         "types": list(topics.values()),
         "compression": options.compression,
         "synchronize": options.synchronize,
     }
     if GROUND_TRUTH in topics:
         poses = [(sensor.x, sensor.y, sensor.heading) for sensor in configuration.sensors.values()]
-        parameters["transforms_from"] = GROUND_TRUTH
+        parameters["transforms_from"] = _relative(GROUND_TRUTH)
         parameters["fixed_frames"] = list(configuration.sensors)
         parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
     latched = [name for name in latched_topics(configuration) if name in topics]
     if latched:  # an empty list has no type in a parameter file
-        parameters["latched_topics"] = latched
+        parameters["latched_topics"] = [_relative(topic) for topic in latched]
     return _node("recorder", "omni_recording", "recorder", parameters, scratch)
 
 
@@ -138,7 +139,7 @@ def simulator(
         "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
     }
     # The name is free then for what a teleoperation node says.
-    remaps = ["-r", f"{COMMAND}:={APPLIED_COMMAND}"] if driven else []
+    remaps = ["-r", f"{COMMAND[1:]}:={APPLIED_COMMAND[1:]}"] if driven else []
     return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
 
 
@@ -200,6 +201,11 @@ def player(
     return _node("player", "omni_bringup", "player", parameters, scratch)
 
 
+def _relative(topic: str) -> str:
+    """Return a topic as the nodes name it: of their own namespace, but for what all share."""
+    return topic if topic in _SHARED else topic.removeprefix("/")
+
+
 def _timing(lockstep: bool) -> dict[str, Any]:
     """Return what makes a node repeat bit for bit, or stamp what it says unasked like the rest."""
     return {"diagnostics_period": 0.0} if lockstep else {"use_sim_time": True}
@@ -220,7 +226,6 @@ def _node(
     remaps: list[str] | None = None,
 ) -> NodeProcess:
     path = scratch / f"{name}.yaml"
-    document = {name: {"ros__parameters": dict(parameters)}}
-    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    path.write_text(parameters_text(parameters), encoding="utf-8")
     arguments = ["--ros-args", "--params-file", str(path), *(remaps or [])]
     return NodeProcess(name, package, executable, arguments)

@@ -89,6 +89,17 @@ def run_variant(
             on_progress=on_progress,
             recording=recording,
         )
+    return measured(report, variant, folder)
+
+
+def measured(report: Mapping[str, Any], variant: str, folder: Path) -> VariantResult:
+    """Return the results of a run that has come to its end.
+
+    Args:
+        report: the last one of the simulator.
+        variant: name of the case.
+        folder: rosbag2 folder of the run.
+    """
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
@@ -121,10 +132,13 @@ def _run_graph(
             recorder, *_, simulator = [group.start(node) for node in nodes]
             write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
-            _check_life(group, report)
+            check_report(report)
+            _check_life(group)
     except ProcessError as error:
         raise RunError(str(error)) from None
-    _check_counts(recorder, report)
+    if recorder.returncode != 0:
+        raise RunError(describe_end(recorder))
+    check_counts((recorder.new_reports() or [{}])[-1], report)
     return report
 
 
@@ -169,21 +183,16 @@ def _follow(
     return report
 
 
-def _check_life(group: ProcessGroup, report: Mapping[str, Any]) -> None:
-    """See that the run came to its end by itself, and that every node lived through all of it.
+def check_report(report: Mapping[str, Any]) -> None:
+    """See by the simulator's last report that a run came to its end and no node fell silent.
 
     Raises:
-        ProcessError: names the node that did not.
+        ProcessError: says what did not.
     """
     if report["finished"] == "running":
         raise ProcessError(
             f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
         )
-    for process in group.running:
-        if process.was_halted:
-            raise ProcessError(
-                f"{process.node.name} was halted by a signal during the run, which counts no more"
-            )
     for node, silence in report["silence"].items():
         if silence > _LONGEST_SILENCE:
             raise ProcessError(
@@ -191,12 +200,26 @@ def _check_life(group: ProcessGroup, report: Mapping[str, Any]) -> None:
             )
 
 
-def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:
-    """Compare what the simulator sent with what the recorder kept."""
-    if recorder.returncode != 0:
-        raise RunError(describe_end(recorder))
-    reports = recorder.new_reports()
-    recorded: Mapping[str, int] = reports[-1]["recorded"] if reports else {}
+def _check_life(group: ProcessGroup) -> None:
+    """See that every node lived through all of the run.
+
+    Raises:
+        ProcessError: names the node that did not.
+    """
+    for process in group.running:
+        if process.was_halted:
+            raise ProcessError(
+                f"{process.node.name} was halted by a signal during the run, which counts no more"
+            )
+
+
+def check_counts(kept_report: Mapping[str, Any], report: Mapping[str, Any]) -> None:
+    """Compare what the recorder's last report says was kept with what the simulator sent.
+
+    Raises:
+        RunError: something is missing.
+    """
+    recorded: Mapping[str, int] = kept_report.get("recorded", {})
     for topic, sent in report["sent"].items():
         kept = recorded.get(topic, 0)
         if kept < sent:

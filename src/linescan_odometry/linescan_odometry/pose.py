@@ -1,0 +1,67 @@
+"""Where the vehicle is by its twist alone: the twists of the odometry, added up."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pose:
+    """A place in the plane, in the frame in which the vehicle stood at the first twist.
+
+    Attributes:
+        stamp_ns: stamp of the newest twist in it [ns].
+        value: x, y [m] and yaw [rad], shape (3,).
+        covariance: in the squares of these units, shape (3, 3); grows with the way.
+    """
+
+    stamp_ns: int
+    value: FloatArray
+    covariance: FloatArray
+
+
+class PoseIntegrator:
+    """Adds twists up to a pose.
+
+    Between two stamps the platform moves on an arc: its twist is that of the newer one, which is
+    the mean over the batch that ends there. A twist that is not measured counts as rest, with the
+    covariance that says so.
+    """
+
+    def __init__(self) -> None:
+        self._pose = Pose(0, np.zeros(3), np.zeros((3, 3)))
+        self._started = False
+
+    def update(self, stamp_ns: int, twist: FloatArray, covariance: FloatArray) -> Pose:
+        """Take a twist and return the pose.
+
+        Args:
+            stamp_ns: of the twist [ns]; one that is not newer than the last changes nothing.
+            twist: v_x, v_y [m/s] and yaw rate [rad/s] in `base_link`, shape (3,).
+            covariance: of the twist, shape (3, 3).
+        """
+        before = self._pose
+        dt = max(stamp_ns - before.stamp_ns, 0) * 1e-9
+        if not self._started:
+            self._started, dt = True, 0.0
+        elif dt == 0.0:
+            return before
+        step = np.where(np.isfinite(twist), twist, 0.0) * dt
+        x, y, yaw = before.value
+        # The chord of the arc points half of the turn further, and is that much shorter.
+        chord = np.sinc(step[2] / (2.0 * math.pi))
+        middle = yaw + step[2] / 2.0
+        c, s = chord * math.cos(middle), chord * math.sin(middle)
+        d_x, d_y = c * step[0] - s * step[1], s * step[0] + c * step[1]
+        value = np.array([x + d_x, y + d_y, math.remainder(yaw + step[2], 2.0 * math.pi)])
+        by_pose = np.array([[1.0, 0.0, -d_y], [0.0, 1.0, d_x], [0.0, 0.0, 1.0]])
+        by_twist = dt * np.array([[c, -s, -d_y / 2.0], [s, c, d_x / 2.0], [0.0, 0.0, 1.0]])
+        spread = by_pose @ before.covariance @ by_pose.T + by_twist @ covariance @ by_twist.T
+        self._pose = Pose(max(stamp_ns, before.stamp_ns), value, spread)
+        return self._pose

@@ -1,0 +1,53 @@
+"""Twists add up to the pose that geometry says, and to the spread that samples have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from linescan_odometry.pose import PoseIntegrator
+
+PERIOD_NS = 10_000_000
+EXACT = np.zeros((3, 3))
+
+
+def drive(twist: np.ndarray, steps: int, covariance: np.ndarray = EXACT) -> PoseIntegrator:
+    integrator = PoseIntegrator()
+    integrator.update(5 * PERIOD_NS, twist, covariance)  # there it stands
+    for step in range(steps):
+        integrator.update((6 + step) * PERIOD_NS, twist, covariance)
+    return integrator
+
+
+@pytest.mark.parametrize("steps", [1, 7, 100])
+def test_a_constant_twist_is_an_arc_whatever_the_step(steps: int) -> None:
+    v, w, time = 2.0, 3.0, 0.01 * steps
+    pose = drive(np.array([0.0, v, w]), steps).update(0, np.zeros(3), EXACT)
+    angle = w * time
+    # Sideways to the left around a point ahead: the arc of radius v / w.
+    expected = (v / w * (math.cos(angle) - 1.0), v / w * math.sin(angle))
+    assert pose.value[:2] == pytest.approx(expected, abs=1e-12)
+    assert math.remainder(pose.value[2] - angle, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_is_not_measured_moves_nothing_and_is_not_known() -> None:
+    integrator = drive(np.array([1.0, 0.0, 0.0]), 10)
+    pose = integrator.update(16 * PERIOD_NS, np.full(3, np.nan), 1e6 * np.eye(3))
+    assert pose.value == pytest.approx([0.1, 0.0, 0.0])
+    assert pose.covariance[0, 0] == pytest.approx(100.0)
+
+
+def test_the_covariance_is_that_of_many_noisy_drives() -> None:
+    generator = np.random.default_rng(1)
+    twist, deviation = np.array([3.0, -1.0, 1.2]), np.array([0.3, 0.2, 0.4])
+    ends = []
+    for _ in range(2000):
+        integrator = PoseIntegrator()
+        integrator.update(0, twist, EXACT)
+        for step in range(1, 31):
+            noisy = twist + generator.normal(0.0, deviation)
+            pose = integrator.update(step * PERIOD_NS, noisy, np.diag(deviation**2))
+        ends.append(pose.value)
+    np.testing.assert_allclose(pose.covariance, np.cov(np.array(ends).T), atol=1e-4, rtol=0.15)

@@ -1,0 +1,117 @@
+"""What the nodes of a real vehicle are told: parameter files from one file about the vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from linescan_odometry.odometry import OdometryConfiguration
+from omni_analysis.loop.experiment import load_yaml, recorded_experiment
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.configuration import Configuration, ConfigurationError, from_mapping
+from omni_platform.description import urdf
+from omni_platform.flat_parameters import flatten
+
+DESCRIPTION = "robot.urdf"
+ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
+
+_PARTS = ("wheels", "sensors", "odometry", "brake_assist")
+
+
+@dataclasses.dataclass(frozen=True)
+class Hardware:
+    """What the nodes need to know of a real vehicle.
+
+    Attributes:
+        brake_assist: of the assistant.
+        odometry: of the line cameras; None where the twist comes from elsewhere.
+    """
+
+    brake_assist: BrakeAssistConfiguration
+    odometry: OdometryConfiguration | None
+
+
+def read_hardware(path: Path) -> Hardware:
+    """Return what a file says of a vehicle.
+
+    Args:
+        path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` and, where
+            defaults do not fit, ``odometry`` and ``brake_assist``.
+
+    Raises:
+        ConfigurationError: the file cannot be read, or a key or value does not fit.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        tree = load_yaml(text)
+    except OSError as error:
+        raise ConfigurationError(str(path), f"cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise ConfigurationError(str(path), f"is not valid YAML: {problem}") from None
+    if not isinstance(tree, dict):
+        raise ConfigurationError(str(path), "must contain a mapping of names to values")
+    if "vehicle" in tree:
+        experiment = recorded_experiment(text)
+        optical = experiment.feedback == "optical"
+        return Hardware(experiment.brake_assist, experiment.odometry if optical else None)
+    for key in tree:
+        if key not in _PARTS:
+            raise ConfigurationError(str(key), f"is not one of {', '.join(_PARTS)}")
+    if not tree.get("wheels"):
+        raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
+    brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])
+    odometry = None
+    if tree.get("sensors"):
+        odometry = _part(tree, "odometry", OdometryConfiguration, sensors=tree["sensors"])
+    elif "odometry" in tree:
+        raise ConfigurationError("odometry", "needs the line cameras under sensors")
+    return Hardware(brake_assist, odometry)
+
+
+def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
+    given = tree.get(key) or {}
+    if not isinstance(given, dict):
+        raise ConfigurationError(key, "must be a mapping of names to values")
+    return from_mapping(cls, {**shared, **given}, key)
+
+
+def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
+    """Write the parameter files of the nodes and a URDF of the vehicle; return what was written.
+
+    The files fit a node of any name in any namespace.
+
+    Raises:
+        OSError: the folder cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    documents = {f"{BRAKE_ASSIST}.yaml": parameter_file(hardware.brake_assist)}
+    sensors = {}
+    if hardware.odometry is not None:
+        documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)
+        sensors = dict(hardware.odometry.sensors)
+    documents[DESCRIPTION] = urdf("vehicle", hardware.brake_assist.wheels, sensors)
+    for name, text in documents.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in documents]
+
+
+def parameter_file(configuration: Configuration, **others: Any) -> str:
+    """Return the text of a parameter file for a node of any name and namespace.
+
+    Args:
+        configuration: what the node is told.
+        **others: further parameters.
+    """
+    # An empty list has no type in a parameter file; left out, the declared one holds.
+    flat = {key: value for key, value in flatten(configuration).items() if value != []}
+    return parameters_text(flat | others)
+
+
+def parameters_text(parameters: Mapping[str, Any]) -> str:
+    """Return the text of a parameter file that holds for every node."""
+    return yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}, sort_keys=False)

@@ -1,0 +1,64 @@
+"""What the launch files of runs have in common; the only module that needs `launch`.
+
+`launch` comes with a ROS installation and not with the wheels of ROS, so nothing imports this but
+launch files.
+"""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+from functools import partial
+from typing import Any
+
+from launch import LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch_ros.actions import Node
+
+from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan
+from omni_ros.environment import REPORT_FILE_VARIABLE
+
+
+def run_description(mode: str) -> LaunchDescription:
+    """Return the arguments and the nodes of a mode; the end of one ends all.
+
+    A node that fails ends the launch with an error, and so does a run that does not count.
+    """
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=words)
+        for name, (default, words) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=partial(_start, mode))])
+
+
+def _start(mode: str, context: Any) -> list[Any]:
+    plan = launch_plan(mode, {name: context.launch_configurations[name] for name in ARGUMENTS})
+    atexit.register(shutil.rmtree, plan.scratch, ignore_errors=True)
+    actions: list[Any] = []
+    for process in plan.nodes:
+        node = Node(
+            package=process.package,
+            executable=process.executable,
+            arguments=list(process.arguments),
+            additional_env={REPORT_FILE_VARIABLE: str(plan.reports(process.name))},
+            output="screen",
+        )
+        ended = OnProcessExit(target_action=node, on_exit=partial(_ended, plan, process.name))
+        actions += [RegisterEventHandler(ended), node]
+    return actions
+
+
+def _ended(plan: LaunchPlan, name: str, event: Any, _context: Any) -> list[Any]:
+    """Go on after the end of a node; what is raised here ends the launch with an error."""
+    if event.returncode != 0:
+        raise RuntimeError(f"{name} ended with exit code {event.returncode}")
+    if name == "recorder" and plan.is_run:
+        print(plan.finish())
+    return [EmitEvent(event=Shutdown(reason=f"{name} has ended"))]

@@ -1,0 +1,85 @@
+"""A vehicle as a URDF: what viewers draw and what tells its frames, from the vehicle's file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from xml.etree import ElementTree
+
+from omni_platform.geometry import WheelMount
+from omni_platform.sensors import LineSensor
+
+_BODY_HEIGHT = 0.2  # [m] no file says it; for the eye
+_WIDTH_SHARE = 0.4  # of the radius, likewise
+
+
+def urdf(
+    name: str,
+    wheels: Mapping[str, WheelMount],
+    sensors: Mapping[str, LineSensor],
+    size: tuple[float, float] | None = None,
+) -> str:
+    """Return a vehicle as a URDF.
+
+    `base_link` lies on the ground under the platform's centre. The joint of a wheel has the wheel's
+    name, so that `wheel_states` are its joint states; a camera's frame lies in its footprint, x
+    along the measuring direction.
+
+    Args:
+        name: of the robot.
+        wheels: by name.
+        sensors: line cameras by name.
+        size: length and width of the platform [m]; that of the wheels' positions if None.
+    """
+    robot = ElementTree.Element("robot", name=name)
+    radius = max(wheel.radius for wheel in wheels.values())
+    length, width = size or (
+        2.0 * max(abs(wheel.x) for wheel in wheels.values()) + radius,
+        2.0 * max(abs(wheel.y) for wheel in wheels.values()) + radius,
+    )
+    base = ElementTree.SubElement(robot, "link", name="base_link")
+    body = _visual(base, (0.0, 0.0, 1.5 * radius), (0.0, 0.0, 0.0))
+    ElementTree.SubElement(body, "box", size=_numbers(length, width, _BODY_HEIGHT))
+    for wheel_name, wheel in wheels.items():
+        link = ElementTree.SubElement(robot, "link", name=f"{wheel_name}_wheel")
+        # A cylinder stands along z, a wheel turns about its y.
+        cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
+        thickness = str(_WIDTH_SHARE * wheel.radius)
+        ElementTree.SubElement(cylinder, "cylinder", radius=str(wheel.radius), length=thickness)
+        place = (wheel.x, wheel.y, wheel.radius)
+        joint = _joint(robot, wheel_name, "continuous", link, place, wheel.heading_deg)
+        ElementTree.SubElement(joint, "axis", xyz="0 1 0")
+    for sensor_name, sensor in sensors.items():
+        link = ElementTree.SubElement(robot, "link", name=sensor_name)
+        place = (sensor.x, sensor.y, 0.0)
+        _joint(robot, f"{sensor_name}_mount", "fixed", link, place, sensor.heading_deg)
+    ElementTree.indent(robot)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _visual(
+    link: ElementTree.Element, place: tuple[float, float, float], turn: tuple[float, float, float]
+) -> ElementTree.Element:
+    visual = ElementTree.SubElement(link, "visual")
+    ElementTree.SubElement(visual, "origin", xyz=_numbers(*place), rpy=_numbers(*turn))
+    return ElementTree.SubElement(visual, "geometry")
+
+
+def _joint(
+    robot: ElementTree.Element,
+    name: str,
+    kind: str,
+    child: ElementTree.Element,
+    place: tuple[float, float, float],
+    heading_deg: float,
+) -> ElementTree.Element:
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link="base_link")
+    ElementTree.SubElement(joint, "child", link=child.attrib["name"])
+    turn = _numbers(0.0, 0.0, math.radians(heading_deg))
+    ElementTree.SubElement(joint, "origin", xyz=_numbers(*place), rpy=turn)
+    return joint
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

@@ -1,0 +1,35 @@
+"""Frames of one vehicle among several: a prefix before every name."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from omni_platform.configuration import Configuration, parameter
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrameConfiguration(Configuration):
+    """Names of the frames in the messages of a node."""
+
+    frame_prefix: str = parameter(
+        "",
+        description="Put before every frame, such as robot1/, so that vehicles share one /tf; as "
+        "robot_state_publisher has it",
+    )
+
+
+def prefix_frames(message: Any, prefix: str) -> None:
+    """Put a prefix before every frame that a message names.
+
+    Args:
+        message: any message; one with a header, or a list of markers or transforms.
+        prefix: such as ``robot1/``; empty changes nothing.
+    """
+    if not prefix:
+        return
+    for part in (message, *getattr(message, "markers", ()), *getattr(message, "transforms", ())):
+        if hasattr(part, "header") and part.header.frame_id:
+            part.header.frame_id = prefix + part.header.frame_id
+        if hasattr(part, "child_frame_id"):
+            part.child_frame_id = prefix + part.child_frame_id

@@ -1,0 +1,52 @@
+"""Live transforms, where `tf2_msgs` is installed: the wheels of ROS on PyPI do not have it."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from omni_ros.qos import LATCHED
+
+MISSING = "tf2_msgs is not installed: no live transforms"
+
+
+class TransformPublisher:
+    """Publishes `/tf` from poses, and frames that are fixed to the platform once.
+
+    Args:
+        node: the node that publishes.
+        fixed: transforms to the fixed frames.
+    """
+
+    def __init__(self, node: Node, fixed: list[TransformStamped]) -> None:
+        self._message = _message_class()
+        self.available = self._message is not None
+        if self._message is not None:
+            self._moving = node.create_publisher(self._message, "/tf", QoSProfile(depth=100))
+            self._fixed = node.create_publisher(self._message, "/tf_static", LATCHED)
+            if fixed:
+                self._fixed.publish(self._message(transforms=fixed))
+
+    def follow(self, odometry: Odometry) -> None:
+        """Publish the pose of an odometry message, if there is a type for it."""
+        if self._message is None:
+            return
+        place = odometry.pose.pose.position
+        transform = TransformStamped(header=odometry.header, child_frame_id=odometry.child_frame_id)
+        transform.transform.translation.x = place.x
+        transform.transform.translation.y = place.y
+        transform.transform.translation.z = place.z
+        transform.transform.rotation = odometry.pose.pose.orientation
+        self._moving.publish(self._message(transforms=[transform]))
+
+
+def _message_class() -> Any:
+    try:
+        return importlib.import_module("tf2_msgs.msg").TFMessage
+    except ImportError:
+        return None

@@ -1,0 +1,185 @@
+"""The page for a real vehicle, followed to the letter on a vehicle that is not the simulator."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bystander import Bystander
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from omni_process import WORKSPACE, omni
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import find_executable
+from omni_ros.environment import node_environment
+from omni_ros.messages import joint_state, planar_twist_with_covariance
+from omni_ros.qos import RELIABLE
+
+PAGE = WORKSPACE / "docs/real_vehicle.md"
+COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
+
+
+def commands() -> list[list[str]]:
+    """Return the words of every command of the page."""
+    blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    return [shlex.split(line) for block in blocks for line in block.splitlines()]
+
+
+class StandIn(Bystander):
+    """A vehicle that slides on and turns, whatever its brakes do."""
+
+    def __init__(self, domain: int, wheels: tuple[str, ...]) -> None:
+        super().__init__("vehicle", domain)
+        create = self.node.create_publisher
+        self.wheels = wheels
+        self.pedal = create(JointState, "brake/pedal", RELIABLE)
+        self.states = create(JointState, "wheel_states", RELIABLE)
+        self.twist = create(TwistWithCovarianceStamped, "odometry/twist", RELIABLE)
+        self.released: list[bool] = []
+        self.said = ""
+        self.node.create_subscription(JointState, "brake/enable", self._obey, RELIABLE)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._read, RELIABLE)
+        self.node.create_timer(0.01, self._step)
+        self._speed = 3.0
+        self._generator = np.random.default_rng(1)
+
+    def heard(self) -> str:
+        return f"said {self.said}, released {self.released[-5:]}"
+
+    def _obey(self, message: JointState) -> None:
+        self.released.append(min(message.effort) < 1.0)
+
+    def _read(self, message: DiagnosticArray) -> None:
+        self.said = next(v.value for v in message.status[0].values if v.key == "state")
+
+    def _step(self) -> None:
+        self._speed = max(self._speed - 0.005, 1.0)
+        stamp_ns = self.node.get_clock().now().nanoseconds
+        now = np.array([self._speed, 0.0, 0.5]) + self._generator.normal(0.0, 0.005, 3)
+        self.states.publish(joint_state(stamp_ns, self.wheels))
+        self.pedal.publish(joint_state(stamp_ns, ("pedal",), position=np.ones(1)))
+        self.twist.publish(planar_twist_with_covariance(stamp_ns, now, COVARIANCE))
+
+
+@pytest.fixture
+def parameters(tmp_path: Path) -> Path:
+    """The folder that the first command of the page writes."""
+    (first,) = [words for words in commands() if "ros-params" in words]
+    assert first[:2] == ["./omni", "ros-params"]
+    words = [str(WORKSPACE / w) if w.startswith("config/") else w for w in first[1:]]
+    folder = tmp_path / words[-1]
+    finished = omni([*words[:-1], str(folder)])
+    assert finished.returncode == 0, finished.stderr
+    assert {str(folder / "brake_assist.yaml"), str(folder / "robot.urdf")} == set(
+        finished.stdout.split()
+    )
+    return folder
+
+
+@pytest.fixture
+def vehicle(parameters: Path) -> Iterator[StandIn]:
+    """The vehicle, with the assistant that the page starts, in a namespace nobody thought of."""
+    (start,) = [words for words in commands() if "run" in words]
+    assert start[:6] == ["./omni", "exec", "ros2", "run", "omni_brake_assist", "brake_assist"]
+    given = [str(parameters.parent / w) if w.startswith("my_vehicle/") else w for w in start[6:]]
+    wheels = yaml.safe_load((parameters / "brake_assist.yaml").read_text())["/**"]
+    names = tuple(wheels["ros__parameters"]["wheels.names"])
+    with reserved_domain() as domain:
+        process = subprocess.Popen(
+            [str(find_executable("omni_brake_assist", "brake_assist")), *given],
+            env=node_environment(domain),
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            with closing(StandIn(domain, names)) as vehicle:
+                yield vehicle
+        finally:
+            process.terminate()
+            assert process.wait(20.0) == 0
+
+
+def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
+    vehicle.wait(lambda: vehicle.said == "disabled" and len(vehicle.released) > 10)
+    assert not any(vehicle.released)  # it only tells
+    (switch,) = [words for words in commands() if "param" in words]
+    assert switch[2:5] == ["ros2", "param", "set"]
+    node, name, value = switch[5:]
+    given = Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()
+    request = SetParameters.Request(parameters=[given])
+    (result,) = vehicle.call(SetParameters, f"{node}/set_parameters", request).results
+    assert result.successful
+    vehicle.wait(lambda: vehicle.said == "assisting" and vehicle.released[-1])
+    # The cable of the sensor is taken out: all brakes come on unasked.
+    vehicle.node.destroy_publisher(vehicle.twist)
+    vehicle.twist = vehicle.node.create_publisher(TwistWithCovarianceStamped, "unheard", RELIABLE)
+    vehicle.wait(lambda: vehicle.said == "stale_feedback" and not any(vehicle.released[-3:]))
+
+
+def test_the_launch_file_has_the_arguments_of_the_page() -> None:
+    (launch,) = [words for words in commands() if "launch" in words]
+    assert launch[:3] == ["ros2", "launch", "omni_bringup"]
+    file = WORKSPACE / "src/omni_bringup/launch" / launch[3]
+    declared = re.findall(r'^    "(\w+)": \(', file.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {word.partition(":=")[0] for word in launch[4:]} <= set(declared)
+    for argument in re.findall(r"`(\w+):=[^`]*`", PAGE.read_text(encoding="utf-8")):
+        assert argument in declared
+
+
+@pytest.mark.parametrize("example", sorted((WORKSPACE / "config/hardware").glob("*.yaml")), ids=str)
+def test_nodes_of_any_name_start_with_the_files_of_every_example(
+    example: Path, tmp_path: Path
+) -> None:
+    finished = omni(["ros-params", str(example), "--out", str(tmp_path)])
+    assert finished.returncode == 0, finished.stderr
+    for file in sorted(tmp_path.glob("*.yaml")):
+        package = {"brake_assist": "omni_brake_assist"}.get(file.stem, "linescan_odometry")
+        executable = {"linescan_odometry": "odometry"}.get(file.stem, file.stem)
+        # A listener that never comes: it ends by itself, once it has taken its parameters.
+        ended = subprocess.run(
+            [
+                str(find_executable(package, executable)),
+                *("--ros-args", "--params-file", str(file), "-r", "__ns:=/robot1"),
+                *("-r", "__node:=x", "-p", "subscribers:=1", "-p", "match_timeout:=0.1"),
+            ],
+            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+            check=False,
+        )
+        assert ended.returncode == 1, ended.stderr
+        assert "/robot1/" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("wheels: {}", "wheels: is required"),
+        ("wheel: {}", "wheel: is not one of wheels"),
+        ("[]", "must contain a mapping"),
+        ("wheels: {a: {x: 1, y: 0, roller_angle_deg: 0, radius: 1.0e+308}}", "radius"),
+        ("{" * 5000, "is not valid YAML"),
+    ],
+)
+def test_what_does_not_describe_a_vehicle_is_refused_by_name(
+    text: str, words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text(text)
+    finished = omni(["ros-params", str(file), "--out", str(tmp_path / "out")])
+    assert finished.returncode == 2
+    assert words in finished.stderr
+    assert len(finished.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
