@@ -37,6 +37,7 @@ from omni_brake_assist.laws.wheel_model import (
 from omni_platform.geometry import PlatformGeometry, cross
 
 _GRAVITY = 9.81
+_PERIOD = 0.01  # of control, where no time has passed yet [s]
 _TARGET_SLIP = 0.15
 _STANDING = 0.02  # share of the fastest hub's speed below which a wheel is locked [1]
 _FORCE_SHARE = 0.7  # of a newly observed force [1]
@@ -58,6 +59,9 @@ _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
 _AT_BOUND = 0.98
+_HORIZON = 3  # periods over which the pattern of valves is predicted
+_MOST_PATTERNS = 8  # wheels of which all patterns are compared
+_VALVE_TURN_WEIGHT = 30.0
 
 WHEEL = np.dtype(
     [
@@ -200,8 +204,16 @@ def step(
         memory.wheel[i].speed = motion.wheel_speed[i]
         sliding = wheels.hub[i] - wheels.rim[i] * wheels.spin[i]
         error[i] = sliding - _TARGET_SLIP * law.radius[i] * wheels.spin[i]
-    wanted = _allocate(law, memory, motion, wheels)
-    _brake(law, memory, motion, wheels, wanted, enable)
+    total = 1e-9
+    for i in range(error.size):
+        total += memory.wheel[i].capacity
+    task = _task(law, memory, motion, wheels, total)
+    _allocate(memory, wheels, task, total)
+    if law.brake.grain >= 1.0:
+        _choose(law, memory, motion, wheels, task, enable)
+    else:
+        _share_out(law, memory, motion, wheels, enable)
+    _remember(law, memory, motion, enable)
     body.steps += 1
     return ASSIST
 
@@ -288,15 +300,14 @@ def _explain(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) ->
 @njit(cache=True, nogil=True, error_model="numpy")
 def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
     """Learn what the wheels can bear: down by a slide, up where none came."""
-    period = 0.01
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         capacity = wheel.capacity
         if memory.body[0].steps > _SHY_STEPS:
             if wheels.slip[i] > 0.6 * _TARGET_SLIP:
-                capacity += min(period / _LEARNING_TIME, 1.0) * (wheel.force - capacity)
+                capacity += min(_PERIOD / _LEARNING_TIME, 1.0) * (wheel.force - capacity)
             elif wheel.wanted > 0.9 * capacity:
-                capacity += period / _GROWTH_TIME * capacity
+                capacity += _PERIOD / _GROWTH_TIME * capacity
         most = law.brake.max_torque / wheels.rim[i]
         wheel.capacity = min(max(capacity, wheel.force, 1.0), most)
 
@@ -360,17 +371,14 @@ def _turn_rate(law: Constants, body: Any, side: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _allocate(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> FloatArray:
-    """Return the forces with the largest deceleration that heading and line allow [N], (N,)."""
-    n = law.rim.size
+def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> None:
+    """Want the forces with the largest deceleration that heading and line allow."""
+    n = wheels.hub.size
     wheel = memory.wheel
     upper, wanted = np.empty(n), np.empty(n)
-    total = 1e-9
     for i in range(n):
-        total += wheel[i].capacity
         upper[i] = wheel[i].capacity if wheels.stands[i] == 0.0 else 0.0
         wanted[i] = wheel[i].wanted
-    task = _task(law, memory, motion, wheels, total)
     hessian, linear = np.zeros((n, n)), task.along.copy()
     for i in range(n):
         for j in range(n):
@@ -387,7 +395,8 @@ def _allocate(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -
             line_kept = _keep(
                 task.across, task.left, task.right, _LINE_WEIGHT, hessian, linear, upper, wanted
             )
-    return wanted
+    for i in range(n):
+        wheel[i].wanted = wanted[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -417,63 +426,153 @@ def _keep(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _brake(
+def _in_time(
+    law: Constants, memory: Memory, wheels: _Wheels, hub: float, dt: float, i: int
+) -> tuple[float, float, float]:
+    """Return speed [rad/s], torque [N m] and force [N] of a wheel when a new torque reaches it.
+
+    Until then the brake does what it has been told already.
+    """
+    wheel = memory.wheel[i]
+    spin, torque, force = wheels.spin[i], wheel.torque, wheel.force
+    delay = law.brake.dead_time / dt
+    newest = int(memory.body[0].steps % QUEUE) - 1
+    for k in range(math.ceil(delay - 1e-9)):
+        asked = asked_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
+        torque, mean = lagged(law.brake, torque, asked, dt)
+        spin, force = turn_on(
+            spin,
+            mean,
+            hub,
+            wheel.capacity,
+            _TARGET_SLIP,
+            wheels.rim[i],
+            law.radius[i],
+            law.inertia,
+            dt,
+        )
+    return spin, torque, force
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share_out(
+    law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, enable: FloatArray
+) -> None:
+    """Turn the wanted forces into shares of the torque of proportional brakes."""
+    body, brake = memory.body[0], law.brake
+    dt = motion.dt if motion.dt > 0.0 else _PERIOD
+    slowing = body.slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
+    most = brake.max_torque * motion.pedal
+    servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
+    for i in range(enable.size):
+        wheel = memory.wheel[i]
+        hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
+        spin, torque, force = _in_time(law, memory, wheels, hub, dt, i)
+        goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+        expected = force + _FORESIGHT * (wheel.capacity - force)
+        need = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
+        if wheel.wanted < _AT_BOUND * wheel.capacity:
+            need = min(need, wheels.rim[i] * wheel.wanted + law.inertia * spin * slowing)
+        if brake.time_constant > 0.0:  # leads the lag
+            need = torque + (need - torque) / -math.expm1(-2.0 * dt / brake.time_constant)
+        if wheels.stands[i] != 0.0:
+            need = most
+        enable[i] = min(max(need / most, 0.0), 1.0)
+        if brake.grain > 0.0:
+            enable[i] = min(math.floor(enable[i] / brake.grain + 0.5) * brake.grain, 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _choose(
     law: Constants,
     memory: Memory,
     motion: Motion,
     wheels: _Wheels,
-    wanted: FloatArray,
+    task: _Task,
     enable: FloatArray,
 ) -> None:
-    """Turn forces into shares of the brake torque."""
-    body, brake = memory.body[0], law.brake
-    dt = motion.dt if motion.dt > 0.0 else 0.01
-    slowing = body.slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
-    newest = int(body.steps % QUEUE)
+    """Open and shut valves in the pattern whose predicted forces do the task best.
+
+    Each wheel's force is predicted for either case over the next periods; all patterns of few
+    wheels are compared, of more the best that single changes lead to.
+    """
+    n = enable.size
+    brake, dt = law.brake, (motion.dt if motion.dt > 0.0 else _PERIOD)
+    slowing = memory.body[0].slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
     most = brake.max_torque * motion.pedal
-    delay = brake.dead_time / dt
-    ahead = brake.dead_time + dt
-    servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
-    for i in range(wanted.size):
-        wheel = memory.wheel[i]
-        # What is on its way to the brake.
-        spin, torque, force = wheels.spin[i], wheel.torque, wheel.force
-        hub = wheels.hub[i] * (1.0 - min(slowing * ahead, 0.5))
-        steps = math.ceil(delay - 1e-9)
-        for k in range(steps):
-            asked = (
-                asked_at(memory.sent, newest - 1, delay - 1.0 - k, i)
-                if delay - 1.0 - k >= 0.0
-                else 0.0
-            )
-            torque, mean = lagged(brake, torque, asked, dt)
-            spin, force = turn_on(
-                spin,
-                mean,
-                hub,
-                wheel.capacity,
-                _TARGET_SLIP,
-                wheels.rim[i],
-                law.radius[i],
-                law.inertia,
-                dt,
-            )
-        goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
-        expected = force + _FORESIGHT * (wheel.capacity - force)
-        servo = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
-        need = servo
-        if wanted[i] < _AT_BOUND * wheel.capacity:
-            need = min(servo, wheels.rim[i] * wanted[i] + law.inertia * spin * slowing)
-        if brake.time_constant > 0.0:  # leads the lag
-            lead = -math.expm1(-2.0 * dt / brake.time_constant)
-            need = torque + (need - torque) / lead
+    horizon = _HORIZON + math.ceil(brake.time_constant / dt)
+    forces = np.empty((2, n))
+    for i in range(n):
+        hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
+        start = _in_time(law, memory, wheels, hub, dt, i)
+        for state in range(2):
+            spin, torque, total = start[0], start[1], 0.0
+            for _ in range(horizon):
+                torque, mean = lagged(brake, torque, most * state, dt)
+                spin, force = turn_on(
+                    spin,
+                    mean,
+                    hub,
+                    memory.wheel[i].capacity,
+                    _TARGET_SLIP,
+                    wheels.rim[i],
+                    law.radius[i],
+                    law.inertia,
+                    dt,
+                )
+                total += force
+            forces[state, i] = total / horizon
+        enable[i] = 1.0
+    if n <= _MOST_PATTERNS:
+        best, chosen = math.inf, 0
+        for pattern in range(1, 1 << n):
+            for i in range(n):
+                enable[i] = float((pattern >> i) & 1)
+            cost = _cost(task, wheels, forces, enable)
+            if cost < best:
+                best, chosen = cost, pattern
+        for i in range(n):
+            enable[i] = float((chosen >> i) & 1)
+        return
+    best = _cost(task, wheels, forces, enable)
+    for _ in range(2 * n):
+        changed = -1
+        for i in range(n):
+            enable[i] = 1.0 - enable[i]
+            cost = _cost(task, wheels, forces, enable)
+            if cost < best:
+                best, changed = cost, i
+            enable[i] = 1.0 - enable[i]
+        if changed < 0:
+            return
+        enable[changed] = 1.0 - enable[changed]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cost(task: _Task, wheels: _Wheels, forces: FloatArray, enable: FloatArray) -> float:
+    """Return how badly a pattern of valves does the task; standing wheels should be locked."""
+    along, across, turns, cost = 0.0, 0.0, 0.0, 0.0
+    for i in range(enable.size):
+        state = 1 if enable[i] != 0.0 else 0
         if wheels.stands[i] != 0.0:
-            need = most
-        need = min(max(need, 0.0), most)
-        enable[i] = need / most
-        if brake.grain > 0.0:
-            enable[i] = min(math.floor(enable[i] / brake.grain + 0.5) * brake.grain, 1.0)
-        memory.sent[newest, i] = enable[i] * most
-        wheel.wanted = wanted[i]
-        asked = asked_at(memory.sent, newest, delay, i)
-        wheel.torque, wheel.mean = lagged(brake, wheel.torque, asked, dt)
+            cost += 1.0 - enable[i]
+            continue
+        along += task.along[i] * forces[state, i]
+        across += task.across[i] * forces[state, i]
+        turns += task.turns[i] * forces[state, i]
+    turned = max(task.least - turns, turns - task.most, 0.0)
+    pushed = max(task.left - across, across - task.right, 0.0)
+    cost += (1.0 - along) ** 2 + _VALVE_TURN_WEIGHT * turned * turned
+    return cost + _LINE_WEIGHT * pushed * pushed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _remember(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
+    """Keep what is asked of the brakes, and what they will do until the next step."""
+    dt = motion.dt if motion.dt > 0.0 else _PERIOD
+    newest = int(memory.body[0].steps % QUEUE)
+    for i in range(enable.size):
+        wheel = memory.wheel[i]
+        memory.sent[newest, i] = enable[i] * law.brake.max_torque * motion.pedal
+        asked = asked_at(memory.sent, newest, law.brake.dead_time / dt, i)
+        wheel.torque, wheel.mean = lagged(law.brake, wheel.torque, asked, dt)
