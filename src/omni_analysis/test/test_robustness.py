@@ -7,6 +7,7 @@ import dataclasses
 import os
 import signal
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,10 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
-from omni_analysis.campaign import distribute as campaign
-from omni_analysis.campaign.distribute import ResultTable, connected, run_campaign, run_chunk
-from omni_analysis.campaign.random_braking import RandomBraking, draw, experiment_file
+from omni_analysis.campaign import runner
+from omni_analysis.campaign.random_braking import RandomBraking, draw
 from omni_analysis.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
+from omni_analysis.campaign.runner import ResultTable, connected, distribute
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyRun, robustness
@@ -47,7 +48,7 @@ def client() -> Iterator[Client]:
 @pytest.mark.parametrize("seed", [0, 1, 2, 7, SENSOR_FAILS])
 def test_the_file_of_a_run_is_that_run(braking: RandomBraking, seed: int, tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
-    path.write_text(experiment_file(seed, "worst: of all"))
+    path.write_text(braking.experiment_file(seed, "worst: of all"))
     library = ExperimentLibrary(CONFIG)
     assert set(library.variants(str(path))) == {"unassisted", "assisted"}
     for variant, configuration in braking.configurations(draw(seed)).items():
@@ -114,33 +115,45 @@ def test_without_its_cause_a_run_keeps_the_limit(braking: RandomBraking) -> None
     assert violations(compare(braking, drawn)) == ()
 
 
-def test_a_killed_worker_loses_no_run_and_changes_none(
-    braking: RandomBraking, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_worker_loses_no_run_and_changes_none(braking: RandomBraking) -> None:
     seeds = range(40)
-    monkeypatch.setattr(campaign, "CHUNK", 4)
-    expected = {result.seed: result for result in run_chunk(seeds, braking)}
+    work = partial(outcome, braking)
+    expected = {seed: work(seed) for seed in seeds}
     found: list[Outcome] = []
     killed: list[int] = []
     with connected(None, 2) as processes:
 
-        def on_results(results: list[Outcome]) -> None:
+        def take(results: list[Outcome]) -> None:
             found.extend(results)
             if not killed:
                 killed.extend(processes.run(os.getpid).values())
                 os.kill(killed[0], signal.SIGKILL)
 
-        run_campaign(processes, braking, seeds, on_results)
+        distribute(processes, work, seeds, take)
     assert len(killed) == 2
     assert sorted(result.seed for result in found) == list(seeds)
     assert {result.seed: result for result in found} == expected
+
+
+def test_what_is_not_drawn_can_be_changed(tmp_path: Path) -> None:
+    library = ExperimentLibrary(CONFIG)
+    law = "brake_assist.law=omni_brake_assist.laws.sliding_mode:SlidingMode"
+    changed = RandomBraking(library, ["brake_assist.weighting=zero", law])
+    path = tmp_path / "run.yaml"
+    path.write_text(changed.experiment_file(3, "why not"))
+    loaded = library.load(str(path), "assisted").brake_assist
+    assert loaded == changed.configurations(draw(3))["assisted"].brake_assist
+    assert (loaded.weighting, loaded.k) == ("zero", 7)
+    assert changed.fingerprint != RandomBraking(library).fingerprint
+    with pytest.raises(ConfigurationError, match="the campaign draws that"):
+        RandomBraking(library, ["maneuver.speed=3"])
 
 
 def test_an_interrupted_campaign_goes_on(
     client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     library = ExperimentLibrary(CONFIG)
-    monkeypatch.setattr(campaign, "CHUNK", 3)
+    monkeypatch.setattr(runner, "CHUNK_TIME", 1e-6)
 
     def run(folder: Path, interrupt_at: float = 2.0, *, resume: bool = False) -> None:
         folder.mkdir(exist_ok=True)
@@ -180,19 +193,23 @@ def test_an_interrupted_campaign_goes_on(
 def test_a_table_that_was_cut_off_loses_its_last_line_only(tmp_path: Path) -> None:
     path = tmp_path / "runs.csv"
     exact = FINE._replace(distance_assisted=float(np.nextafter(6.0, 7.0)), orientation="noise")
-    with ResultTable(path, "abc", resume=False) as table:
+    table: ResultTable[Outcome] = ResultTable(path, Outcome, "abc", resume=False)
+    with table:
         table.add([exact._replace(seed=2), FINE])
         assert len(path.read_text().splitlines()) == 4
     whole = path.read_text()
-    assert ResultTable(path, "abc", resume=True).results == {1: FINE, 2: exact._replace(seed=2)}
+    assert ResultTable(path, Outcome, "abc", resume=True).results == {
+        1: FINE,
+        2: exact._replace(seed=2),
+    }
     path.write_text(whole[:-5])
-    assert ResultTable(path, "abc", resume=True).results == {1: FINE}
+    assert ResultTable(path, Outcome, "abc", resume=True).results == {1: FINE}
     with pytest.raises(ConfigurationError, match="--resume"):
-        ResultTable(path, "def", resume=True)
-    assert not ResultTable(path, "def", resume=False).results
+        ResultTable(path, Outcome, "def", resume=True)
+    assert not ResultTable(path, Outcome, "def", resume=False).results
 
 
 def test_a_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(campaign, "_CONNECT_TIME", 0.2)
-    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9", None):
+    monkeypatch.setattr(runner, "_CONNECT_TIME", 0.2)
+    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9", 1):
         pass

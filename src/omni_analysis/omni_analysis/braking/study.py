@@ -28,9 +28,8 @@ from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLib
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.options import LoopOptions
 from omni_analysis.studies import StudyResult, StudyRun
-from omni_platform.command_options import overrides_option
-from omni_platform.configuration import Configuration
 
 FloatArray = NDArray[np.float64]
 
@@ -103,7 +102,7 @@ def run_experiment(
     }
     histories, feedback = {}, {}
     for variant, configuration in configurations.items():
-        if configuration.feedback == "velocity_sensor":
+        if not configuration.hears_lines:
             run = run_fast_loop(configuration)
             histories[variant], feedback[variant] = run.history(), run.feedback
         else:
@@ -112,11 +111,7 @@ def run_experiment(
     return ExperimentRuns(configurations, histories, feedback)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BrakingOptions(Configuration):
-    """Options of a study of one experiment."""
-
-    overrides: tuple[str, ...] = overrides_option()
+BrakingOptions = LoopOptions
 
 
 Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
@@ -134,7 +129,7 @@ def braking_study(
     """
 
     def run(options: BrakingOptions, study: StudyRun) -> StudyResult:
-        runs = run_experiment(study.library, experiment, list(options.overrides))
+        runs = run_experiment(study.library, experiment, options.changes)
         return StudyResult(runs.metrics, draw(runs, drawings, study.folder))
 
     return run

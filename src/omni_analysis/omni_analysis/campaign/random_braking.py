@@ -13,13 +13,19 @@ import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import yaml
 
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.configuration import to_mapping
+from omni_analysis.loop.experiment import (
+    ExperimentConfiguration,
+    ExperimentLibrary,
+    merge,
+    parse_override,
+)
+from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.loads import MassConfiguration
@@ -34,7 +40,15 @@ VEHICLES = {
 }
 
 _BASE = "straight_line"
-_VARIANTS = {"unassisted": False, "assisted": True}
+_SWITCHES: dict[str, dict[str, Any]] = {
+    "unassisted": {"enabled": False},
+    "assisted": {"enabled": True},
+}
+# Section 3.5 and straight_line: the enhanced weighting with k = 7.
+_LAW = {"weighting": "enhanced", "k": 7}
+# What a change may not be of.
+_DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
+          "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
 # An assistant that is told to put up with noise, as in config/experiments/ice_patch_noisy.yaml.
 _TOLERANT = {"maximum_speed_deviation": 1.0, "speed_noise": 3.0}
 
@@ -46,12 +60,21 @@ class RandomBraking:
 
     Args:
         library: where the vehicles are.
+        changes: ``dotted.key=value`` texts, laid over what is not drawn.
+
+    Raises:
+        ConfigurationError: a change does not fit, or is of what is drawn.
     """
 
-    def __init__(self, library: ExperimentLibrary) -> None:
+    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
+        for change in changes:
+            if change.startswith(_DRAWN):
+                raise ConfigurationError("--set", f"{change!r}: the campaign draws that")
+        self._changes = tuple(changes)
+        law = [f"brake_assist.{name}={value}" for name, value in _LAW.items()]
+        fixed = ["feedback=velocity_sensor", *law, *changes]
         self._bases = {
-            name: library.load(_BASE, "assisted", [f"vehicle={name}", "feedback=velocity_sensor"])
-            for name in VEHICLES
+            name: library.load(_BASE, "assisted", [f"vehicle={name}", *fixed]) for name in VEHICLES
         }
 
     @property
@@ -86,8 +109,41 @@ class RandomBraking:
                     base.brake_assist, **drawn["brake_assist"], **switch
                 ),
             )
-            for variant, switch in _switches().items()
+            for variant, switch in _SWITCHES.items()
         }
+
+    def experiment_file(self, seed: int, words: str) -> str:
+        """Return the text of an experiment file that runs a seed, unassisted and assisted.
+
+        Args:
+            seed: of the run.
+            words: why it is worth replaying.
+        """
+        drawn = draw(seed)
+        ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
+        common: Tree = {"brake_assist": _LAW}
+        for change in self._changes:
+            common = merge(common, parse_override(change))
+        common = merge(common, {"vehicle": {"load": drawn["load"]}})
+        document = {
+            "description": f"Robustness run {seed}: {words}",
+            "seed": seed,
+            "vehicle": drawn["vehicle"],
+            "ground": ground,
+            "sensors": "three_generic",
+            "feedback": "velocity_sensor",
+            "maneuver": drawn["maneuver"],
+            "velocity_sensor": drawn["velocity_sensor"],
+            "variants": {
+                # Copies: the writer would make references of one and the same load.
+                variant: copy.deepcopy(
+                    merge(common, {"brake_assist": drawn["brake_assist"] | switch})
+                )
+                for variant, switch in _SWITCHES.items()
+            },
+        }
+        text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+        return text
 
 
 def draw(seed: int) -> Tree:
@@ -119,41 +175,6 @@ def draw(seed: int) -> Tree:
         "velocity_sensor": _sensor(random, maneuver["brake_time"]),
         "brake_assist": dict(_TOLERANT) if random.random() < 0.5 else {},
     }
-
-
-def experiment_file(seed: int, words: str) -> str:
-    """Return the text of an experiment file that runs a seed, unassisted and assisted.
-
-    Args:
-        seed: of the run.
-        words: why it is worth replaying.
-    """
-    drawn = draw(seed)
-    ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
-    common = {"vehicle": {"load": drawn["load"]}}
-    document = {
-        "description": f"Robustness run {seed}: {words}",
-        "seed": seed,
-        "vehicle": drawn["vehicle"],
-        "ground": ground,
-        "sensors": "three_generic",
-        "feedback": "velocity_sensor",
-        "maneuver": drawn["maneuver"],
-        "velocity_sensor": drawn["velocity_sensor"],
-        "variants": {
-            # Copies: the writer would make references of one and the same load.
-            variant: copy.deepcopy(common) | {"brake_assist": drawn["brake_assist"] | switch}
-            for variant, switch in _switches().items()
-        },
-    }
-    text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
-    return text
-
-
-def _switches() -> dict[str, Tree]:
-    # Section 3.5 and straight_line: the enhanced weighting with k = 7.
-    law = {"weighting": "enhanced", "k": 7}
-    return {variant: {"enabled": enabled, **law} for variant, enabled in _VARIANTS.items()}
 
 
 def _number(random: np.random.Generator, low: float, high: float, digits: int = 3) -> float:

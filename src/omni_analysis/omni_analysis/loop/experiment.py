@@ -156,7 +156,7 @@ class ExperimentLibrary:
                 join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
             )
         for layer in (changes, *(parse_override(text) for text in overrides)):
-            tree = _merge(tree, self._resolve(layer))
+            tree = merge(tree, self._resolve(layer))
         # The nodes are told where things are mounted, unless an experiment misleads them.
         _tell(tree, "odometry", "sensors", tree.get("sensors"))
         vehicle = tree.get("vehicle")
@@ -246,7 +246,7 @@ def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentC
     if not isinstance(tree, dict):
         raise ConfigurationError("configuration", "must contain a mapping of names to values")
     for override in overrides:
-        tree = _merge(tree, parse_override(override))
+        tree = merge(tree, parse_override(override))
     return from_mapping(ExperimentConfiguration, tree)
 
 
@@ -307,7 +307,7 @@ def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
     """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
     told = tree.get(node, {})
     if isinstance(told, Mapping) and truth is not None:
-        tree[node] = _merge({name: truth}, told)
+        tree[node] = merge({name: truth}, told)
 
 
 def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
@@ -317,13 +317,13 @@ def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
         )
 
 
-def _merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
     """Lay one tree over another; mappings merge, anything else replaces."""
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)
         if isinstance(value, Mapping) and isinstance(below, Mapping) and type(value) is dict:
-            merged[key] = _merge(below, value)
+            merged[key] = merge(below, value)
         else:
             merged[key] = value
     return merged

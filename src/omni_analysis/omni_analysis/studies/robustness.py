@@ -9,19 +9,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.campaign.distribute import (
-    ResultTable,
-    connected,
-    interruptible,
-    run_campaign,
-    run_chunk,
-)
 from omni_analysis.campaign.figures import draw_distributions, draw_runs
-from omni_analysis.campaign.random_braking import VEHICLES, RandomBraking, experiment_file
+from omni_analysis.campaign.random_braking import VEHICLES, RandomBraking
 from omni_analysis.campaign.robustness import (
     CAUSES,
     DISTANCE_FACTOR,
@@ -30,76 +24,46 @@ from omni_analysis.campaign.robustness import (
     ORIENTATION_LIMIT,
     SHORTEST_DISTANCE,
     Outcome,
+    outcome,
 )
+from omni_analysis.campaign.runner import CampaignOptions, run_campaign
 from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
+from omni_analysis.loop.options import LoopOptions
 from omni_analysis.studies import StudyResult, StudyRun
-from omni_platform.command_options import option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import parameter
 
 _WORST = 3  # cases to replay, of orientation and of distance each
 _PERCENTILES = (50, 95, 100)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CampaignOptions, LoopOptions):
     """What is run, and where."""
 
     runs: int = parameter(1000, description="number of runs", minimum=1, maximum=10_000_000)
     seed: int = parameter(0, description="seed of the first run; the others follow", minimum=0)
-    workers: int | None = parameter(
-        None,
-        description="processes on this machine (default: one on every core)",
-        minimum=1,
-        maximum=1024,
-    )
-    scheduler: str | None = option(
-        None,
-        metavar="tcp://HOST:PORT",
-        description="run on this dask.distributed cluster, whose workers have this workspace",
-    )
-    resume: bool = parameter(
-        False,
-        description="keep the finished runs of an interrupted or shorter campaign and run what is "
-        "missing",
-    )
-
-    def check_consistency(self) -> None:
-        """Refuse a number of workers where the cluster decides."""
-        if self.workers is not None and self.scheduler is not None:
-            raise ConfigurationError("workers", "does not go with --scheduler, which has its own")
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
-    braking = RandomBraking(study.library)
-    seeds = range(options.seed, options.seed + options.runs)
-    table = ResultTable(study.folder / "runs.csv", braking.fingerprint, resume=options.resume)
-    missing = [seed for seed in seeds if seed not in table.results]
-    if missing:
-        try:
-            with interruptible(), table:
-                # Compiles what is not compiled yet, before all workers would at once.
-                table.add(run_chunk(missing[:1], braking))
-                with connected(options.scheduler, options.workers) as client:
-
-                    def on_results(results: list[Outcome]) -> None:
-                        table.add(results)
-                        done = sum(seed in table.results for seed in seeds)
-                        study.report(done / len(seeds), f"{done} of {len(seeds)} runs")
-
-                    run_campaign(client, braking, missing[1:], on_results)
-        except KeyboardInterrupt:
-            finished = len(table.results)
-            raise KeyboardInterrupt(f"{finished} runs are kept, --resume goes on") from None
-    results = [table.results[seed] for seed in seeds]
+    braking = RandomBraking(study.library, options.changes)
+    results = run_campaign(
+        partial(outcome, braking),
+        range(options.seed, options.seed + options.runs),
+        Outcome,
+        options,
+        study.folder / "runs.csv",
+        braking.fingerprint,
+        study.report,
+    )
     files = [
         study.folder / "runs.csv",
         _write_violations(results, study.folder / "violations.csv"),
         save_figure(draw_runs(results), study.folder / "runs.png"),
         save_figure(draw_distributions(results), study.folder / "distributions.png"),
-        *_write_worst(results, study.folder),
+        *_write_worst(results, braking, study.folder),
     ]
     return StudyResult(_metrics(results), tuple(files), _findings(results))
 
@@ -173,7 +137,7 @@ def _write_violations(results: Sequence[Outcome], path: Path) -> Path:
     return write_columns(path, columns)
 
 
-def _write_worst(results: Sequence[Outcome], folder: Path) -> list[Path]:
+def _write_worst(results: Sequence[Outcome], braking: RandomBraking, folder: Path) -> list[Path]:
     """Write an experiment file for each of the worst cases, and remove those of another time."""
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
@@ -186,11 +150,9 @@ def _write_worst(results: Sequence[Outcome], folder: Path) -> list[Path]:
                 f"{result.distance_assisted:.2f} m assisted"
             )
             cause = getattr(result, limit)
+            words += f"; cause: {cause}" if cause else ""
             path = folder / f"worst_{limit}_{rank}.yaml"
-            path.write_text(
-                experiment_file(result.seed, words + (f"; cause: {cause}" if cause else "")),
-                encoding="utf-8",
-            )
+            path.write_text(braking.experiment_file(result.seed, words), encoding="utf-8")
             files.append(path)
     return files
 

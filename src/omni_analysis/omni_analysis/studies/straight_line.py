@@ -45,7 +45,7 @@ def overrides(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the experiment on the velocity sensor, as the dissertation did, and draw its figures."""
-    chosen = [*overrides(study.library, options.vehicle), *options.overrides]
+    chosen = [*overrides(study.library, options.vehicle), *options.changes]
     runs = run_experiment(study.library, "straight_line", chosen)
     files = draw(runs, _FIGURES, study.folder)
     metrics = runs.metrics

@@ -16,6 +16,7 @@ import numpy as np
 from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
+from omni_analysis.loop.options import LoopOptions
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.tuning import figures as tuning_figures
 from omni_analysis.tuning.trials import (
@@ -29,14 +30,14 @@ from omni_analysis.tuning.trials import (
     recommended,
     situations,
 )
-from omni_platform.command_options import option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.command_options import option
+from omni_platform.configuration import ConfigurationError, parameter
 
 Cost = tuple[BrakeLag, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(LoopOptions):
     """What is tried, and within which limits one is recommended."""
 
     vehicle: str | None = parameter(
@@ -78,13 +79,12 @@ class Options(Configuration):
         8, minimum=1, description="slightly different maneuvers that a setting is judged by"
     )
     seed: int = parameter(1, description="of the situations", minimum=0)
-    overrides: tuple[str, ...] = overrides_option()
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Try every setting, and recommend one within the limits."""
     overrides = [f"vehicle={options.vehicle}"] if options.vehicle else []
-    overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.overrides]
+    overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.changes]
     variant = study.library.variants(options.experiment)[0]
     base = study.library.load(options.experiment, variant, overrides)
     brake = base.vehicle.brake

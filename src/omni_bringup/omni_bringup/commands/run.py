@@ -14,18 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from omni_analysis.loop.options import LoopOptions
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.interruption import clean_up_on_signals
-from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import ConfigurationError, parameter
 
 if TYPE_CHECKING:
     from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
     from omni_bringup.graph.run_variant import Progress, VariantResult
 
+REPLACEABLE = ("brake_assist", "linescan_odometry")
+"""Nodes whose place a node of the user's own may take."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(LoopOptions):
     """Options of ``omni run``."""
 
     experiment: str = option(
@@ -40,7 +44,6 @@ class Options(Configuration):
         metavar="DIR",
         description="folder of the recordings and figures (default: bags/EXPERIMENT/TIME)",
     )
-    overrides: tuple[str, ...] = overrides_option()
     ground: str | None = option(
         None,
         metavar="NAME|PICTURE",
@@ -64,7 +67,26 @@ class Options(Configuration):
         description="wait for the disk at every flush, so that a power cut too loses at most a "
         "second",
     )
+    replace: tuple[str, ...] = option(
+        (),
+        metavar="NODE=external",
+        description="do not start brake_assist or linescan_odometry; a node of your own in the "
+        "same ROS_DOMAIN_ID answers",
+    )
     json: bool = json_option()
+
+    @property
+    def external(self) -> frozenset[str]:
+        """Nodes that are not started."""
+        return frozenset(words.partition("=")[0] for words in self.replace)
+
+    def check_consistency(self) -> None:
+        """Refuse the replacement of what cannot be replaced."""
+        for words in self.replace:
+            node, _, by = words.partition("=")
+            if node not in REPLACEABLE or by != "external":
+                known = ", ".join(f"{name}=external" for name in REPLACEABLE)
+                raise ConfigurationError("--replace", f"{words!r} must be one of {known}")
 
 
 def run(options: Options, workspace: Path) -> int:
@@ -99,6 +121,7 @@ def run(options: Options, workspace: Path) -> int:
                     lockstep=not options.real_time,
                     on_progress=on_progress,
                     recording=RecordingOptions(options.compression, options.fsync),
+                    external=options.external,
                 )
             write_summary(_document(options.experiment, [result]), result.folder)
             results.append(result)
@@ -138,7 +161,7 @@ def _compose(library: ExperimentLibrary, options: Options) -> dict[str, Experime
         # The second may have been meant to be another.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
-    overrides = (*ground_overrides(options.ground, options.dpi), *options.overrides)
+    overrides = (*ground_overrides(options.ground, options.dpi), *options.changes)
     configurations = {
         variant: library.load(options.experiment, variant, overrides) for variant in variants
     }

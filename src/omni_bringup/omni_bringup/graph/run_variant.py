@@ -6,7 +6,7 @@ import dataclasses
 import math
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,7 @@ def run_variant(
     lockstep: bool = True,
     on_progress: Progress = lambda _: None,
     recording: graph.RecordingOptions = _PLAIN_RECORDING,
+    external: Collection[str] = (),
 ) -> VariantResult:
     """Run one variant over real processes in a ROS domain of its own and record it.
 
@@ -75,6 +76,7 @@ def run_variant(
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
         on_progress: called with time [s], speed [m/s] and share [0..1] as the run goes on.
         recording: how it is recorded.
+        external: nodes that are not started, because somebody else answers in their place.
 
     Raises:
         RunError: a node ended, fell silent or lost data; the message says which.
@@ -88,6 +90,7 @@ def run_variant(
             lockstep=lockstep,
             on_progress=on_progress,
             recording=recording,
+            external=external,
         )
     return measured(report, variant, folder)
 
@@ -124,9 +127,11 @@ def _run_graph(
     lockstep: bool,
     on_progress: Progress,
     recording: graph.RecordingOptions,
+    external: Collection[str],
 ) -> dict[str, Any]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
     nodes = graph.run_nodes(configuration, folder, scratch, lockstep=lockstep, recording=recording)
+    nodes = [node for node in nodes if node.name not in external]
     try:
         with process_group(node_environment(domain)) as group:
             recorder, *_, simulator = [group.start(node) for node in nodes]

@@ -1,0 +1,32 @@
+"""Options of every command that runs the loop: what is changed, and parts from outside."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from omni_platform.command_options import option, overrides_option
+from omni_platform.configuration import Configuration
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LoopOptions(Configuration):
+    """What is changed of an experiment."""
+
+    overrides: tuple[str, ...] = overrides_option()
+    law: str | None = option(
+        None,
+        metavar="NAME",
+        description="control law, built in or my_module:MyLaw; stands for --set brake_assist.law=",
+    )
+    odometry: str | None = option(
+        None,
+        metavar="MODULE:CLASS",
+        description="your own odometry, whose lines are rendered; stands for --set feedback=",
+    )
+
+    @property
+    def changes(self) -> list[str]:
+        """All of them as ``dotted.key=value`` texts."""
+        law = [f"brake_assist.law={self.law}"] if self.law is not None else []
+        odometry = [f"feedback={self.odometry}"] if self.odometry is not None else []
+        return [*law, *odometry, *self.overrides]

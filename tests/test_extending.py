@@ -1,0 +1,77 @@
+"""The page on parts of one's own is followed to the letter."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from omni_process import RUN_TIMEOUT, WORKSPACE, omni_environment
+
+# What ./omni does once its environment is there.
+LAUNCHER = f"""#!/bin/sh
+if [ "$1" = exec ]; then shift 2; exec {sys.executable} "$@"; fi
+exec {sys.executable} -m omni_bringup.cli "$@"
+"""
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of somebody who has followed the page."""
+    folder = tmp_path_factory.mktemp("reader")
+    (folder / "omni").write_text(LAUNCHER)
+    (folder / "omni").chmod(0o755)
+    page = (WORKSPACE / "docs/extending.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(\w+)\n(.*?)```", page, re.DOTALL)
+    assert [kind for kind, _ in blocks].count("python") == 3
+    for number, (kind, text) in enumerate(blocks):
+        if kind == "python":
+            (folder / text.splitlines()[0].removeprefix("# ")).write_text(text)
+            continue
+        done = subprocess.run(
+            ["sh", "-e", "-c", text],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=RUN_TIMEOUT,
+            check=False,
+            env=omni_environment(),
+        )
+        assert done.returncode == 0, f"block {number}: {done.stderr}"
+    return folder
+
+
+def value(folder: Path, name: str) -> float:
+    metrics = json.loads((folder / "summary.json").read_text())["metrics"]
+    return float(metrics[name]["value"])
+
+
+def test_a_law_brakes_in_studies_and_campaigns(followed: Path) -> None:
+    study = followed / "braked"
+    assisted, unassisted = (
+        value(study, f"orientation_change.{variant}") for variant in ("assisted", "unassisted")
+    )
+    assert assisted < 0.3 * unassisted
+    assert value(study, "brake_switchings.assisted") > 0
+    assert value(followed / "campaign", "runs.all") == 20
+    text = (followed / "campaign/worst_distance_1.yaml").read_text()
+    assert "my_law:BrakeTheSpin" in text
+
+
+def test_an_odometry_is_believed_over_the_graph(followed: Path) -> None:
+    run = followed / "run/assisted"
+    assert value(run, "twist_rmse.assisted") < 0.2
+    assert value(run, "fail_safe_share.assisted") < 0.05
+    configuration = (run / "configuration.yaml").read_text()
+    assert "feedback: my_odometry:CorrelationOdometry" in configuration
+    assert "law: my_law:BrakeTheSpin" in configuration
+    assert (followed / "report.html").stat().st_size > 10_000
+
+
+def test_a_node_from_outside_answers(followed: Path) -> None:
+    run = followed / "external/assisted"
+    assert value(run, "brake_switchings.assisted") == 0
+    assert value(run, "stopping_time.assisted") > 0.5
