@@ -159,6 +159,19 @@ def test_study_recommends_for_another_vehicle(tmp_path: Path) -> None:
     assert len(table) == 1 + 2 * 4  # unassisted, cosine, k = 7 and zero with either brakes
 
 
+def test_pieces_of_a_study_are_put_together(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("first", "second", "all")]
+    for folder in folders:
+        folder.mkdir()
+    cut = ("--brakes", "0:0", "--workers", "1")
+    first = run_study(folders[0], *cut, "--seeds", "0:3")
+    assert first.metrics["runs.all"].value == 3
+    run_study(folders[1], *cut, "--seeds", "3:99")
+    parts = [word for folder in folders[:2] for word in ("--merge", str(folder))]
+    merged = run_study(folders[2], *cut, *parts)
+    assert "smallest_rotation.ideal_dwell_0_ms" in merged.metrics
+
+
 def test_study_says_that_no_setting_meets_the_limit(tmp_path: Path) -> None:
     result = run_study(tmp_path, "--brakes", "0:0", "--max-distance", "1")
     assert math.isnan(result.metrics["stopping_distance.recommended"].value)

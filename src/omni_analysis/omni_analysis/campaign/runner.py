@@ -44,6 +44,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 CHUNK_TIME = 1.0
 """How long a worker should be busy with a chunk of runs [s]."""
 
+_ALONE = 2.0  # what is over in this time needs no other process [s]
 _FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
 _LARGEST_CHUNK = 1000
 _IN_FLIGHT = 3  # chunks per worker, so that none waits for the next one
@@ -185,12 +186,14 @@ def _run(
     if not seeds:
         return
     workers = options.workers or len(os.sched_getaffinity(0))
-    if options.scheduler is None and workers == 1:
-        for seed in seeds:
-            take([work(seed)])
-        return
-    with connected(options.scheduler, workers) as client:
-        distribute(client, work, seeds, take)
+    done, spent = 0, 0.0
+    while options.scheduler is None and done < len(seeds) and (workers == 1 or spent < _ALONE):
+        rows, duration = _run_chunk(work, seeds[done : done + 1])
+        take(rows)
+        done, spent = done + 1, spent + duration
+    if done < len(seeds):
+        with connected(options.scheduler, workers) as client:
+            distribute(client, work, seeds[done:], take)
 
 
 @contextmanager

@@ -125,6 +125,11 @@ class FastRun:
         return self.body[:, _STORED]
 
     @property
+    def enable(self) -> FloatArray:
+        """Share of the brake pressure that passes [1], shape (T, N)."""
+        return self.wheels[:, :, _ENABLE]
+
+    @property
     def brake_start(self) -> int:
         """Index of the first stamp with the pedal down, the last one if there is none."""
         pressed = self.pedal > 0.0
@@ -151,7 +156,7 @@ class FastRun:
             wheel_angle=self.wheels[:, :, _ANGLE],
             wheel_speed=self.wheels[:, :, _SPEED],
             brake_torque=self.wheels[:, :, _TORQUE],
-            enable=self.wheels[:, :, _ENABLE],
+            enable=self.enable,
             error=self.wheels[:, :, _ERROR],
             pedal=self.pedal,
             estimate=np.full((stamps, 3), np.nan),

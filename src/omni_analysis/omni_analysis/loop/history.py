@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,16 @@ IntArray = NDArray[np.int64]
 
 # A component that the odometry could not measure carries this variance or more.
 UNMEASURED_VARIANCE = 1e6
+
+
+PER_WHEEL = "per wheel"
+
+# What the columns of an array are, one row per stamp; none for one number per stamp.
+_NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
+_WHEELS = {"components": (PER_WHEEL,)}
+_TWIST = {"components": ("v_x", "v_y", "yaw rate")}
+_POSE = {"components": ("x", "y", "yaw")}
+_QUATERNION = {"components": ("q_z", "q_w")}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,41 +62,41 @@ class RunHistory:
     """
 
     wheel_names: tuple[str, ...]
-    stamp_ns: IntArray
-    pose: FloatArray
-    orientation: FloatArray
-    twist: FloatArray
-    wheel_angle: FloatArray
-    wheel_speed: FloatArray
-    brake_torque: FloatArray
-    enable: FloatArray
-    error: FloatArray
-    pedal: FloatArray
-    estimate: FloatArray
-    estimate_variance: FloatArray
+    stamp_ns: IntArray = dataclasses.field(metadata=_NUMBER)
+    pose: FloatArray = dataclasses.field(metadata=_POSE)
+    orientation: FloatArray = dataclasses.field(metadata=_QUATERNION)
+    twist: FloatArray = dataclasses.field(metadata=_TWIST)
+    wheel_angle: FloatArray = dataclasses.field(metadata=_WHEELS)
+    wheel_speed: FloatArray = dataclasses.field(metadata=_WHEELS)
+    brake_torque: FloatArray = dataclasses.field(metadata=_WHEELS)
+    enable: FloatArray = dataclasses.field(metadata=_WHEELS)
+    error: FloatArray = dataclasses.field(metadata=_WHEELS)
+    pedal: FloatArray = dataclasses.field(metadata=_NUMBER)
+    estimate: FloatArray = dataclasses.field(metadata=_TWIST)
+    estimate_variance: FloatArray = dataclasses.field(metadata=_TWIST)
     assist_state: tuple[str, ...] = ()
     real_time_factor: float = math.nan
 
     def __post_init__(self) -> None:
-        stamps, wheels = len(self.stamp_ns), len(self.wheel_names)
+        stamps = len(self.stamp_ns)
         if stamps == 0:
             raise ValueError("a history needs at least one stamp")
         if np.any(np.diff(self.stamp_ns) <= 0):
             raise ValueError("the stamps of a history must increase")
-        shapes: dict[str, tuple[int, ...]] = {
-            **dict.fromkeys(_PER_WHEEL, (stamps, wheels)),
-            **dict.fromkeys(("pose", "twist", "estimate", "estimate_variance"), (stamps, 3)),
-            "stamp_ns": (stamps,),
-            "pedal": (stamps,),
-            "orientation": (stamps, 2),
-        }
-        for name, shape in shapes.items():
+        for name in SIGNALS:
             array: NDArray[Any] = getattr(self, name)
+            columns = self.columns(name)
+            shape = (stamps, len(columns)) if columns else (stamps,)
             if array.shape != shape:
                 raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
             array.flags.writeable = False
         if self.assist_state and len(self.assist_state) != stamps:
             raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
+
+    def columns(self, name: str) -> tuple[str, ...]:
+        """Return what the columns of a signal are called, nothing for one number per stamp."""
+        components = SIGNALS[name]
+        return self.wheel_names if components == (PER_WHEEL,) else components
 
     @classmethod
     def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
@@ -104,21 +114,12 @@ class RunHistory:
     def from_quaternions(
         cls,
         *,
-        wheel_names: Sequence[str],
-        stamp_ns: ArrayLike,
         position: ArrayLike,
         orientation: ArrayLike,
-        twist: ArrayLike,
-        wheel_angle: ArrayLike,
-        wheel_speed: ArrayLike,
-        brake_torque: ArrayLike,
-        enable: ArrayLike,
-        error: ArrayLike,
-        pedal: ArrayLike,
-        estimate: ArrayLike,
-        estimate_variance: ArrayLike,
+        wheel_names: Sequence[str],
         assist_state: Sequence[str] = (),
         real_time_factor: float = math.nan,
+        **samples: ArrayLike,
     ) -> RunHistory:
         """Collect samples whose heading is given as (q_z, q_w), as a bag carries it.
 
@@ -126,49 +127,32 @@ class RunHistory:
         variance is `UNMEASURED_VARIANCE` or more) become NaN.
 
         Args:
-            wheel_names: names of the N wheels.
-            stamp_ns: control stamps [ns], shape (T,).
             position: x, y of `base_link` in `odom` [m], shape (T, 2).
             orientation: (q_z, q_w) of `quaternion_from_yaw`, shape (T, 2).
-            twist: true body twist [m/s, m/s, rad/s], shape (T, 3).
-            wheel_angle: [rad], shape (T, N).
-            wheel_speed: [rad/s], shape (T, N).
-            brake_torque: [N m], shape (T, N).
-            enable: brake enables 0..1, shape (T, N).
-            error: s_i [m/s], shape (T, N).
-            pedal: brake demand 0..1, shape (T,).
-            estimate: odometry's body twist [m/s, m/s, rad/s], shape (T, 3).
-            estimate_variance: diagonal of its covariance, shape (T, 3).
+            wheel_names: names of the N wheels.
             assist_state: what the brake assistant was doing, where known.
             real_time_factor: simulated over elapsed time [1].
+            **samples: the other attributes by name.
 
         Raises:
             ValueError: shapes do not fit together, or stamps do not increase.
         """
         place = np.array(position, dtype=np.float64).reshape(-1, 2)
         quaternion = np.array(orientation, dtype=np.float64).reshape(-1, 2)
-        variance = np.array(estimate_variance, dtype=np.float64)
-        measured = np.array(estimate, dtype=np.float64)
+        signals = {name: np.array(rows, dtype=np.float64) for name, rows in samples.items()}
+        variance, measured = signals["estimate_variance"], signals["estimate"]
         usable = np.isfinite(measured) & np.isfinite(variance) & (variance < UNMEASURED_VARIANCE)
         blind = ~np.all(usable, axis=-1)
         measured[blind] = np.nan
         variance[blind] = np.nan
+        whole: dict[str, Any] = {"stamp_ns": np.array(samples["stamp_ns"], dtype=np.int64)}
         return cls(
             wheel_names=tuple(wheel_names),
-            stamp_ns=np.array(stamp_ns, dtype=np.int64),
             pose=np.column_stack((place, continuous_yaw(quaternion))),
             orientation=quaternion,
-            twist=np.array(twist, dtype=np.float64),
-            wheel_angle=np.array(wheel_angle, dtype=np.float64),
-            wheel_speed=np.array(wheel_speed, dtype=np.float64),
-            brake_torque=np.array(brake_torque, dtype=np.float64),
-            enable=np.array(enable, dtype=np.float64),
-            error=np.array(error, dtype=np.float64),
-            pedal=np.array(pedal, dtype=np.float64),
-            estimate=measured,
-            estimate_variance=variance,
             assist_state=tuple(assist_state),
             real_time_factor=real_time_factor,
+            **signals | whole,
         )
 
     @property
@@ -201,6 +185,14 @@ class RunHistory:
         return np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
 
 
+SIGNALS: Mapping[str, tuple[str, ...]] = {
+    field.name: field.metadata["components"]
+    for field in dataclasses.fields(RunHistory)
+    if "components" in field.metadata
+}
+"""The arrays of a history with the names of their columns, see `RunHistory.columns`."""
+
+
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
     """Return (q_z, q_w) of a heading [rad]; the truth on a bag uses this formula to the bit.
 
@@ -225,17 +217,6 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
     return yaw
 
 
-# `pose` follows from position and orientation; in words a quaternion means little, a bit much.
-_PER_WHEEL = ("wheel_angle", "wheel_speed", "brake_torque", "enable", "error")
-_COMPONENTS = {
-    "pose": ("x", "y", "yaw"),
-    "orientation": ("q_z", "q_w"),
-    "twist": ("v_x", "v_y", "yaw rate"),
-    "estimate": ("v_x", "v_y", "yaw rate"),
-    "estimate_variance": ("v_x", "v_y", "yaw rate"),
-}
-
-
 def first_difference(a: RunHistory, b: RunHistory) -> str | None:
     """Return the earliest difference of two histories in words, None if every bit is the same.
 
@@ -245,12 +226,12 @@ def first_difference(a: RunHistory, b: RunHistory) -> str | None:
         return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"
     common = min(len(a.stamp_ns), len(b.stamp_ns))
     earliest: tuple[int, str] | None = None
-    for name in ("stamp_ns", *_COMPONENTS, *_PER_WHEEL, "pedal"):
+    for name in SIGNALS:
         left, right = getattr(a, name)[:common], getattr(b, name)[:common]
         different = np.argwhere(_different_bits(left, right))
         if different.size and (earliest is None or different[0][0] < earliest[0]):
             place = tuple(int(index) for index in different[0])
-            what = f"{name}{_column_in_words(name, place, a.wheel_names)}"
+            what = f"{name}{_column_in_words(a.columns(name), place)}"
             values = f"{left[place]!r} against {right[place]!r}"
             earliest = place[0], f"{what} at {a.stamp_ns[place[0]] * 1e-9:.3f} s is {values}"
     if earliest is not None:
@@ -267,8 +248,5 @@ def _different_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     return different
 
 
-def _column_in_words(name: str, place: tuple[int, ...], wheel_names: tuple[str, ...]) -> str:
-    if len(place) == 1:
-        return ""
-    columns = wheel_names if name in _PER_WHEEL else _COMPONENTS[name]
-    return f" of {columns[place[1]]}"
+def _column_in_words(columns: Sequence[str], place: tuple[int, ...]) -> str:
+    return f" of {columns[place[1]]}" if len(place) > 1 else ""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from omni_analysis.campaign.runner import CampaignOptions, run_campaign
 from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
@@ -22,11 +23,12 @@ from omni_analysis.tuning import figures as tuning_figures
 from omni_analysis.tuning.trials import (
     OFF,
     BrakeLag,
+    Numbers,
     Setting,
     Trial,
+    Trials,
     distance_at,
     front,
-    measure,
     recommended,
     situations,
 )
@@ -37,7 +39,7 @@ Cost = tuple[BrakeLag, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(LoopOptions):
+class Options(CampaignOptions, LoopOptions):
     """What is tried, and within which limits one is recommended."""
 
     vehicle: str | None = parameter(
@@ -91,12 +93,22 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     own = BrakeLag(brake.dead_time, brake.time_constant)
     lags = tuple(dict.fromkeys((own, *map(_lag, options.brakes))))
     settings = _settings(options.k, options.dwell)
-
-    def on_trial(share: float) -> None:
-        study.report(share, f"{len(settings) * len(lags)} settings")
-
     bases = situations(base, options.situations, options.seed)
-    every = measure(bases, (OFF, *settings), lags, on_trial)
+    trials_of = Trials(bases, (OFF, *settings), lags)
+    table = study.folder / "trials.csv"
+    rows = run_campaign(
+        trials_of.run,
+        range(trials_of.count),
+        Numbers,
+        options,
+        table,
+        trials_of.fingerprint,
+        study.report,
+    )
+    if len(rows) < trials_of.count:
+        words = f"{len(rows)} of {trials_of.count} runs are done; --merge puts all pieces together"
+        return StudyResult({"runs.all": Metric(len(rows), "1")}, (table,), (words,))
+    every = trials_of.collected(rows)
     unassisted = [trial for trial in every if trial.setting == OFF]
     trials = [trial for trial in every if trial.setting != OFF]
     mine = [trial for trial in trials if trial.lag == own]

@@ -10,17 +10,18 @@ slight deviations from it, the same for all settings.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import math
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import to_mapping
 
 FloatArray = NDArray[np.float64]
 
@@ -170,41 +171,77 @@ def configured(
     )
 
 
-def measure(
-    bases: Sequence[ExperimentConfiguration],
-    settings: Sequence[Setting],
-    lags: Sequence[BrakeLag],
-    on_trial: Callable[[float], None] | None = None,
-) -> tuple[Trial, ...]:
-    """Try every setting with every lag in every situation, on all cores.
+class Numbers(NamedTuple):
+    """What one setting comes to in one situation.
 
-    Args:
+    Attributes:
+        seed: number of the run: situation by situation, setting by setting, lag by lag.
+        rotation: change of orientation [deg], infinite without a stop.
+        distance: of stopping [m], likewise.
+        switchings: of all valves together [1].
+    """
+
+    seed: int
+    rotation: float
+    distance: float
+    switchings: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trials:
+    """Every setting with every lag in every situation.
+
+    Attributes:
         bases: the situations, on the velocity sensor.
         settings: to be tried.
         lags: likewise.
-        on_trial: takes the share done, 0..1.
-
-    Returns:
-        The trials, setting by setting for the first lag, then for the next.
     """
-    pairs = [(setting, lag) for lag in lags for setting in settings]
 
-    def attempt(pair: tuple[Setting, BrakeLag]) -> Trial:
-        numbers = np.array([_outcome(configured(base, *pair)) for base in bases])
-        return Trial(*pair, numbers[:, 0], numbers[:, 1], numbers[:, 2])
+    bases: Sequence[ExperimentConfiguration]
+    settings: Sequence[Setting]
+    lags: Sequence[BrakeLag]
 
-    trials: list[Trial] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for trial in pool.map(attempt, pairs):
-            trials.append(trial)
-            if on_trial is not None:
-                on_trial(len(trials) / len(pairs))
-    return tuple(trials)
+    @property
+    def pairs(self) -> list[tuple[Setting, BrakeLag]]:
+        """The settings for the first lag, then for the next."""
+        return [(setting, lag) for lag in self.lags for setting in self.settings]
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return len(self.bases) * len(self.settings) * len(self.lags)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of everything that is tried."""
+        pairs = [[dataclasses.asdict(one) for one in pair] for pair in self.pairs]
+        tried = [[to_mapping(base) for base in self.bases], pairs]
+        return hashlib.sha256(json.dumps(tried).encode()).hexdigest()[:16]
+
+    def run(self, number: int) -> Numbers:
+        """Make one of the runs."""
+        pair, situation = divmod(number, len(self.bases))
+        return Numbers(number, *_outcome(configured(self.bases[situation], *self.pairs[pair])))
+
+    def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
+        """Return the trials that all runs make, in the order of `pairs`."""
+        table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
+        return tuple(
+            Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
+        )
+
+
+def measure(
+    bases: Sequence[ExperimentConfiguration], settings: Sequence[Setting], lags: Sequence[BrakeLag]
+) -> tuple[Trial, ...]:
+    """Try every setting with every lag in every situation, in this process."""
+    trials = Trials(bases, settings, lags)
+    return trials.collected([trials.run(number) for number in range(trials.count)])
 
 
 def _outcome(configuration: ExperimentConfiguration) -> tuple[float, float, float]:
     run = run_fast_loop(configuration)
-    enable = run.history().enable[max(run.brake_start - 1, 0) :]
+    enable = run.enable[max(run.brake_start - 1, 0) :]
     switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
     if not run.stopped:
         return math.inf, math.inf, switchings
