@@ -10,6 +10,12 @@ Symbols, all in the body frame: ``v_c``, ``Omega`` velocity of the platform cent
 ``r_i`` wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centres,
 ``f_hat_i`` unit friction forces, ``p`` unit vector across the velocity at the start of braking.
 
+Read otherwise than printed: (51) has the wheel's ``v_i`` where (49), from which it follows, has the
+platform's ``v_c``; with ``v_i`` the rotation would count as drift. (56), (57) print a signed angle
+between ``n_wi`` and ``v_i``: beyond 90 deg its weight is that of a wheel that cannot brake, or
+negative, so that ``s_par,i`` turns positive for half of all directions and releases the wheels
+that brake best. The sign of ``n_wi`` is a convention, so the angle here is the one to its line.
+
 A wheel that does not slide along its active direction (``n_wi . v_i = 0``) has no friction
 force to direct: ``f_hat_i`` is zero there, and so is its error.
 """

@@ -14,6 +14,7 @@ from omni_analysis.figures import style
 from omni_analysis.identification import table_2
 from omni_analysis.identification.identification import QUANTITIES
 from omni_analysis.identification.sensitivity import Sensitivity
+from omni_brake_assist.weighting import weighting_function
 
 _LABELS = {
     "unassisted": "unassisted",
@@ -22,6 +23,28 @@ _LABELS = {
     "k1": "enhanced, k = 1",
     "k7": "enhanced, k = 7",
 }
+
+
+def weighting_functions() -> Figure:
+    """Draw how much the parallel component of a wheel counts over its angle, Figure 28."""
+    figure = Figure(figsize=(8.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    style.style_axes(axes)
+    angle = np.linspace(0.0, 90.0, 181)
+    for row, case in enumerate(("zero", "cosine", "k1", "k3", "k7")):
+        kind = "enhanced" if case[0] == "k" else case
+        k = int(case[1:]) if kind == "enhanced" else 1
+        weights = weighting_function(kind, k)(np.radians(angle))
+        label = f"enhanced, k = {k}" if kind == "enhanced" else _LABELS[case]
+        axes.plot(angle, weights, color=style.wheel_colour(row), linewidth=1.8, label=label)
+    axes.set_xlabel(r"angle $\delta$ between active direction and velocity [deg]")
+    axes.set_ylabel(r"weight $\psi$ [1]")
+    axes.set_title(
+        "A wheel that cannot brake counts for nothing", fontsize=style.TITLE_SIZE, loc="left"
+    )
+    axes.set_xticks(range(0, 91, 15))
+    axes.legend(frameon=False)
+    return figure
 
 
 def trade_off(measured: Mapping[str, float]) -> Figure:

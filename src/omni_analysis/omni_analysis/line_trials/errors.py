@@ -1,4 +1,8 @@
-"""Errors of displacements in every unit that they are asked for in."""
+"""Errors of displacements in every unit that they are asked for in.
+
+Eq. (85) is printed with a division by the frame rate: metres times seconds over metres per second.
+A velocity error is the displacement error *times* the rate, and so it is computed here.
+"""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.identification import table_2
-from omni_analysis.identification.figures import sensitivity_map, trade_off
+from omni_analysis.identification.figures import sensitivity_map, trade_off, weighting_functions
 from omni_analysis.identification.files import write_files
 from omni_analysis.identification.identification import (
     GENERATIONS,
@@ -118,5 +118,6 @@ def _write(
         write_columns(folder / "sensitivity.csv", sensitivity.columns()),
         identification,
         save_figure(trade_off(measured), folder / "trade_off.png"),
+        save_figure(weighting_functions(), folder / "weighting.png"),
         save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
     ]
