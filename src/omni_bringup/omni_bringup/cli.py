@@ -81,8 +81,16 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
     if words and not words[0].startswith("-"):
         hint = did_you_mean(words[0], known)
         parser.error(f"{words[0]!r} is not one of {', '.join(known)}{hint}")
+    if top:
+        parser.add_argument("--version", action="version", version=_version())
     parser.parse_args(words[:1])
     parser.error(f"{what} is missing")
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return f"omni {version('omni_bringup')}"
 
 
 def _introduction(words: Any) -> str:

@@ -1,15 +1,18 @@
-"""A bar on the terminal for commands that take long."""
+"""What commands that take long say of themselves on standard error."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+_EVERY = 5.0  # [s] between lines where there is no terminal
 
 
 @contextmanager
 def progress_bar(name: str) -> Iterator[Callable[[float, str], None]]:
-    """Show a bar on standard error, where that is a terminal, once something is reported.
+    """Show a bar on a terminal, and a line every few seconds elsewhere.
 
     Args:
         name: of what is going on, until the first report.
@@ -18,7 +21,7 @@ def progress_bar(name: str) -> Iterator[Callable[[float, str], None]]:
         What takes the share done, 0..1, and a few words about it.
     """
     if not sys.stderr.isatty():
-        yield lambda _share, _words: None
+        yield progress_lines(name)
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -30,3 +33,23 @@ def progress_bar(name: str) -> Iterator[Callable[[float, str], None]]:
             bar.update(task, completed=share, description=words, visible=True)
 
         yield report
+
+
+def progress_lines(
+    name: str, clock: Callable[[], float] = time.monotonic
+) -> Callable[[float, str], None]:
+    """Return what prints a line every few seconds; the first after the first of them.
+
+    Args:
+        name: at the beginning of each line.
+        clock: tells the time [s].
+    """
+    last = clock()
+
+    def report(share: float, words: str) -> None:
+        nonlocal last
+        if clock() - last >= _EVERY:
+            last = clock()
+            print(f"{name}: {100.0 * share:.0f} %, {words}", file=sys.stderr, flush=True)
+
+    return report

@@ -228,7 +228,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
     hint = did_you_mean(name, known)
-    return f"is not a known key{hint}{'' if hint else ';'} known here: {', '.join(sorted(known))}"
+    return f"is not a known key{hint or ';'} known here: {', '.join(sorted(known))}"
 
 
 def _convert(value: Any, kind: Any, key: str) -> Any:

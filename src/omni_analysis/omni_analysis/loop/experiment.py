@@ -9,7 +9,6 @@ in turn, so that every value of the tree can be reached by its dotted key.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -24,6 +23,7 @@ from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
+    did_you_mean,
     from_mapping,
     join_key,
     parameter,
@@ -35,6 +35,11 @@ from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _EXPERIMENTS = "experiments"
+# What the file of a vehicle must say.
+_REQUIRED = (
+    *("wheels", "chassis_length", "chassis_width", "body", "body.yaw_inertia"),
+    *("tire", "brake", "brake.max_torque", "wheel_inertia"),
+)
 
 FEEDBACKS = ("optical", "velocity_sensor")
 """What the brake assistant may listen to without a class from outside."""
@@ -146,17 +151,19 @@ class ExperimentLibrary:
         if variant not in variants:
             raise ConfigurationError(
                 "variant",
-                f"{variant!r} is not a variant of {experiment}; known: {', '.join(variants)}",
+                f"{variant!r} is not a variant of {experiment}; known: {', '.join(variants)}"
+                f"{did_you_mean(variant, variants)}",
             )
         tree = {key: value for key, value in document.items() if key != "variants"}
-        tree = self._resolve(tree)
+        near = Path(experiment).parent if experiment.endswith(".yaml") else None
+        tree = self._resolve(tree, near=near)
         changes = variants[variant] if variants[variant] is not None else {}
         if not isinstance(changes, Mapping):
             raise ConfigurationError(
                 join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
             )
         for layer in (changes, *(parse_override(text) for text in overrides)):
-            tree = merge(tree, self._resolve(layer))
+            tree = merge(tree, self._resolve(layer, near=near))
         # The nodes are told where things are mounted, unless an experiment misleads them.
         _tell(tree, "odometry", "sensors", tree.get("sensors"))
         vehicle = tree.get("vehicle")
@@ -189,17 +196,23 @@ class ExperimentLibrary:
         """
         return from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
 
-    def _resolve(self, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-        """Replace the names of parts by the parts."""
+    def _resolve(
+        self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
+    ) -> dict[str, Any]:
+        """Replace the names of parts by the parts; paths may be relative to `near`."""
         resolved: dict[str, Any] = {}
         for key, value in tree.items():
             path = join_key(prefix, str(key))
             kind = _PARTS.get(path)
             if kind is not None and isinstance(value, str):
-                part = self._read(kind, value, path)
-                resolved[key] = _Part(self._resolve(part, path))
+                named = _nearest(value, near)
+                part = self._read(kind, named, path)
+                if kind == "vehicles":
+                    _check_complete(part, path, named)
+                beside = Path(named).parent if named.endswith(".yaml") else None
+                resolved[key] = _Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
-                resolved[key] = self._resolve(value, path)
+                resolved[key] = self._resolve(value, path, near)
             else:
                 resolved[key] = value
         return resolved
@@ -211,10 +224,10 @@ class ExperimentLibrary:
             path = self._folder / kind / f"{name}.yaml"
             known = sorted(file.stem for file in (self._folder / kind).glob("*.yaml"))
             if name not in known:
-                close = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {close[0]!r}? " if close else ""
+                hint = did_you_mean(name, known)
                 raise ConfigurationError(
-                    key, f"{name!r} is not known; {hint}known: {', '.join(known)}"
+                    key,
+                    f"{name!r} is not known{hint or ';'} known: {', '.join(known)}",
                 )
         try:
             document = load_yaml(path.read_text(encoding="utf-8"))
@@ -248,6 +261,27 @@ def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentC
     for override in overrides:
         tree = merge(tree, parse_override(override))
     return from_mapping(ExperimentConfiguration, tree)
+
+
+def _nearest(name: str, near: Path | None) -> str:
+    """Return a path that is given relative to the file that names it; other names as they are."""
+    if near is not None and name.endswith(".yaml") and (near / name).is_file():
+        return str(near / name)
+    return name
+
+
+def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
+    """Refuse the file of a vehicle for which another one's values would stand in unseen."""
+    for required in _REQUIRED:
+        value: Any = vehicle
+        for part in required.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            raise ConfigurationError(
+                join_key(key, required),
+                f"is missing in {name}, and no other vehicle's value would do; measure it, or take "
+                "the estimate that ./omni new-vehicle makes",
+            )
 
 
 class _Part(dict[str, Any]):

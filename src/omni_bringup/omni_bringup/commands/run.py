@@ -154,6 +154,7 @@ def run(options: Options, workspace: Path) -> int:
 def _compose(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:
     """Check the configuration of every variant before anything starts."""
     from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
+    from omni_analysis.vehicles.plausibility import remarks
     from omni_sim.texture.cache import TextureCache
 
     variants = options.variant or library.variants(options.experiment)
@@ -168,6 +169,8 @@ def _compose(library: ExperimentLibrary, options: Options) -> dict[str, Experime
     for configuration in configurations.values():
         configuration.check_drivable()
     prepare_grounds(configurations.values(), TextureCache.of_user())
+    for remark in dict.fromkeys(r for one in configurations.values() for r in remarks(one)):
+        print(f"omni run: note: {remark}", file=sys.stderr)
     return configurations
 
 
@@ -195,9 +198,14 @@ def _document(experiment: str, results: list[VariantResult]) -> dict[str, object
 
 @contextmanager
 def _progress(variant: str) -> Iterator[Progress]:
-    """Show a progress bar on standard error where that is a terminal."""
+    """Show a progress bar on standard error, and lines where that is no terminal."""
     if not sys.stderr.isatty():
-        yield lambda _: None
+        from omni_bringup.progress_bar import progress_lines
+
+        say = progress_lines(variant)
+        yield lambda report: say(
+            report["share"], f"t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
+        )
         return
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn

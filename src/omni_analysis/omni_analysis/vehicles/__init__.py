@@ -1,0 +1,1 @@
+"""Vehicles before they drive: estimated, judged, drawn."""

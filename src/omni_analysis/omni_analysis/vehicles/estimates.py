@@ -1,0 +1,238 @@
+"""A vehicle from a measuring tape: files with estimates that say that they are estimates."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.vehicle.loads import GRAVITY
+
+_WHEEL_WIDTH = 0.4  # over the diameter
+_DENSITY = 2500.0  # of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub
+_HEIGHT = 1.5  # centre of gravity above the ground, over the radius of a wheel
+_BRAKE = 2.0  # torque of a brake over what locks the wheel
+_REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1
+_DECELERATION = 5.0  # [m/s^2], to choose a speed whose stop is a few lengths long
+_MECANUM, _OMNI = "mecanum", "omni"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Measured(Configuration):
+    """What a tape and a scale say of a vehicle."""
+
+    length: float = parameter(
+        unit="m", above=0.0, maximum=50.0, description="length of the chassis"
+    )
+    width: float = parameter(unit="m", above=0.0, maximum=50.0, description="width of the chassis")
+    mass: float = parameter(
+        unit="kg", above=0.0, maximum=1.0e5, description="mass of the vehicle with its wheels"
+    )
+    wheel_radius: float = parameter(
+        unit="m", above=0.0, maximum=2.0, description="radius of a wheel"
+    )
+    kind: str = parameter(
+        _MECANUM,
+        choices=(_MECANUM, _OMNI),
+        description="wheels: mecanum in pairs along the sides, or three omni-wheels on a circle",
+    )
+    wheels: int = parameter(
+        4, minimum=3, maximum=12, description="how many; mecanum an even number, omni 3"
+    )
+    load: float = parameter(
+        0.0, unit="kg", minimum=0.0, description="mass of a load, put to the front left"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse numbers of wheels and wheels that the chassis has no room for."""
+        if self.kind == _MECANUM and (self.wheels < 4 or self.wheels % 2):
+            raise ConfigurationError("wheels", f"{self.wheels} must be 4, 6, ... for mecanum")
+        across = 2.0 * self.wheel_radius
+        if across * max(self.wheels // 2, 1) > self.length or across > self.width:
+            raise ConfigurationError(
+                "wheel_radius",
+                f"wheels of {across:g} m diameter have no room under {self.length:g} x "
+                f"{self.width:g} m",
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class NewVehicle:
+    """Files that describe a vehicle, its cameras and a stop, by their names."""
+
+    files: dict[str, str]
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the files into a folder and return their paths."""
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for name, text in self.files.items():
+            path = folder / name
+            path.write_text(text, encoding="utf-8")
+            paths.append(path)
+        return paths
+
+
+def new_vehicle(name: str, measured: Measured) -> NewVehicle:
+    """Return the files of a vehicle whose inertia, brakes and tires are estimated.
+
+    Args:
+        name: of the vehicle, for the comments.
+        measured: what is known of it.
+    """
+    return NewVehicle(
+        {
+            "vehicle.yaml": _vehicle(name, measured),
+            "sensors.yaml": _sensors(name, measured),
+            "experiment.yaml": _experiment(name, measured),
+        }
+    )
+
+
+def _vehicle(name: str, measured: Measured) -> str:
+    mass, radius = measured.mass + measured.load, measured.wheel_radius
+    wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
+    carried = mass * GRAVITY / len(wheels)
+    wheel_mass = math.pi * radius**2 * (_WHEEL_WIDTH * 2.0 * radius) * _DENSITY
+    torque = _BRAKE * carried * radius
+    size = measured.length**2 + measured.width**2
+    parts = [
+        f"# {name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
+        "Measured are",
+        "# size, mass and radius of the wheels. What is marked as an estimate is a guess: replace",
+        "# it by what you measure, the yaw inertia and the brakes first.",
+        "wheels: # estimate: as far out as the chassis allows",
+        *(f"  {key}: {_flow(mount)}" for key, mount in wheels.items()),
+        f"chassis_length: {measured.length:g}",
+        f"chassis_width: {measured.width:g}",
+        "body:",
+        f"  mass: {measured.mass:g}",
+        f"  height: {_round(_HEIGHT * radius)} # estimate: {_HEIGHT:g} wheel radii",
+        f"  yaw_inertia: {_round(measured.mass * size / 12.0)} # estimate: a plate, m (l^2 + w^2) "
+        "/ 12",
+    ]
+    if measured.load > 0.0:
+        place = {"x": _round(0.3 * measured.length), "y": _round(0.3 * measured.width)}
+        parts += [
+            "load: # estimate: a point to the front left",
+            f"  mass: {measured.load:g}",
+            f"  x: {place['x']}",
+            f"  y: {place['y']}",
+            f"  height: {_round(2.5 * radius)}",
+        ]
+    parts += [
+        f"brake: {{max_torque: {_round(torque)}}} # estimate: locks a wheel with a factor of "
+        f"{_BRAKE:g}",
+        "drive: # estimate: as strong as the brake",
+        f"  max_torque: {_round(torque)}",
+        f"  stiffness: {_round(3.0 * torque * radius / 0.2)}",
+        f"wheel_inertia: {_round(0.5 * wheel_mass * radius**2)} # estimate: a solid disc of "
+        f"{wheel_mass:.2g} kg",
+        "tire: # estimate: Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
+        *(f"  {line}" for line in _tire(carried, radius)),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
+    """Return wheels in pairs whose rollers form an X seen from above."""
+    radius = measured.wheel_radius
+    x = measured.length / 2.0 - radius
+    y = measured.width / 2.0 - _WHEEL_WIDTH * radius
+    pairs = measured.wheels // 2
+    names = {2: ("rear", "front"), 3: ("rear", "middle", "front")}.get(
+        pairs, tuple(f"row_{row + 1}" for row in range(pairs))
+    )
+    wheels = {}
+    for row, word in enumerate(names):
+        place = -x + 2.0 * x * row / (pairs - 1)
+        slant = 45.0 if row < pairs / 2 else -45.0
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            wheels[f"{word}_{side}"] = {
+                "x": _round(place),
+                "y": _round(sign * y),
+                "roller_angle_deg": sign * slant,
+                "radius": radius,
+            }
+    return wheels
+
+
+def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
+    """Return wheels on a circle, their axes outward, rollers at 0 deg (Eq. (34))."""
+    out = min(measured.length, measured.width) / 2.0 - _WHEEL_WIDTH * measured.wheel_radius
+    wheels = {}
+    for row in range(measured.wheels):
+        angle = math.tau * row / measured.wheels + math.pi / 6.0
+        wheels[f"wheel_{row + 1}"] = {
+            "x": _round(out * math.cos(angle)),
+            "y": _round(out * math.sin(angle)),
+            "heading_deg": round(math.degrees(angle) - 90.0, 6),
+            "roller_angle_deg": 0.0,
+            "radius": measured.wheel_radius,
+        }
+    return wheels
+
+
+def _tire(carried: float, radius: float) -> list[str]:
+    """Return the tire of Table 1, scaled to the load of a wheel [N] and its radius [m]."""
+    scale = carried / _REFERENCE_LOAD
+    # Deflections in proportion to the radius.
+    stiffer = scale * _REFERENCE_RADIUS / radius
+
+    def scaled(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: scaled(name, inner) for name, inner in value.items()}
+        return value if "slip" in key else _round(scale * value)
+
+    table_1 = TireConfiguration()
+    tire = {
+        "model": table_1.model,
+        table_1.model: scaled("", to_mapping(table_1.model_parameters)),
+        "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
+        "damping": _round(stiffer * table_1.damping),
+        "vertical_stiffness": max(_round(stiffer * table_1.vertical_stiffness), 1e4),
+    }
+    return yaml.safe_dump(tire, sort_keys=False).splitlines()
+
+
+def _sensors(name: str, measured: Measured) -> str:
+    x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
+    camera = "pixels: 1024, length: 0.05, width: 0.02, line_rate: 2500.0"
+    return (
+        f"# Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
+        "# better places. Each looks across its distance from the middle, so that all see a turn.\n"
+        f"left: {{x: 0.0, y: {y}, heading_deg: 0.0, {camera}}}\n"
+        f"right: {{x: 0.0, y: -{y}, heading_deg: 0.0, {camera}}}\n"
+        f"front: {{x: {x}, y: 0.0, heading_deg: 90.0, {camera}}}\n"
+    )
+
+
+def _experiment(name: str, measured: Measured) -> str:
+    speed = min(_round(math.sqrt(2.0 * _DECELERATION * 3.0 * measured.length), 2), 10.0)
+    return (
+        f"# A stop of {name}; run it with ./omni run and the path of this file.\n"
+        f"description: {name} stops from {speed:g} m/s\n"
+        "vehicle: vehicle.yaml\n"
+        "ground: cork\n"
+        "sensors: sensors.yaml\n"
+        f"maneuver: {{speed: {speed:g}, brake_time: 0.3}}\n"
+        "brake_assist: {weighting: enhanced, k: 7}\n"
+        "variants:\n"
+        "  unassisted:\n"
+        "    brake_assist: {enabled: false}\n"
+        "  assisted:\n"
+        "    brake_assist: {enabled: true}\n"
+    )
+
+
+def _round(value: float, digits: int = 4) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _flow(values: dict[str, float]) -> str:
+    return "{" + ", ".join(f"{key}: {value}" for key, value in values.items()) + "}"

@@ -1,0 +1,177 @@
+"""``./omni doctor``: check what is installed, which ROS it is, and whether its nodes can talk.
+
+Check the parts that everything else needs, one line each, with a remedy for what fails. Exit code 1
+if anything does.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
+from omni_platform.configuration import Configuration
+
+_NEEDED = 0.2e9  # [B] of disk space for a run with its recordings
+_PATIENCE = 30.0  # [s] until two nodes must have met
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni doctor``: none."""
+
+
+class TroubleError(Exception):
+    """What is wrong and what to do about it."""
+
+
+def run(_options: Options, workspace: Path) -> int:
+    """Print the state of every part and return the exit code."""
+    checks: dict[str, Callable[[Path], str]] = {
+        "Python": _python,
+        "packages": _packages,
+        "ROS": _ros,
+        "DDS": _dds,
+        "kernels": _kernels,
+        "configuration": _configuration,
+        "disk": _disk,
+        "browser": _browser,
+    }
+    failed = False
+    for name, check in checks.items():
+        try:
+            print(f"ok      {name}: {check(workspace)}", flush=True)
+        except TroubleError as trouble:
+            failed = True
+            print(f"wrong   {name}: {trouble}", flush=True)
+    return EXIT_FAILED if failed else EXIT_OK
+
+
+def _python(_: Path) -> str:
+    return f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+
+
+def _packages(_: Path) -> str:
+    for name in ("numpy", "numba", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
+        try:
+            importlib.import_module(name)
+        except Exception as error:
+            raise TroubleError(
+                f"{name} cannot be imported ({error}); delete .venv and start again"
+            ) from None
+    return f"numba {importlib.import_module('numba').__version__} and all others are there"
+
+
+def _ros(_: Path) -> str:
+    try:
+        path = importlib.import_module("rclpy").__file__ or ""
+    except Exception as error:
+        raise TroubleError(
+            f"rclpy cannot be imported ({error}); delete .venv and start again"
+        ) from None
+    source = "from the wheels" if path.startswith(sys.prefix) else "sourced"
+    middleware = os.environ.get("RMW_IMPLEMENTATION", "the default middleware")
+    return f"{os.environ.get('ROS_DISTRO', 'jazzy')}, {source}, {middleware}"
+
+
+_TALK = """
+import sys, rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("doctor_" + sys.argv[1])
+heard = []
+node.create_subscription(String, "doctor_" + sys.argv[2], heard.append, 1)
+voice = node.create_publisher(String, "doctor_" + sys.argv[1], 1)
+spare = 20
+while rclpy.ok() and spare:
+    voice.publish(String())
+    rclpy.spin_once(node, timeout_sec=0.05)
+    spare -= bool(heard)
+"""
+
+
+def _dds(_: Path) -> str:
+    from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
+    from omni_ros.environment import node_environment
+
+    try:
+        with reserved_domain() as domain:
+            talkers = [
+                subprocess.Popen(
+                    [sys.executable, "-c", _TALK, *names],
+                    env=node_environment(domain),
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                )
+                for names in (("a", "b"), ("b", "a"))
+            ]
+            try:
+                codes = [talker.wait(_PATIENCE) for talker in talkers]
+            except subprocess.TimeoutExpired:
+                codes = [1]
+            finally:
+                for talker in talkers:
+                    talker.kill()
+                    talker.wait()
+    except NoFreeDomainError as error:
+        raise TroubleError(str(error)) from None
+    if any(codes):
+        raise TroubleError(
+            "two nodes on this machine do not hear each other; is UDP on the loopback device, or "
+            "/dev/shm, forbidden? unset ROS_DOMAIN_ID, RMW_IMPLEMENTATION and "
+            "FASTRTPS_DEFAULT_PROFILES_FILE and try again"
+        )
+    return f"two nodes in domain {domain} hear each other"
+
+
+def _kernels(_: Path) -> str:
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+    count = sum(1 for _ in folder.rglob("*.nbc")) if folder.is_dir() else 0
+    if not count:
+        raise TroubleError("none are compiled yet; ./omni compiles them when it next builds")
+    return f"{count} compiled in {folder}"
+
+
+def _configuration(workspace: Path) -> str:
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_platform.configuration import ConfigurationError
+
+    library = ExperimentLibrary(workspace / "config")
+    names = library.names()
+    try:
+        for name in names:
+            for variant in library.variants(name):
+                library.load(name, variant)
+    except ConfigurationError as error:
+        raise TroubleError(f"experiment {name}: {error}") from None
+    if not names:
+        raise TroubleError(
+            f"there are no experiments in {workspace / 'config'}; start in the workspace"
+        )
+    return f"all {len(names)} experiments can be loaded"
+
+
+def _disk(workspace: Path) -> str:
+    with tempfile.TemporaryFile(dir=workspace):
+        pass
+    free = shutil.disk_usage(workspace).free
+    if free < _NEEDED:
+        raise TroubleError(
+            f"{free / 1e9:.1f} GB are left in {workspace}; a run may need {_NEEDED:.1g} B"
+        )
+    return f"{free / 1e9:.1f} GB are left"
+
+
+def _browser(_: Path) -> str:
+    for name in ("xdg-open", "chromium", "google-chrome", "firefox"):
+        if shutil.which(name):
+            return f"{name} is there, for reports and ./omni drive"
+    return "none found here; open reports and the page of ./omni drive from another machine"

@@ -1,0 +1,76 @@
+"""``./omni list``: see which vehicles, grounds, sensors, experiments, tires, studies there are.
+
+Print names and what each is; every one can be looked at with ./omni show NAME.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from omni_bringup.commands import commands_of
+from omni_bringup.exit_codes import EXIT_OK
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
+
+KINDS = ("vehicles", "grounds", "sensors", "experiments", "tires")
+_STUDIES, _LAWS = "studies", "laws"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni list``."""
+
+    kinds: tuple[str, ...] = option(
+        (),
+        positional=True,
+        metavar="KIND",
+        description=f"of {', '.join((*KINDS, _STUDIES, _LAWS))} (default: all)",
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Path) -> int:
+    """Print the names and return the exit code."""
+    every = (*KINDS, _STUDIES, _LAWS)
+    for kind in options.kinds:
+        if kind not in every:
+            raise ConfigurationError(
+                "KIND", f"{kind!r} is not one of {', '.join(every)}{did_you_mean(kind, every)}"
+            )
+    found = {kind: _names(kind, workspace) for kind in options.kinds or every}
+    if options.json:
+        print(json.dumps(found, indent=2))
+        return EXIT_OK
+    width = max(len(name) for names in found.values() for name in names)
+    for kind, names in found.items():
+        print(kind)
+        for name, words in names.items():
+            print(f"  {name:<{width}}  {words}".rstrip())
+    return EXIT_OK
+
+
+def _names(kind: str, workspace: Path) -> dict[str, str]:
+    if kind == _STUDIES:
+        return commands_of("omni_analysis.studies")
+    if kind == _LAWS:
+        from omni_brake_assist.configuration import LAWS
+
+        return dict.fromkeys(LAWS, "built in; or your own, brake_assist.law=module:Class")
+    files = sorted((workspace / "config" / kind).glob("*.yaml"))
+    return {path.stem: first_sentence(path) for path in files}
+
+
+def first_sentence(path: Path) -> str:
+    """Return what the comment at the head of a configuration file says first."""
+    words: list[str] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        words.append(line.lstrip("# "))
+        if line.rstrip().endswith((".", ":")):
+            break
+    text = " ".join(words)
+    return re.split(r"(?<!Eq)(?<!Eqs)\. ", text)[0].rstrip(".:")

@@ -1,0 +1,71 @@
+"""Every command of the tutorials works for someone who has nothing but a measuring tape."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
+
+from omni_bringup.cli import main
+
+TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Return the commands of a page, as words behind ``./omni``."""
+    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines() if line]
+    assert all(line.startswith("./omni ") for line in lines), page.name
+    return [shlex.split(line)[1:] for line in lines]
+
+
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
+    for words in commands(page):
+        finished = subprocess.run(
+            omni_command(words),
+            cwd=tmp_path,
+            env=omni_environment(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=RUN_TIMEOUT,
+        )
+        assert finished.returncode == 0, f"{shlex.join(words)}: {finished.stderr}"
+        assert "note:" not in finished.stderr + finished.stdout, shlex.join(words)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["rum"], "did you mean 'run'"),
+        (["study", "tabel2"], "did you mean 'table2'"),
+        (["study", "tuning", "--max-rotatoin", "3"], "did you mean '--max-rotation'"),
+        (["show", "mecanum_forklyft"], "did you mean 'mecanum_forklift'"),
+        (["list", "vehicle"], "did you mean 'vehicles'"),
+        (["run", "--variant", "asisted"], "did you mean 'assisted'"),
+        (["study", "accuracy", "--metric", "pearsn"], "did you mean 'pearson'"),
+        (["new-vehicle", "mine", "--length", "1"], "--width: is required"),
+        (["new-vehicle", "mine", "--wheel-radius", "9", "--length", "1", "--width", "1",
+          "--mass", "9"], "--wheel-radius"),
+    ],
+)  # fmt: skip
+def test_a_slip_of_the_finger_is_told_what_was_meant(
+    words: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
