@@ -166,7 +166,7 @@ def configured(
     brake = dataclasses.replace(base.vehicle.brake, **dataclasses.asdict(lag))
     return dataclasses.replace(
         base,
-        brake_assist=dataclasses.replace(base.brake_assist, **changes),
+        brake_assist=dataclasses.replace(base.brake_assist, brake=brake, **changes),
         vehicle=dataclasses.replace(base.vehicle, brake=brake),
     )
 
