@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from omni_process import WORKSPACE, omni
 
+from omni_analysis.studies import study_names
+from omni_bringup.dissertation_page import STATUSES, chapters, page
 from omni_bringup.parameter_reference import reference
 
 
@@ -12,6 +14,22 @@ def test_parameter_reference_is_current() -> None:
     assert written == reference(), (
         "write it anew: ./omni exec python -m omni_bringup.parameter_reference > docs/parameters.md"
     )
+
+
+def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None:
+    written = (WORKSPACE / "docs/dissertation.md").read_text(encoding="utf-8")
+    assert written == page(WORKSPACE), (
+        "write it anew: ./omni exec python -m omni_bringup.dissertation_page > docs/dissertation.md"
+    )
+    for row in (row for rows in chapters(WORKSPACE).values() for row in rows):
+        assert row.status in STATUSES, row
+        assert (WORKSPACE / row.module).exists(), row
+        kind, _, name = row.command.partition(" ")
+        assert {"study": name in study_names(), "test": (WORKSPACE / name).exists()}.get(
+            kind, not kind
+        ), row
+        if row.status in ("works", "differs"):
+            assert row.command, row
 
 
 def test_help_names_every_option_of_the_readme() -> None:

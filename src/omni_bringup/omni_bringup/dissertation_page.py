@@ -1,0 +1,69 @@
+"""The page that says what became of every equation, figure, table and claim of the dissertation.
+
+``python -m omni_bringup.dissertation_page > docs/dissertation.md`` writes it from
+``docs/dissertation.yaml``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+from omni_bringup.cli import workspace
+
+STATUSES = {
+    "works": "as the text has it",
+    "differs": "on purpose; the remark, or the docstring of the module, says how and why",
+    "partial": "a part of it, which the remark names",
+    "reference": "used by no command; tests keep it",
+    "missing": "left out",
+    "background": "told by the text, not used by it",
+}
+
+
+class Row(NamedTuple):
+    """One thing of the text: place, what it says, status, module, command and remark."""
+
+    place: str
+    what: str
+    status: str
+    module: str
+    command: str
+    remark: str
+
+
+def chapters(folder: Path) -> dict[str, list[Row]]:
+    """Return the rows of a workspace by chapter."""
+    document = yaml.safe_load((folder / "docs/dissertation.yaml").read_text(encoding="utf-8"))
+    return {title: [Row(*map(str, row)) for row in rows] for title, rows in document.items()}
+
+
+def page(folder: Path) -> str:
+    """Return the page of a workspace as Markdown."""
+    found = chapters(folder)
+    counts = Counter(row.status for rows in found.values() for row in rows)
+    parts = [
+        "# The dissertation, row by row\n\nMade from `dissertation.yaml` by `python -m "
+        "omni_bringup.dissertation_page`; do not edit. The text is\nV. Kálmán, *On modeling and "
+        "control of omnidirectional wheels*, BME Budapest 2013.\n\n"
+        "| status | rows | |\n|---|---|---|",
+        *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
+    ]
+    for title, rows in found.items():
+        parts.append(f"\n## {title}\n\n| in the text | what | status | where | shown by | |")
+        parts.append("|---|---|---|---|---|---|")
+        for row in rows:
+            where = f"[`{Path(row.module).name}`](../{row.module})" if row.module else ""
+            shown = f"`./omni {row.command}`" if row.command else ""
+            parts.append(
+                f"| {row.place} | {row.what} | {row.status} | {where} | {shown} | {row.remark} |"
+            )
+    return "\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page(workspace()))
