@@ -230,7 +230,11 @@ def _file_within(folder: Path, name: Any, version: int) -> Path:
 
 def _require_regular(folder: Path, path: Path) -> None:
     # Opening a pipe would wait for ever, and a device has no end.
-    if not stat.S_ISREG(path.stat().st_mode):
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:  # such as a link to nothing, or round in a circle
+        raise BagError(folder, f"{path.name} cannot be read: {error.strerror}") from None
+    if not stat.S_ISREG(mode):
         raise BagError(folder, f"{path.name} is not a regular file")
 
 

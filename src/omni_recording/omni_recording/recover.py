@@ -170,8 +170,11 @@ def _word(value: Any) -> str:
 def _copy_notes(path: Path, folder: Path) -> None:
     """Take along what lies beside the recording, such as the configuration of the run."""
     for file in sorted(path.iterdir()):
-        is_note = file.is_file() and file.suffix in (".yaml", ".json") and file.name != METADATA
-        if is_note and file.stat().st_size <= _LARGEST_NOTE:
+        try:
+            regular = file.is_file() and file.stat().st_size <= _LARGEST_NOTE
+        except OSError:  # a link that leads round in a circle
+            continue
+        if regular and file.suffix in (".yaml", ".json") and file.name != METADATA:
             try:
                 shutil.copyfile(file, folder / file.name)
             except OSError as error:

@@ -85,13 +85,13 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     """
     _end_with_parent()
     stop = StopFlag()
-    # SIGHUP is what the kernel wakes a halted node with when the bring-up has died.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, stop.request)
+    # A node that is still being made has nothing to finish, and may take seconds.
+    _on_signals(lambda *_: os._exit(EXIT_OK))
     node: Node | None = None
     try:
         _initialize_ros()
         node = _make(make_node)
+        _on_signals(stop.request)
         run(node, Spinner(node, stop))
     except ConfigurationError as error:
         print(error, file=sys.stderr, flush=True)
@@ -105,6 +105,12 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
+
+
+def _on_signals(handler: Callable[..., None]) -> None:
+    # SIGHUP is what the kernel wakes a halted node with when the bring-up has died.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, handler)
 
 
 def _initialize_ros() -> None:

@@ -55,6 +55,7 @@ FloatArray = NDArray[np.float64]
 _SECOND = 1_000_000_000
 _INPUTS = 4  # topics that the node listens to at most
 _LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
+_DISCOVERY = 0.5  # [s] in which the nodes of a ROS domain find each other
 _CLOCK_PERIOD = 0.1  # [s] between two looks at who tells the time
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
@@ -119,6 +120,7 @@ class SimulatorNode(Node):
         self._twist_stamp_ns = -1
         self._heard: dict[str, float] = {}  # when a node last spoke, on the steady clock [s]
         self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
+        self._made = time.monotonic()
         self._clock_due = 0.0  # when to look who tells the time, on the steady clock [s]
         self._owns_clock = True
         self.sent: dict[str, int] = {}
@@ -215,6 +217,8 @@ class SimulatorNode(Node):
         if not self.loop.publish_clock:
             return False
         now = time.monotonic()
+        if self.loop.mode == "real_time" and now < self._made + _DISCOVERY:
+            return False  # somebody else may tell it already
         if now >= self._clock_due:
             self._clock_due = now + _CLOCK_PERIOD
             topic = self._simulated_time.topic_name

@@ -34,6 +34,7 @@ from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 _EXPERIMENTS = "experiments"
 # What the file of a vehicle must say.
 _REQUIRED = (
@@ -327,13 +328,24 @@ def load_yaml(text: str) -> Any:
         yaml.YAMLError: it is no YAML.
         ValueError: a value, such as a date, is none.
     """
-    return yaml.load(text, Loader=_Loader)
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
     variants = document.get("variants")
     if not isinstance(variants, Mapping) or not variants:
         raise ConfigurationError("variants", "an experiment needs at least one named variant")
+    for name in variants:
+        # It becomes the name of a folder.
+        if not isinstance(name, str) or not re.fullmatch(_VARIANT, name):
+            raise ConfigurationError(
+                "variants",
+                f"{str(name)[:40]!r} is no name of letters, digits, '_' and '-' that begins with a "
+                "letter",
+            )
     return variants
 
 

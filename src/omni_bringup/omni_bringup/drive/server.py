@@ -57,7 +57,14 @@ def parse_demand(text: str | bytes) -> tuple[float, Twist, bool | None]:
         pedal = _within(document["pedal"], 0.0)
         forward, left, turn = (_within(value, -1.0) for value in document["stick"])
         assist = document.get("assist")
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        OverflowError,  # an integer of more digits than any float
+    ) as error:
         raise PageError(f"not a demand: {type(error).__name__}") from None
     if not (assist is None or isinstance(assist, bool)):
         raise PageError("not a demand: assist")

@@ -49,7 +49,11 @@ class TextureCache:
     def of_user(cls) -> TextureCache:
         """Return the cache in the user's cache folder (``XDG_CACHE_HOME`` or ``~/.cache``)."""
         base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-        return cls(Path(base).expanduser() / "omni_sim" / "textures")
+        try:
+            folder = Path(base).expanduser()
+        except RuntimeError:  # nobody knows where the user is at home
+            folder = Path(os.environ.get("OMNI_CACHE_DIR") or tempfile.gettempdir())
+        return cls(folder / "omni_sim" / "textures")
 
     def texture(self, configuration: TextureConfiguration) -> GroundTexture:
         """Return a texture, from the cache if it is there; a picture is read from its own file.

@@ -22,7 +22,7 @@ from omni_sim.texture.texture import BLOCK, INCH, MOST_TEXELS, GroundTexture
 
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
-_MOST_PIXELS = 1 << 30  # 80 cm square at 1000 dpi, 35 cm at 2400 dpi
+_MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in colour 1.6 GB
 _FEWEST_TEXELS = 256
 _LEAST_SIZE = 0.02  # [m]
 _LEAST_CONTRAST = 0.3  # standard deviation [grey levels]: what rounding alone makes of a plain one

@@ -16,6 +16,7 @@ from omni_platform.command_options import option
 
 PACKAGE = __name__
 SECOND = 1e9  # [ns]
+_LONGEST_WORDS = 1000  # letters of what a recording may say
 
 
 def bag_option() -> Any:
@@ -50,7 +51,9 @@ def refusing(action: str, act: Callable[[], int]) -> int:
 
 
 def printable(text: str) -> str:
-    """Return words from a recording without what would steer a terminal."""
+    """Return words from a recording without what would steer a terminal, or fill it."""
+    if len(text) > _LONGEST_WORDS:
+        text = f"{text[:_LONGEST_WORDS]}... ({len(text)} letters)"
     return "".join(
         letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
     )

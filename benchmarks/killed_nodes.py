@@ -1,0 +1,178 @@
+"""Nodes that are killed, halted, or halted and resumed in the middle of a run.
+
+``./omni exec python benchmarks/killed_nodes.py`` does it at 20 random moments to every node in
+both modes: no such run may end with exit code 0, and no vehicle may stop worse than without the
+assistant. Prints what did; the exit code is 1 then.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from omni_analysis.loop.metrics import run_metrics
+from omni_analysis.loop.recorded_run import BagError, read_run
+
+WORKSPACE = Path(__file__).resolve().parents[1]
+EXPERIMENT = "small_stop"
+NODES = {
+    "simulator": "omni_sim",
+    "linescan_odometry": "linescan_odometry",
+    "brake_assist": "omni_brake_assist",
+    "recorder": "omni_recording",
+}
+ACTIONS = ("kill", "halt", "resume", "terminate")
+PAUSE = 0.3  # [s] between halt and resume
+LONGEST = 240.0  # [s] of a run
+MARGIN = 1.05  # over the unassisted stop
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        returncode: of the command.
+        complaint: what it said.
+        distance: from the pedal to rest [m]; not a number where nothing was recorded to the end.
+        rotation: of the vehicle meanwhile [deg], likewise.
+    """
+
+    returncode: int
+    complaint: str
+    distance: float
+    rotation: float
+
+
+def trial(folder: Path, node: str, action: str, share: float, *, real_time: bool) -> Outcome:
+    """Run an experiment, do something to a node on the way, and return how it ended.
+
+    Args:
+        folder: of the recording; must not exist.
+        node: one of `NODES`.
+        action: one of `ACTIONS`.
+        share: of the recording, 0..1, at which it happens.
+        real_time: the mode.
+    """
+    words = ["run", EXPERIMENT, "--variant", "assisted", "--json", "--out", str(folder)]
+    words += ["--real-time"] if real_time else []
+    process = subprocess.Popen(
+        [sys.executable, "-m", "omni_bringup.cli", *words],
+        env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        await_bytes(process, folder, 1 + round(share * 15e6))
+        for pid in processes_of(NODES[node], process.pid):
+            disturb(pid, action)
+        _, complaint = process.communicate(timeout=LONGEST)
+    finally:
+        process.kill()
+        process.wait()
+    distance, rotation = stop_of(folder / "assisted")
+    return Outcome(process.returncode, complaint.strip(), distance, rotation)
+
+
+def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> None:
+    """Wait until a run has recorded this much [B], or ended."""
+    deadline = time.monotonic() + LONGEST
+    while process.poll() is None and time.monotonic() < deadline:
+        if sum(path.stat().st_size for path in folder.glob("*/*.mcap")) >= size:
+            return
+        time.sleep(0.01)
+
+
+def processes_of(package: str, parent: int) -> list[int]:
+    """Return the processes that run an executable of a package for a bring-up process."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if (
+                not entry.name.isdigit()
+                or f"/lib/{package}/" not in (entry / "cmdline").read_text()
+            ):
+                continue
+            if f"OMNI_PARENT_PID={parent}".encode() in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue  # it has just ended, or is not ours
+    return found
+
+
+def disturb(pid: int, action: str) -> None:
+    """Do one of `ACTIONS` to a process."""
+    if action in ("kill", "terminate"):
+        os.kill(pid, signal.SIGKILL if action == "kill" else signal.SIGTERM)
+        return
+    os.kill(pid, signal.SIGSTOP)
+    if action == "resume":
+        time.sleep(PAUSE)
+        os.kill(pid, signal.SIGCONT)
+
+
+def stop_of(bag: Path) -> tuple[float, float]:
+    """Return distance [m] and rotation [deg] of a recorded stop, not numbers if there is none."""
+    try:
+        history = read_run(bag)
+    except BagError:
+        return math.nan, math.nan
+    if abs(history.twist[-1]).max() > 0.05:  # the recording ends on the way
+        return math.nan, math.nan
+    metrics = run_metrics(history)
+    return metrics["stopping_distance"].value, metrics["orientation_change"].value
+
+
+def main() -> None:
+    """Try every node, action and mode at random moments."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--moments", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    generator = random.Random(options.seed)
+    bad = runs = 0
+    with tempfile.TemporaryDirectory() as scratch:
+        unassisted = Path(scratch) / "unassisted"
+        subprocess.run(
+            [
+                *(sys.executable, "-m", "omni_bringup.cli", "run", EXPERIMENT, "--json"),
+                *("--set", "brake_assist.enabled=false", "--variant", "assisted"),
+                *("--out", str(unassisted)),
+            ],
+            env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
+        distance, rotation = stop_of(unassisted / "assisted")
+        for _ in range(options.moments):
+            for real_time in (False, True):
+                for node in NODES:
+                    for action in ACTIONS:
+                        runs += 1
+                        share = generator.random()
+                        folder = Path(scratch) / str(runs)
+                        found = trial(folder, node, action, share, real_time=real_time)
+                        worse = (
+                            found.distance > MARGIN * distance
+                            or found.rotation > MARGIN * rotation + 1.0
+                        )
+                        if found.returncode == 0 or worse:
+                            bad += 1
+                            mode = "real time" if real_time else "lockstep"
+                            print(f"{mode}, {action} {node} at {share:.2f}: {found}", flush=True)
+    print(f"{bad} of {runs} runs ended well or worse than without the assistant")
+    sys.exit(bad > 0)
+
+
+if __name__ == "__main__":
+    main()

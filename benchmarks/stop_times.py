@@ -1,0 +1,124 @@
+"""How long each node takes from SIGINT to its end, with and without somebody who listens.
+
+``./omni exec python benchmarks/stop_times.py`` prints median and worst of 20, in seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import signal
+import statistics
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import NodeProcess, find_executable
+from omni_ros.environment import node_environment
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+SETTLING = 4.0  # [s] after which a node that has appeared is at work
+OVERRIDES = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A node and the topic by which one sees that it lives."""
+
+    process: NodeProcess
+    publishes: str
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repetitions", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    metrics = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        for listened in (False, True):
+            for name in ("simulator", "linescan_odometry", "brake_assist", "recorder"):
+                times = [
+                    stop_time(name, Path(scratch) / f"{name}{listened}{i}", listened=listened)
+                    for i in range(options.repetitions)
+                ]
+                case = f"{name}_{'heard' if listened else 'unheard'}"
+                metrics[f"stop_time_median.{case}"] = statistics.median(times)
+                metrics[f"stop_time_worst.{case}"] = max(times)
+    if options.json:
+        entries = {key: {"value": value, "unit": "s"} for key, value in metrics.items()}
+        print(json.dumps({"name": "stop_times", "metrics": entries}, indent=2))
+    else:
+        for key, value in metrics.items():
+            print(f"{key:50} {value:.3f} s")
+
+
+def node_of(name: str, scratch: Path) -> NodeProcess:
+    """Return a node of a graph that runs in real time."""
+    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted", OVERRIDES)
+    if name == "simulator":
+        endless = ["simulation.duration_limit=600", "maneuver.brake_time=500"]
+        configuration = ExperimentLibrary(CONFIG).load(
+            "straight_line", "assisted", [*OVERRIDES, *endless]
+        )
+        return graph.simulator(configuration, scratch, lockstep=False, listeners=0)
+    if name == "brake_assist":
+        return graph.brake_assist(configuration, scratch, lockstep=False, listeners=0)
+    optical = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
+    if name == "recorder":
+        return graph.recorder(optical, scratch / "bag", scratch)
+    process = graph.odometry(optical, scratch, lockstep=False, listeners=1)
+    # Without a listener it would wait for one.
+    return dataclasses.replace(process, arguments=[*process.arguments, "-p", "subscribers:=0"])
+
+
+def stop_time(name: str, scratch: Path, *, listened: bool) -> float:
+    """Return how long a running node takes to end after one SIGINT [s].
+
+    Raises:
+        RuntimeError: it ends with an error.
+    """
+    scratch.mkdir()
+    node = node_of(name, scratch)
+    with reserved_domain() as domain:
+        environment = node_environment(domain)
+        os.environ.update(environment)
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=domain)
+        watcher = Node("watcher", context=context)
+        if listened:
+            for topic in ("wheel_states", "brake/enable", "joint_states"):
+                watcher.create_subscription(JointState, topic, lambda _: None, 10)
+        command = [str(find_executable(node.package, node.executable)), *node.arguments]
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        try:
+            own = watcher.get_name()
+            while process.poll() is None and set(watcher.get_node_names()) <= {own}:
+                time.sleep(0.01)
+            time.sleep(SETTLING)
+            started = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            _, complaint = process.communicate(timeout=30.0)
+            elapsed = time.monotonic() - started
+        finally:
+            process.kill()
+            watcher.destroy_node()
+            rclpy.shutdown(context=context)
+        if process.returncode != 0:
+            raise RuntimeError(f"{name} ended with {process.returncode}: {complaint}")
+        return elapsed
+
+
+if __name__ == "__main__":
+    main()

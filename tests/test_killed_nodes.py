@@ -1,0 +1,40 @@
+"""Whatever is done to a node in the middle of a run, the run says so and leaves nobody behind."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omni_process import WORKSPACE
+
+
+def benchmark() -> Any:
+    """Return the module that does it at many more moments."""
+    path = WORKSPACE / "benchmarks/killed_nodes.py"
+    spec = importlib.util.spec_from_file_location("killed_nodes", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["killed_nodes"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("node", "action", "real_time", "words"),
+    [
+        ("simulator", "terminate", False, "the simulator was asked to stop at"),
+        ("simulator", "halt", False, "the simulator stands still"),
+        ("linescan_odometry", "resume", False, "linescan_odometry was halted by a signal"),
+        ("linescan_odometry", "kill", True, "linescan_odometry ended (signal 9)"),
+    ],
+)
+def test_no_disturbed_run_ends_well(
+    node: str, action: str, real_time: bool, words: str, tmp_path: Path
+) -> None:
+    found = benchmark().trial(tmp_path / "run", node, action, 0.1, real_time=real_time)
+    assert found.returncode == 1
+    assert words in found.complaint

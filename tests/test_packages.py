@@ -1,0 +1,89 @@
+"""What a package imports it declares, by keys that rosdep knows or our rules file adds."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from omni_process import WORKSPACE
+
+# Keys of rosdep for what is no ROS package of the same name.
+KEYS = {
+    "PIL": "python3-pil",
+    "distributed": "python3-distributed",
+    "llvmlite": "python3-llvmlite",
+    "lz4": "python3-lz4",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "python3-mcap",
+    "mujoco": "python3-mujoco",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "pyarrow": "python3-pyarrow",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags",
+    "scipy": "python3-scipy",
+    "websockets": "python3-websockets",
+    "yaml": "python3-yaml",
+    "zstandard": "python3-zstandard",
+}
+# Looked for where they may be missing.
+OPTIONAL = {"tf2_msgs"}
+OF_ROSDEP = {
+    "python3-matplotlib",
+    "python3-numpy",
+    "python3-pil",
+    "python3-pytest",
+    "python3-rich",
+    "python3-scipy",
+    "python3-websockets",
+    "python3-yaml",
+}
+PACKAGES = sorted(path.parent for path in (WORKSPACE / "src").glob("*/package.xml"))
+
+
+def imports(package: Path) -> Iterator[str]:
+    files = [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                yield from (alias.name.partition(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                yield node.module.partition(".")[0]
+
+
+def declared(package: Path, kind: str) -> list[str]:
+    root = ElementTree.parse(package / "package.xml").getroot()
+    return [str(entry.text) for entry in root.iter(kind)]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_every_import_is_declared_once(package: Path) -> None:
+    used = set(imports(package)) - set(sys.stdlib_module_names) - {package.name} - OPTIONAL
+    needed = {KEYS.get(name, name) for name in used}
+    entries = declared(package, "exec_depend")
+    assert len(entries) == len(set(entries))
+    assert needed <= set(entries), f"not declared: {sorted(needed - set(entries))}"
+    assert {key for key in entries if key.startswith("python3-")} <= needed, "declared in vain"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_every_python_package_has_a_key(package: Path) -> None:
+    rules = yaml.safe_load((WORKSPACE / "rosdep.yaml").read_text(encoding="utf-8"))
+    for key in (*declared(package, "exec_depend"), *declared(package, "test_depend")):
+        if key.startswith("python3-") and key not in OF_ROSDEP:
+            assert rules[key]["ubuntu"]["pip"]["packages"], key
+            assert rules[key]["debian"] == rules[key]["ubuntu"]
+
+
+def test_all_packages_carry_one_version_and_a_licence() -> None:
+    roots = [ElementTree.parse(package / "package.xml").getroot() for package in PACKAGES]
+    assert len({root.findtext("version") for root in roots}) == 1
+    for root in roots:
+        assert root.findtext("license") == "Apache-2.0"
+        assert root.find("maintainer") is not None
+        assert root.findtext("export/build_type") == "ament_python"

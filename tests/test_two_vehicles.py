@@ -1,0 +1,84 @@
+"""Two vehicles in one ROS domain: names apart, frames apart, and one who tells the time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from bystander import Bystander
+from nav_msgs.msg import Odometry
+from omni_process import WORKSPACE
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
+from omni_ros.environment import node_environment
+from omni_ros.messages import to_nanoseconds
+from omni_ros.qos import LATCHED, RELIABLE
+
+ROBOTS = ("robot1", "robot2")
+SHARED = {"/clock", "/diagnostics", "/parameter_events", "/rosout"}
+
+
+class Onlooker(Bystander):
+    """Hears the time, and where the vehicles say that they are."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("onlooker", domain)
+        listen = self.node.create_subscription
+        self.times: list[int] = []
+        self.poses: dict[str, list[Odometry]] = {robot: [] for robot in ROBOTS}
+        self.descriptions: dict[str, list[String]] = {robot: [] for robot in ROBOTS}
+        listen(Clock, "/clock", self._on_clock, RELIABLE)
+        for robot in ROBOTS:
+            listen(Odometry, f"{robot}/ground_truth/odom", self.poses[robot].append, RELIABLE)
+            said = self.descriptions[robot]
+            listen(String, f"{robot}/robot_description", said.append, LATCHED)
+
+    def _on_clock(self, message: Clock) -> None:
+        self.times.append(to_nanoseconds(message.clock))
+
+    def heard(self) -> str:
+        return f"{len(self.times)} times, poses { ({k: len(v) for k, v in self.poses.items()}) }"
+
+
+@pytest.fixture
+def onlooker(tmp_path: Path) -> Iterator[Onlooker]:
+    """Two simulators of the same vehicle, one after the other, and who looks on."""
+    overrides = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+        "straight_line", "assisted", overrides
+    )
+    process = graph.simulator(configuration, tmp_path, lockstep=False, driven=True, listeners=0)
+    with (
+        reserved_domain() as domain,
+        process_group(node_environment(domain)) as group,
+        closing(Onlooker(domain)) as onlooker,
+    ):
+        for robot in ROBOTS:
+            names = ["-r", f"__ns:=/{robot}", "-p", f"frame_prefix:={robot}/"]
+            group.start(dataclasses.replace(process, arguments=[*process.arguments, *names]))
+            heard = onlooker.poses[robot]
+            onlooker.wait(lambda heard=heard: len(heard) > 50)  # type: ignore[misc]
+        yield onlooker
+
+
+def test_they_share_one_time_and_nothing_else(onlooker: Onlooker) -> None:
+    before = len(onlooker.times)
+    onlooker.wait(lambda: len(onlooker.times) > before + 100)
+    assert onlooker.times == sorted(onlooker.times)
+    for robot, poses in onlooker.poses.items():
+        frames = {(pose.header.frame_id, pose.child_frame_id) for pose in poses}
+        assert frames == {(f"{robot}/odom", f"{robot}/base_link")}
+        onlooker.wait(lambda robot=robot: onlooker.descriptions[robot])  # type: ignore[misc]
+        assert "front_left" in onlooker.descriptions[robot][0].data
+    topics = {name for name, _ in onlooker.node.get_topic_names_and_types()}
+    own = {topic for topic in topics if topic.startswith(tuple(f"/{robot}/" for robot in ROBOTS))}
+    assert topics - own == SHARED
+    assert len(own) % 2 == 0
