@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
-from omni_platform.plugins import load_class
+from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Twist
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
@@ -28,8 +28,8 @@ class Odometry(Protocol):
 class _OwnOdometry:
     """An odometry from outside: a class made of an `OdometryConfiguration`, with ``update``."""
 
-    def __init__(self, cls: type, configuration: OdometryConfiguration) -> None:
-        self._odometry = cls(configuration)
+    def __init__(self, odometry: Any) -> None:
+        self._odometry = odometry
 
     def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
         twist: Twist = self._odometry.update(batches)
@@ -47,8 +47,9 @@ def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
         configuration: sensors and settings.
 
     Raises:
-        ConfigurationError: there is no such class, or it cannot be imported.
+        ConfigurationError: there is no such class, or it cannot be imported or made.
     """
     if not name:
         return LineScanOdometry(configuration)
-    return _OwnOdometry(load_class("feedback", name, (), ODOMETRY_GROUP, "update"), configuration)
+    cls = load_class("feedback", name, (), ODOMETRY_GROUP, "update")
+    return _OwnOdometry(make_part("feedback", name, cls, configuration))

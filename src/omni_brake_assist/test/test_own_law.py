@@ -54,8 +54,18 @@ class Broken(Constant):
         enable[:] = 0.0
         raise RuntimeError("lost count")
 
+class Yes(Constant):
+    answer = True
+
+class Words(Constant):
+    answer = "brake"
+
 class NoLaw:
     pass
+
+class Unmakeable(Constant):
+    def __init__(self, configuration, geometry):
+        raise KeyError("mass")
 """
 
 
@@ -106,6 +116,8 @@ def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
         ("NotANumber", AssistState.INTERNAL_ERROR, "no share"),
         ("TooMuch", AssistState.INTERNAL_ERROR, "no share"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
+        ("Yes", AssistState.INTERNAL_ERROR, "True, must be ASSIST or NO_HELP"),
+        ("Words", AssistState.INTERNAL_ERROR, "'brake', must be ASSIST or NO_HELP"),
     ],
 )
 def test_a_law_that_fails_has_all_brakes_on(
@@ -125,6 +137,7 @@ def test_a_law_that_fails_has_all_brakes_on(
         ("no_such_module:Law", "working directory or on PYTHONPATH"),
         ("laws_of_a_test:Missing", "it has Constant, Half"),
         ("laws_of_a_test:NoLaw", "has no method 'step'"),
+        ("laws_of_a_test:Unmakeable", "cannot be made (KeyError: 'mass')"),
     ],
 )
 @pytest.mark.usefixtures("module")

@@ -81,5 +81,27 @@ def load_class(
     return found
 
 
+def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
+    """Make an instance of a class from outside.
+
+    Args:
+        key: of the configuration.
+        name: by which the class was found.
+        cls: the class.
+        *arguments: of its constructor.
+
+    Raises:
+        ConfigurationError: the constructor raises anything else.
+    """
+    try:
+        return cls(*arguments)
+    except ConfigurationError:
+        raise
+    except Exception as error:  # a class from outside may raise anything
+        raise ConfigurationError(
+            key, f"{name!r} cannot be made ({type(error).__name__}: {error})"
+        ) from error
+
+
 def _entry_points(group: str) -> dict[str, str]:
     return {entry.name: entry.value for entry in importlib.metadata.entry_points(group=group)}

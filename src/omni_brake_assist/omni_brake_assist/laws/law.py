@@ -65,6 +65,11 @@ class Law(Protocol):
 def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tuple[int, str]:
     """Return the answer of a law from outside, and what went wrong if it failed."""
     try:
-        return law.step(motion, error, enable) or ASSIST, ""
+        answer = law.step(motion, error, enable)
+        if answer is None:
+            return ASSIST, ""
+        if isinstance(answer, bool) or answer not in (ASSIST, NO_HELP):
+            raise ValueError(f"the law answered {answer!r}, must be ASSIST or NO_HELP")
+        return int(answer), ""
     except Exception as problem:  # a fault of the law must not cost a brake
         return FAILED, f"{type(problem).__name__}: {problem}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws.law import Law
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.plugins import load_class
+from omni_platform.plugins import load_class, make_part
 
 
 def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:
@@ -16,11 +16,10 @@ def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry)
         geometry: its wheels.
 
     Raises:
-        ConfigurationError: there is no such law, or it cannot be imported.
+        ConfigurationError: there is no such law, or it cannot be imported or made.
     """
     if configuration.law in LAWS:
         return None
-    made: Law = load_class("law", configuration.law, LAWS, LAW_GROUP, "step")(
-        configuration, geometry
-    )
+    cls = load_class("law", configuration.law, LAWS, LAW_GROUP, "step")
+    made: Law = make_part("law", configuration.law, cls, configuration, geometry)
     return made
