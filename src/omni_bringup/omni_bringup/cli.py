@@ -55,12 +55,7 @@ def _run(words: list[str]) -> int:
         words = words[1:]
     parser = _Parser(prog=program, description=_introduction(command.__doc__))
     try:
-        if hasattr(command, "add_arguments"):  # options by hand, until all are a Configuration
-            command.add_arguments(parser)
-            options: Any = parser.parse_args(words)
-        else:
-            options = parse_options(command.Options, words, parser)
-        code: int = command.run(options, workspace())
+        code: int = command.run(parse_options(command.Options, words, parser), workspace())
     except ConfigurationError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return EXIT_REFUSED

@@ -145,7 +145,13 @@ def run(options: Options, workspace: Path) -> int:
         print(f"omni run: cannot write the figures to {folder}: {error}", file=sys.stderr)
         return EXIT_FAILED
     if options.json:
-        print(json.dumps(_document(options.experiment, results), indent=2, allow_nan=False))
+        places = {
+            "folder": str(folder),
+            "recordings": {result.variant: str(result.folder) for result in results},
+            "figures": [str(picture) for picture in pictures],
+        }
+        document = _document(options.experiment, results) | places
+        print(json.dumps(document, indent=2, allow_nan=False))
     else:
         _print_results(results, pictures, folder)
     return EXIT_OK

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -40,19 +39,11 @@ class _StudyCommand:
 
     def __init__(self, name: str, study: Study) -> None:
         self._name = name
-        self._study: Any = study
+        self._study = study
         self.__doc__ = study.__doc__
-        if hasattr(study, "add_arguments"):
-            self.add_arguments = self._add_arguments
-        else:
-            self.Options = dataclasses.make_dataclass(
-                "Options", [], bases=(_Output, study.Options), frozen=True, kw_only=True
-            )
-
-    def _add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        self._study.add_arguments(parser)
-        parser.add_argument("--out", type=Path, metavar="DIR")
-        parser.add_argument("--json", action="store_true")
+        self.Options = dataclasses.make_dataclass(
+            "Options", [], bases=(_Output, study.Options), frozen=True, kw_only=True
+        )
 
     def run(self, options: Any, workspace: Path) -> int:
         """Run the study and return the exit code."""
@@ -66,11 +57,7 @@ class _StudyCommand:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with progress_bar(self._name) as report:
-                if hasattr(self._study, "add_arguments"):
-                    options.report = report
-                    result = self._study.run(options, library, folder.resolve())
-                else:
-                    result = self._study.run(options, StudyRun(library, folder.resolve(), report))
+                result = self._study.run(options, StudyRun(library, folder.resolve(), report))
         except OSError as error:
             raise ConfigurationError("", f"cannot write {folder}: {error}") from None
         entries = {key: results_entry(metric) for key, metric in result.metrics.items()}
