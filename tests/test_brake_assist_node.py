@@ -209,14 +209,23 @@ def test_a_pedal_without_a_value_counts_as_full_braking(vehicle: Vehicle) -> Non
 
 
 @pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])
-def test_the_running_assistant_can_be_switched_and_nothing_else_changed(vehicle: Vehicle) -> None:
+def test_the_running_assistant_can_be_switched_and_tuned_while_nobody_brakes(
+    vehicle: Vehicle,
+) -> None:
     vehicle.swerve_until_assisted()
     assert vehicle.set_parameter("enabled", False).successful
     assert all_on(vehicle.step(SWERVING * 0.97))
     vehicle.wait_for_state("disabled")
-    for name, value in (("enabled", 1), ("k", 9), ("no_such_parameter", True)):
+    for name, value in (("enabled", 1), ("k", 9), ("law", "none"), ("no_such_parameter", True)):
         result = vehicle.set_parameter(name, value)
         assert not result.successful
         assert result.reason
     assert vehicle.set_parameter("enabled", True).successful
+    vehicle.stamp_ns += STEP_NS
+    vehicle.send_pedal(0.0)
+    vehicle.send_twist(SWERVING)
+    vehicle.wait(lambda: vehicle.last_stamp() == vehicle.stamp_ns)
+    assert vehicle.set_parameter("k", 9).successful
+    for name, unfit in (("k", 8), ("weighting", "none"), ("speed_threshold", -1.0)):
+        assert not vehicle.set_parameter(name, unfit).successful
     vehicle.swerve_until_assisted()

@@ -187,3 +187,18 @@ def test_a_simulated_vehicle_has_no_axle_that_grips() -> None:
         "assisted",
         ["sensors=ackermann", "feedback=velocity_sensor", *axle],
     ).check_drivable()
+
+
+@pytest.mark.parametrize("name", ["/tmp/x", "../..", "5", "''", "null", "a b", "[1]", "a" * 65])
+def test_a_variant_that_is_no_name_for_a_folder_is_refused(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"vehicle: mecanum_forklift\nvariants:\n  ? {name}\n  :\n")
+    with pytest.raises(ConfigurationError, match="variants"):
+        ExperimentLibrary(tmp_path).variants(str(file))
+
+
+def test_deep_nesting_is_one_sentence() -> None:
+    for text in ("seed=" + "[" * 5000, "a." * 5000 + "b=1"):
+        with pytest.raises(ConfigurationError) as raised:
+            parse_override(text)
+        assert len(str(raised.value)) < 400

@@ -9,8 +9,10 @@ import dataclasses
 import math
 import sys
 import time
+from typing import Any
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -24,7 +26,7 @@ from omni_brake_assist.brake_assist import (
     Fault,
 )
 from omni_brake_assist.step_pairing import StepPairing
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.signals import Twist
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
@@ -34,7 +36,30 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_ros.voices import Voices
 
-_SWITCH = "enabled"  # the one parameter that a running node lets anybody change
+_SWITCH = "enabled"  # may be changed at any time
+# May be changed while nobody brakes.
+_TUNABLE = frozenset(
+    {
+        "weighting",
+        "k",
+        "max_rotation",
+        "minimum_dwell_time",
+        "pedal_threshold",
+        "speed_threshold",
+        "speed_hysteresis",
+        "minimum_reference_speed",
+        "recovery_count",
+        "maximum_speed_deviation",
+        "maximum_yaw_rate_deviation",
+        "maximum_speed",
+        "maximum_yaw_rate",
+        "maximum_acceleration",
+        "maximum_yaw_acceleration",
+        "speed_noise",
+        "yaw_rate_noise",
+        "frozen_time",
+    }
+)
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
@@ -65,8 +90,9 @@ class BrakeAssistNode(Node):
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
         self._demand_timeout = timing.demand_timeout
-        configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH})
+        configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *_TUNABLE})
         self._assist = BrakeAssist(configuration)
+        self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
@@ -92,7 +118,26 @@ class BrakeAssistNode(Node):
             shorter = min(self._demand_timeout, self._feedback_timeout)
             self.create_timer(shorter / 2.0, self._watch, clock=steady_clock())
 
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse what does not fit, and any tuning while somebody brakes."""
+        changes = _tuning(parameters)
+        if changes and self._is_braking():
+            return SetParametersResult(successful=False, reason="not while the pedal is down")
+        try:
+            dataclasses.replace(self._assist.configuration, **changes)
+        except ConfigurationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _is_braking(self) -> bool:
+        # A pedal that makes no sense is full braking.
+        threshold = self._assist.configuration.pedal_threshold
+        return self._demand is not None and not 0.0 <= self._demand[1] < threshold
+
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        changes = _tuning(parameters)
+        if changes:
+            self._assist = BrakeAssist(dataclasses.replace(self._assist.configuration, **changes))
         for given in parameters:
             if given.name == _SWITCH:
                 self._assist.switch(enabled=given.value)
@@ -183,6 +228,10 @@ class BrakeAssistNode(Node):
             {"state": decision.state.value, "fault": fault.value if fault else ""},
         )
         self._status.update(decision.stamp_ns, (decision.state, fault), status)
+
+
+def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
+    return {given.name: given.value for given in parameters if given.name in _TUNABLE}
 
 
 def main() -> None:

@@ -42,6 +42,7 @@ def _start(mode: str, context: Any) -> list[Any]:
     plan = launch_plan(mode, {name: context.launch_configurations[name] for name in ARGUMENTS})
     atexit.register(shutil.rmtree, plan.scratch, ignore_errors=True)
     actions: list[Any] = []
+    ended: list[str] = []
     for process in plan.nodes:
         node = Node(
             package=process.package,
@@ -50,15 +51,19 @@ def _start(mode: str, context: Any) -> list[Any]:
             additional_env={REPORT_FILE_VARIABLE: str(plan.reports(process.name))},
             output="screen",
         )
-        ended = OnProcessExit(target_action=node, on_exit=partial(_ended, plan, process.name))
-        actions += [RegisterEventHandler(ended), node]
+        on_exit = partial(_on_exit, plan, ended, process.name)
+        actions += [
+            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit)),
+            node,
+        ]
     return actions
 
 
-def _ended(plan: LaunchPlan, name: str, event: Any, _context: Any) -> list[Any]:
+def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context: Any) -> list[Any]:
     """Go on after the end of a node; what is raised here ends the launch with an error."""
     if event.returncode != 0:
         raise RuntimeError(f"{name} ended with exit code {event.returncode}")
-    if name == "recorder" and plan.is_run:
+    ended.append(name)
+    if plan.is_run and len(ended) == len(plan.nodes):
         print(plan.finish())
     return [EmitEvent(event=Shutdown(reason=f"{name} has ended"))]

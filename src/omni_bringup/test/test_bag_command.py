@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from omni_bringup.cli import main
+from omni_bringup.commands.bag import printable
 from omni_recording.check import check_bag
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
@@ -251,3 +252,16 @@ def test_no_ros_is_imported(tmp_path: Path) -> None:
         [sys.executable, "-c", script, str(path)], env=dict(os.environ), check=False
     )
     assert done.returncode == 0
+
+
+def test_links_that_lead_nowhere_are_refused_by_name(tmp_path: Path) -> None:
+    for name, target in (("lost", "nothing.mcap"), ("round", "round_0.mcap")):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / f"{name}_0.mcap").symlink_to(folder / target)
+        with pytest.raises(BagError, match=rf"{name}_0\.mcap cannot be read"):
+            recover(folder, tmp_path / "saved")
+
+
+def test_a_name_without_end_does_not_fill_the_terminal() -> None:
+    assert len(printable("/t" * 12_500)) < 1100

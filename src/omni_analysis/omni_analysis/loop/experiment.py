@@ -34,6 +34,7 @@ from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_DEEPEST = 20  # parts of a key
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 _EXPERIMENTS = "experiments"
 # What the file of a vehicle must say.
@@ -297,14 +298,14 @@ def parse_override(text: str) -> dict[str, Any]:
     """
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals or not all(parts) or len(parts) > _DEEPEST:
         raise ConfigurationError(
-            "--set", f"{text!r} must have the form key=value, such as vehicle.load.mass=400"
+            "--set", f"{text[:200]!r} must have the form key=value, such as vehicle.load.mass=400"
         )
     try:
         value = load_yaml(value_text)
     except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
-        raise ConfigurationError(key, f"the value {value_text!r} is not valid YAML") from None
+        raise ConfigurationError(key, f"the value {value_text[:200]!r} is not valid YAML") from None
     for part in reversed(parts):
         value = {part: value}
     return dict(value)
