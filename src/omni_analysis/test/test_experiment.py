@@ -189,7 +189,7 @@ def test_a_simulated_vehicle_has_no_axle_that_grips() -> None:
     ).check_drivable()
 
 
-@pytest.mark.parametrize("name", ["/tmp/x", "../..", "5", "''", "null", "a b", "[1]", "a" * 65])
+@pytest.mark.parametrize("name", ["/tmp/x", "../..", "5", "''", "null", "a b", "a" * 65])
 def test_a_variant_that_is_no_name_for_a_folder_is_refused(name: str, tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text(f"vehicle: mecanum_forklift\nvariants:\n  ? {name}\n  :\n")
