@@ -120,8 +120,8 @@ def test_a_kiwi_along_a_passive_direction_has_no_straight_stop(library: Experime
 
 
 def test_ice_all_along_the_way_is_a_ground_of_ice(forklift: VehicleConfiguration) -> None:
-    patch = {"x": 5.0, "y": 0.0, "length": 100.0, "width": 50.0, "friction": 0.3}
-    icy = dataclasses.replace(FLAT, patches={"ice": FrictionPatch(**patch)})
+    patch = FrictionPatch(x=5.0, y=0.0, length=100.0, width=50.0, friction=0.3)
+    icy = dataclasses.replace(FLAT, patches={"ice": patch})
     same = straight_bound(forklift, dataclasses.replace(FLAT, friction=0.3), _moving(5.0))
     over = straight_bound(forklift, icy, _moving(5.0))
     assert over.distance == pytest.approx(same.distance, rel=0.01)

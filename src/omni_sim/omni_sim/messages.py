@@ -115,7 +115,9 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
         heading = math.radians(patch.heading_deg)
         centre = (patch.x, patch.y, -0.01)
         size = (patch.length, patch.width, 0.01)
-        markers.append(_box(stamp_ns, "friction_patches", index, centre, heading, size, _SKY))
+        marker = _box(stamp_ns, "friction_patches", index, centre, heading, size, _SKY)
+        marker.type = Marker.CYLINDER if patch.shape == "ellipse" else Marker.CUBE
+        markers.append(marker)
     return MarkerArray(markers=markers)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
@@ -39,3 +41,19 @@ def test_last_of_overlapping_patches_counts() -> None:
 def test_negative_friction_is_refused() -> None:
     with pytest.raises(ValueError, match=r"-0\.1"):
         FrictionMap(-0.1)
+
+
+def test_ellipse_is_what_a_stretched_circle_covers() -> None:
+    ellipse = FrictionPatch(
+        shape="ellipse", x=1.0, y=-2.0, length=4.0, width=1.0, heading_deg=25.0, friction=0.3
+    )
+    ground = FrictionMap(1.0, {"oil": ellipse})
+    cos, sin = math.cos(math.radians(25.0)), math.sin(math.radians(25.0))
+    for angle in np.linspace(0.0, 2.0 * np.pi, 37):
+        for stretch, expected in ((0.999, 0.3), (1.001, 1.0)):
+            along, across = stretch * 2.0 * math.cos(angle), stretch * 0.5 * math.sin(angle)
+            x, y = 1.0 + cos * along - sin * across, -2.0 + sin * along + cos * across
+            assert ground.at(x, y) == expected
+    # Its box reaches farther than it does.
+    corner = FrictionMap(1.0, {"oil": dataclasses.replace(ellipse, heading_deg=0.0)})
+    assert corner.at(1.0 + 1.9, -2.0 + 0.45) == 1.0

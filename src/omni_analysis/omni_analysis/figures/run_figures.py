@@ -51,7 +51,7 @@ def scene_of(configuration: ExperimentConfiguration) -> Scene:
         centre_of_gravity=(float(centre[0]), float(centre[1])),
         load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
         patches=tuple(
-            GroundPatch.rectangle(
+            (GroundPatch.ellipse if patch.shape == "ellipse" else GroundPatch.rectangle)(
                 patch.x, patch.y, patch.length, patch.width, patch.heading_deg, patch.friction
             )
             for patch in configuration.ground.patches.values()

@@ -38,6 +38,16 @@ class GroundPatch:
         return cls(tuple((cx, cy) for cx, cy in corners.tolist()), friction)
 
     @classmethod
+    def ellipse(
+        cls, x: float, y: float, length: float, width: float, heading_deg: float, friction: float
+    ) -> GroundPatch:
+        """Return an ellipse with these axes; arguments as of `rectangle`."""
+        angle = np.linspace(0.0, math.tau, 72, endpoint=False)
+        ring = 0.5 * np.column_stack((length * np.cos(angle), width * np.sin(angle)))
+        placed_ring = placed(ring, (x, y, math.radians(heading_deg)))
+        return cls(tuple((cx, cy) for cx, cy in placed_ring.tolist()), friction)
+
+    @classmethod
     def disc(cls, x: float, y: float, radius: float, friction: float) -> GroundPatch:
         """Return a round patch about (x, y) [m]."""
         angles = [math.tau * index / 72 for index in range(72)]

@@ -334,6 +334,7 @@ def _reachable_friction(friction: FrictionMap, centre: FloatArray, radius: float
             if max(along[row], across[row]) > radius:
                 continue
             largest = max(largest, float(friction.table[row, 6]))
-            if max(along[row], across[row]) <= -radius:  # wholly within this patch
+            # Wholly within this patch; an ellipse is smaller than its box, which overestimates it.
+            if max(along[row], across[row]) <= -radius and friction.table[row, 7] == 0.0:
                 return largest
     return max(largest, friction.base)

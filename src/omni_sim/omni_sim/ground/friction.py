@@ -17,7 +17,14 @@ FloatArray = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrictionPatch(Configuration):
-    """A rectangle of ground with a friction of its own, in the world frame `odom`."""
+    """A rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
+
+    shape: str = parameter(
+        "rectangle",
+        description="Shape of the patch; an ellipse has length and width as its axes, and a circle "
+        "both alike",
+        choices=("rectangle", "ellipse"),
+    )
 
     x: float = parameter(description="Centre of the patch", unit="m")
     y: float = parameter(description="Centre of the patch", unit="m")
@@ -43,7 +50,7 @@ class FrictionMap:
     Attributes:
         base: friction factor outside all patches [1].
         table: the patches as the kernels read them: centre x, y [m], cosine and sine of the
-            heading, half length, half width [m], friction factor [1]; shape (P, 7).
+            heading, half length, half width [m], friction factor [1], 1 for an ellipse; (P, 8).
     """
 
     def __init__(
@@ -67,10 +74,11 @@ class FrictionMap:
                 patch.length / 2.0,
                 patch.width / 2.0,
                 patch.friction,
+                float(patch.shape == "ellipse"),
             )
             for patch in (patches or {}).values()
         ]
-        self.table: FloatArray = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
+        self.table: FloatArray = np.array(rows, dtype=np.float64).reshape(len(rows), 8)
 
     def at(self, x: float, y: float) -> float:
         """Return the friction factor [1] at a point of the ground [m]."""
@@ -86,5 +94,7 @@ def friction_at(base: float, table: FloatArray, x: float, y: float) -> float:
         along = dx * table[row, 2] + dy * table[row, 3]
         across = dy * table[row, 2] - dx * table[row, 3]
         if abs(along) <= table[row, 4] and abs(across) <= table[row, 5]:
-            return float(table[row, 6])
+            u, v = along / table[row, 4], across / table[row, 5]
+            if table[row, 7] == 0.0 or u * u + v * v <= 1.0:
+                return float(table[row, 6])
     return base

@@ -115,7 +115,7 @@ class Plant(NamedTuple):
         vertical_stiffness: c_z [N/m].
         slip_speed: v_num [m/s].
         friction: factor of the ground outside the patches [1].
-        patches: from `friction.FrictionMap`, shape (P, 7).
+        patches: from `friction.FrictionMap`, shape (P, 8).
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
         roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
     """
