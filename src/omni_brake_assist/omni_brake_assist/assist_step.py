@@ -23,11 +23,20 @@ from omni_brake_assist.braking_line import (
     store_line,
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.effect_monitor import (
+    EffectConstants,
+    EffectMemory,
+    effect_constants,
+    effect_memory,
+    watch_effect,
+)
 from omni_brake_assist.fail_safe import (
     GOOD,
     INTERNAL_ERROR,
+    INVALID_STAMP,
     LAW_ERROR,
     NANOSECONDS,
+    SILENCE,
     Heard,
     Limits,
     distrust,
@@ -44,6 +53,16 @@ from omni_brake_assist.laws.built_in import (
     law_memory,
 )
 from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
+from omni_brake_assist.observer import (
+    INERTIAL,
+    NO_TWIST,
+    NOBODY,
+    ObserverConstants,
+    ObserverMemory,
+    observe,
+    observer_constants,
+    observer_memory,
+)
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
@@ -51,13 +70,23 @@ from omni_platform.geometry import PlatformGeometry
 FloatArray = NDArray[np.float64]
 
 # What a step comes to. In all but ASSISTING every brake is on.
-INACTIVE, ASSISTING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = range(6)
+INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = range(7)
+
+# Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
+# vehicle rolling, and in the last of its speed there is next to no energy [1].
+_RECKONED_SHARE = 0.15
 
 _STEP = np.dtype(
     [
         ("followed_ns", "i8"),  # stamp of the last good feedback [ns]
         ("switched_ns", "i8"),  # stamp up to which the valves have been carried on [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
+        ("reckoned", "?"),  # whether the motion is known without the twist
+        ("contradicted", "?"),  # whether nobody knows it, or the effect is missing
+        ("no_effect", "?"),
+        ("faulty", "?"),  # whether the last step was FAULTY
+        ("start_speed", "f8"),  # when the line was stored [m/s]
+        ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # whether the law has been asked since the pedal went down
     ]
 )
@@ -69,6 +98,9 @@ class Constants(NamedTuple):
     Attributes:
         limits: of a feedback that can be trusted.
         laws: constants of the control laws.
+        second_opinion: whether the observer and the monitor of the effect have a say.
+        observer: their constants.
+        effect: likewise.
         r_x: wheel positions [m], shape (N,).
         r_y: likewise in y [m].
         pedal_threshold: from which the driver brakes [1].
@@ -81,6 +113,9 @@ class Constants(NamedTuple):
 
     limits: Limits
     laws: LawConstants
+    second_opinion: bool
+    observer: ObserverConstants
+    effect: EffectConstants
     r_x: FloatArray
     r_y: FloatArray
     pedal_threshold: float
@@ -100,6 +135,10 @@ class Memory(NamedTuple):
         line: line of motion to keep, see `braking_line`, shape (6,).
         valves: see `valve_dwell`, shape (N, 2).
         laws: of the control laws.
+        observer: see `observer`.
+        effect: see `effect_monitor`.
+        told: enables of the last step, shape (N,).
+        answer: the motion of now as the observer sees it, shape (3,).
     """
 
     trust: NDArray[np.void]
@@ -107,6 +146,10 @@ class Memory(NamedTuple):
     line: FloatArray
     valves: FloatArray
     laws: LawMemory
+    observer: ObserverMemory
+    effect: EffectMemory
+    told: FloatArray
+    answer: FloatArray
 
 
 class HeardWheels(NamedTuple):
@@ -167,6 +210,9 @@ def make_constants(
     return Constants(
         make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
         law_constants(configuration, geometry),
+        configuration.second_opinion,
+        observer_constants(configuration, geometry),
+        effect_constants(geometry),
         r_x,
         r_y,
         configuration.pedal_threshold,
@@ -181,7 +227,17 @@ def make_constants(
 def new_memory(wheels: int) -> Memory:
     """Return the memory of an assistant that has not been told anything, of N wheels."""
     valves = np.zeros((wheels, VALVE_SIZE))
-    return Memory(new_trust(), np.zeros(1, _STEP), np.zeros(LINE_SIZE), valves, law_memory(wheels))
+    return Memory(
+        new_trust(),
+        np.zeros(1, _STEP),
+        np.zeros(LINE_SIZE),
+        valves,
+        law_memory(wheels),
+        observer_memory(wheels),
+        effect_memory(wheels),
+        np.ones(wheels),
+        np.zeros(3),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -225,11 +281,21 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     braking = inputs.pedal >= constants.pedal_threshold
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking)
     trusted = memory.trust[0].cause == GOOD
-    v_x, v_y, yaw_rate = feedback.twist[0], feedback.twist[1], feedback.twist[2]
+    stamp_ns, twist = feedback.stamp_ns, feedback.twist
+    if constants.second_opinion:
+        chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
+        step.contradicted = chosen == NOBODY
+        step.reckoned = chosen != NOBODY and (chosen == NO_TWIST or not (good and trusted))
+        if memory.observer.belief[INERTIAL] != 0.0:
+            good = trusted = chosen != NOBODY
+            stamp_ns, twist = inputs.now_ns, memory.answer
+        elif chosen == NOBODY:
+            good = False
+    v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
     dt = 0.0
     if good:
-        dt = since(feedback.stamp_ns, step.followed_ns) * 1e-9
-        step.followed_ns = feedback.stamp_ns
+        dt = since(stamp_ns, step.followed_ns) * 1e-9
+        step.followed_ns = stamp_ns
         if not 0.0 <= dt <= constants.maximum_time_step:
             forget_line(line)  # the heading is not known across the gap
             dt = 0.0
@@ -242,12 +308,50 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
         elif trusted:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
+            step.start_speed = math.hypot(v_x, v_y)
     ready = braking and good and trusted
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
     speed = inputs.wheels.speed
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, speed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ask_observer(
+    constants: Constants, memory: Memory, inputs: Inputs, heard: bool, braking: bool
+) -> int:
+    """Ask the observer for the motion of now, and the monitor for the effect of the last step."""
+    step, feedback = memory.step[0], inputs.feedback
+    now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
+    speeds, inertial = np.full(memory.told.size, np.nan), np.full(3, np.nan)
+    if inputs.wheels.problem == GOOD and abs(since(now_ns, inputs.wheels.stamp_ns)) <= timeout:
+        speeds[:] = inputs.wheels.speed
+    if inputs.imu.problem == GOOD and abs(since(now_ns, inputs.imu.stamp_ns)) <= timeout:
+        inertial[:] = inputs.imu.value
+    variance = np.zeros(3)
+    if heard:
+        for j in range(3):
+            variance[j] = feedback.covariance[j, j]
+    dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
+    step.observed_ns = now_ns
+    step.no_effect = watch_effect(constants.effect, memory.effect, dt, braking, memory.told, speeds)
+    return int(
+        observe(
+            constants.observer,
+            memory.observer,
+            now_ns,
+            braking,
+            memory.told,
+            heard,
+            feedback.stamp_ns,
+            feedback.twist,
+            variance,
+            inertial,
+            speeds,
+            memory.answer,
+        )
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -278,13 +382,15 @@ def act(
     """
     outcome = _outcome(constants, memory, inputs, ready, answer, motion, error, enable)
     step = memory.step[0]
+    step.faulty = outcome == FAULTY
     elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
     step.switched_ns = inputs.now_ns
-    if outcome == ASSISTING:
+    if outcome in (ASSISTING, DEAD_RECKONING):
         switch_valves(memory.valves, constants.dwell, elapsed, enable)
     else:
         enable[:] = 1.0
         open_valves(memory.valves, constants.dwell, elapsed)
+    memory.told[:] = enable
     return int(outcome)
 
 
@@ -313,11 +419,16 @@ def _outcome(
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return INACTIVE
-    if inputs.outside != GOOD or memory.trust[0].cause != GOOD:
+    step = memory.step[0]
+    # What must be earned anew by good twists, whatever the second opinion knows.
+    lost = memory.trust[0].cause in (LAW_ERROR, INTERNAL_ERROR, INVALID_STAMP, SILENCE)
+    if inputs.outside != GOOD or lost or step.no_effect or not ready:
         return FAULTY
     if slow:
         return SLOW
-    return ASSISTING if helps else NO_BRAKE_HELPS
+    if not helps:
+        return NO_BRAKE_HELPS
+    return DEAD_RECKONING if step.reckoned else ASSISTING
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -334,6 +445,8 @@ def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     limit = constants.speed_threshold
     if step.slow:
         limit += constants.speed_hysteresis
+    if step.reckoned and constants.second_opinion:
+        limit += _RECKONED_SHARE * step.start_speed
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )

@@ -27,7 +27,9 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.assist_step import (
     ASSISTING,
+    DEAD_RECKONING,
     DISABLED,
+    FAULTY,
     INACTIVE,
     SLOW,
     HeardImu,
@@ -43,10 +45,13 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault
 from omni_brake_assist.fail_safe import (
     ABSENT,
+    CHECKS,
+    CONTRADICTED,
     GOOD,
     INTERNAL_ERROR,
     INVALID_DEMAND,
     INVALID_STAMP,
+    NO_EFFECT,
     SILENCE,
     UNKNOWN_WHEEL,
     UNREADABLE,
@@ -244,10 +249,12 @@ class BrakeAssist:
         """Return what is wrong: from outside, or else with the feedback."""
         if outside != GOOD:
             return self._said[outside]
-        trust = self._memory.trust[0]
+        trust, step = self._memory.trust[0], self._memory.step[0]
         cause = int(trust["cause"])
+        if step["no_effect"]:
+            return Fault(*CHECKS[NO_EFFECT])
         if cause == GOOD:
-            return None
+            return Fault(*CHECKS[CONTRADICTED]) if step["contradicted"] else None
         fault = self._said.get(cause) or fault_in_words(trust)
         if trust["good"] == 0:
             return fault
@@ -260,18 +267,24 @@ class BrakeAssist:
             return AssistState.DISABLED, "assistant is switched off"
         if outcome == INACTIVE:
             return AssistState.INACTIVE, f"pedal below {configuration.pedal_threshold:g}"
-        if fault is not None:
+        if outcome == FAULTY and fault is not None:
             return fault.state, fault.reason
         if outcome == SLOW:
             return (
                 AssistState.BELOW_SPEED_THRESHOLD,
                 f"wheel speed fell below {configuration.speed_threshold:g} m/s",
             )
-        if outcome != ASSISTING:
-            return AssistState.ALL_ERRORS_POSITIVE, "no error is negative"  # section 3.3
         dwell = configuration.minimum_dwell_time
-        within = f", switched at most every {dwell:g} s" if dwell > 0.0 else ""
-        return AssistState.ASSISTING, f"brakes with a negative error are on{within}"
+        words = "brakes with a negative error are on"
+        if dwell > 0.0:
+            words += f", switched at most every {dwell:g} s"
+        return {
+            ASSISTING: (AssistState.ASSISTING, words),
+            DEAD_RECKONING: (
+                AssistState.DEAD_RECKONING,
+                f"without the twist, by IMU and wheels: {words}",
+            ),
+        }.get(outcome, (AssistState.ALL_ERRORS_POSITIVE, "no error is negative"))  # section 3.3
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
         """Put all brakes on for a fault; trust is to be earned anew."""
@@ -280,6 +293,7 @@ class BrakeAssist:
         distrust(memory.trust[0], check, 0.0, 0.0, 0.0)
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
+        memory.told[:] = 1.0
         open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

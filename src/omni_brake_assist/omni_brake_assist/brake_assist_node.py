@@ -15,7 +15,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -25,9 +25,10 @@ from omni_brake_assist.brake_assist import (
     Decision,
     Fault,
 )
+from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.signals import Twist
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
@@ -72,6 +73,9 @@ class TimingConfiguration(Configuration):
         description="Answer every pedal message with the feedback of the same step, however long "
         "it takes, instead of answering in real time",
     )
+    await_imu: bool = parameter(
+        False, description="Lockstep: whether an answer waits for the IMU of its step"
+    )
     demand_timeout: float = parameter(
         0.1,
         description="Real time: silence of the pedal after which all brakes are on",
@@ -97,7 +101,13 @@ class BrakeAssistNode(Node):
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Twist | None = None
-        self._pairing = StepPairing()
+        self._wheel_speeds: WheelSpeeds | None = None
+        self._imu: ImuReading | None = None
+        self._imu_heard = -math.inf
+        self._second_opinion = configuration.second_opinion
+        self._pairing = StepPairing(
+            second_opinion=configuration.second_opinion, imu=timing.await_imu
+        )
         self._pedal_heard = self._twist_heard = time.monotonic()
         self._enable = advertise(self, JointState, "brake/enable")
         self._error = advertise(self, JointState, "brake_assist/error")
@@ -111,6 +121,7 @@ class BrakeAssistNode(Node):
             listen(self, JointState, "brake/pedal", self._on_pedal),
             listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist),
             listen(self, JointState, "wheel_states", self._on_wheel_states),
+            listen(self, Imu, "imu", self._on_imu),
         )
         self._voices = Voices(self, heard, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout
@@ -162,7 +173,24 @@ class BrakeAssistNode(Node):
             self._answer(self._newest_ns())
 
     def _on_wheel_states(self, message: JointState) -> None:
-        self._assist.check_wheel_names(message.name)
+        if self._assist.check_wheel_names(message.name) is not None:
+            return
+        speeds = wheel_speeds_of(message, self._wheels)
+        if speeds is not None:
+            self._wheel_speeds = speeds
+        if self._lockstep and speeds is not None:
+            self._pairing.take_wheels(speeds)
+            self._answer_step()
+
+    def _on_imu(self, message: Imu) -> None:
+        if not self._second_opinion:
+            return
+        self._imu, self._imu_heard = imu_reading_of(message), time.monotonic()
+        if self._lockstep:
+            self._pairing.take_imu(self._imu)
+            self._answer_step()
+        elif self._imu_heard - self._twist_heard > self._feedback_timeout and not self._watch():
+            self._answer(self._newest_ns())  # in place of a twist that does not come
 
     def _answer_step(self) -> None:
         """Answer a demand once the feedback of its step is there."""
@@ -194,7 +222,8 @@ class BrakeAssistNode(Node):
                 AssistState.NO_DEMAND,
                 f"no pedal for {no_pedal:.2f} s, more than {self._demand_timeout:g} s",
             )
-        if no_twist > self._feedback_timeout:
+        # With an IMU the assistant goes on by dead reckoning for as long as it can.
+        if no_twist > self._feedback_timeout < now - self._imu_heard:
             never = self._feedback is None
             return Fault(
                 AssistState.NO_FEEDBACK if never else AssistState.STALE_FEEDBACK,
@@ -207,12 +236,20 @@ class BrakeAssistNode(Node):
         stamps = [self._demand[0]] if self._demand is not None else []
         if self._feedback is not None:
             stamps.append(self._feedback.stamp_ns)
+        if self._imu is not None:
+            stamps.append(self._imu.stamp_ns)
         return max(stamps)
 
     def _answer(self, stamp_ns: int) -> None:
         if self._demand is None:
             return
-        self._publish(self._assist.update(BrakeDemand(stamp_ns, self._demand[1], self._feedback)))
+        self._publish(
+            self._assist.update(
+                BrakeDemand(
+                    stamp_ns, self._demand[1], self._feedback, self._wheel_speeds, self._imu
+                )
+            )
+        )
 
     def _publish(self, decision: Decision) -> None:
         stamp_ns = decision.stamp_ns

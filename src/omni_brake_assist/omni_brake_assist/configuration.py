@@ -129,7 +129,7 @@ class BrakeAssistConfiguration(Configuration):
         0.2, description="Largest standard deviation of the yaw rate", unit="rad/s", above=0.0
     )
     maximum_speed: float = parameter(
-        20.0, description="Largest plausible speed of the platform", unit="m/s", above=0.0
+        60.0, description="Largest plausible speed of the platform", unit="m/s", above=0.0
     )
     maximum_yaw_rate: float = parameter(
         10.0, description="Largest plausible yaw rate", unit="rad/s", above=0.0
@@ -157,6 +157,24 @@ class BrakeAssistConfiguration(Configuration):
         description="Step in yaw rate that noise alone may cause between two feedbacks",
         unit="rad/s",
         minimum=0.0,
+    )
+    second_opinion: bool = parameter(
+        False,
+        description="Whether the twist is checked against IMU and wheel speeds and made up for "
+        "by them where it is missing, and whether the effect of braking is watched",
+    )
+    imu_x: float = parameter(
+        0.0, description="Mounting of the IMU, forward of the platform centre", unit="m"
+    )
+    imu_y: float = parameter(
+        0.0, description="Mounting of the IMU, left of the platform centre", unit="m"
+    )
+    feedback_delay: float = parameter(
+        0.0,
+        description="By how much the feedback is older than its stamp; made up for by the IMU",
+        unit="s",
+        minimum=0.0,
+        maximum=0.2,
     )
     frozen_time: float = parameter(
         0.2,

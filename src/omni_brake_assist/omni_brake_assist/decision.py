@@ -21,6 +21,7 @@ class AssistState(enum.Enum):
 
     INACTIVE = "inactive"  # pedal up
     ASSISTING = "assisting"
+    DEAD_RECKONING = "dead_reckoning"  # likewise, on IMU and wheels without the twist
     ALL_ERRORS_POSITIVE = "all_errors_positive"  # no brake would help: the rule of section 3.3
     BELOW_SPEED_THRESHOLD = "below_speed_threshold"
     DISABLED = "disabled"
@@ -35,6 +36,8 @@ class AssistState(enum.Enum):
     NON_FINITE_FEEDBACK = "non_finite_feedback"
     LOW_CONFIDENCE = "low_confidence"
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
+    CONTRADICTED_FEEDBACK = "contradicted_feedback"
+    NO_EFFECT = "no_effect"
     INTERNAL_ERROR = "internal_error"
 
     @property
@@ -58,6 +61,7 @@ _NORMAL_STATES = frozenset(
     {
         AssistState.INACTIVE,
         AssistState.ASSISTING,
+        AssistState.DEAD_RECKONING,
         AssistState.ALL_ERRORS_POSITIVE,
         AssistState.BELOW_SPEED_THRESHOLD,
         AssistState.DISABLED,

@@ -55,7 +55,9 @@ GOOD = 0
     SILENCE,
     INTERNAL_ERROR,
     LAW_ERROR,
-) = range(1, 25)
+    CONTRADICTED,
+    NO_EFFECT,
+) = range(1, 27)
 
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
@@ -115,6 +117,14 @@ CHECKS: dict[int, tuple[AssistState, str]] = {
     FROZEN: (
         AssistState.IMPLAUSIBLE_FEEDBACK,
         "time without any change while braking is {value:.4g} s" + _MORE + "s",
+    ),
+    CONTRADICTED: (
+        AssistState.CONTRADICTED_FEEDBACK,
+        "twist, IMU and wheels contradict each other, or nobody knows the motion well enough",
+    ),
+    NO_EFFECT: (
+        AssistState.NO_EFFECT,
+        "braking has too little effect: all brakes on until the pedal is released",
     ),
     LAW_ERROR: (AssistState.INTERNAL_ERROR, "the law gave an enable that is no share of 0 to 1"),
 }

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from omni_brake_assist.decision import BrakeDemand
-from omni_platform.signals import Twist
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 
 
 class StepPairing:
     """Pairs each pedal value with the twist of its step, in whichever order they come.
 
     The newest line of a step may be up to a line period older than the step, so the feedback
-    belongs to the first demand that is not older than it.
+    belongs to the first demand that is not older than it. Wheel speeds and IMU, where they are
+    awaited, bear the stamp of the step.
+
+    Args:
+        second_opinion: whether a demand waits for the wheel speeds of its step.
+        imu: whether it waits for the IMU too.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, second_opinion: bool = False, imu: bool = False) -> None:
+        self._awaits_wheels, self._awaits_imu = second_opinion, second_opinion and imu
+        self._wheels: WheelSpeeds | None = None
+        self._imu: ImuReading | None = None
         self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: Twist | None = None
         self._answered_ns = -1  # stamp of the newest demand that was answered
@@ -26,6 +34,14 @@ class StepPairing:
         """Take a body twist."""
         self._feedback = feedback
 
+    def take_wheels(self, wheels: WheelSpeeds) -> None:
+        """Take the speeds of the wheels."""
+        self._wheels = wheels
+
+    def take_imu(self, imu: ImuReading) -> None:
+        """Take a reading of the IMU."""
+        self._imu = imu
+
     def next_demand(self) -> BrakeDemand | None:
         """Return the demand that can be answered now, once; None while something is missing."""
         if self._pedal is None or self._feedback is None:
@@ -33,5 +49,8 @@ class StepPairing:
         stamp_ns, pedal = self._pedal
         if stamp_ns <= self._answered_ns or self._feedback.stamp_ns <= self._answered_ns:
             return None
+        for awaited, signal in ((self._awaits_wheels, self._wheels), (self._awaits_imu, self._imu)):
+            if awaited and (signal is None or signal.stamp_ns < stamp_ns):
+                return None
         self._answered_ns = stamp_ns
-        return BrakeDemand(stamp_ns, pedal, self._feedback)
+        return BrakeDemand(stamp_ns, pedal, self._feedback, self._wheels, self._imu)

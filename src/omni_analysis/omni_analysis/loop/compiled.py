@@ -274,7 +274,9 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        measures=bool(configuration.faults) or configuration.brake_assist.law != "sliding_mode",
+        measures=configuration.brake_assist.second_opinion
+        or bool(configuration.faults)
+        or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,
         end=run_end(simulation),
     )
@@ -473,7 +475,7 @@ def _go_on(
     wheels: FloatArray,
 ) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
-    row[_TRUST] = 1.0 if memory.trust[0].cause == GOOD else 0.0
+    row[_TRUST] = 0.0 if memory.step[0].faulty else 1.0
     stored = energies(state)
     row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
     for i in range(desk.enable.size):

@@ -116,6 +116,7 @@ def brake_assist(
         _flat(configuration.brake_assist)
         | _timing(lockstep)
         | {"subscribers": listeners, "lockstep": lockstep}
+        | {"await_imu": configuration.imu.enabled}
     )
     remaps = []
     if not configuration.hears_lines:

@@ -15,6 +15,7 @@ from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssist
+from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
 from omni_bringup.replay.plan import BRAKE_ASSIST, ODOMETRY, ReplayPlan, feedback_topic
 from omni_platform.signals import Twist
@@ -82,6 +83,7 @@ class _Cores:
         if BRAKE_ASSIST in plan.nodes:
             self._brakes = _Brakes(configuration)
             self._takers["/wheel_states"] = self._brakes.take_wheel_states
+            self._takers["/imu"] = self._brakes.take_imu
             self._takers["/brake/pedal"] = self._brakes.take_pedal
             self._takers[feedback_topic(configuration)] = self._brakes.take_twist
         if ODOMETRY in plan.nodes:
@@ -132,11 +134,22 @@ class _Brakes:
     def __init__(self, configuration: ExperimentConfiguration) -> None:
         self._assist = BrakeAssist(configuration.brake_assist)
         self._wheels = tuple(configuration.brake_assist.wheels)
-        self._pairing = StepPairing()
+        limits = configuration.brake_assist
+        self._pairing = StepPairing(
+            second_opinion=limits.second_opinion, imu=configuration.imu.enabled
+        )
 
     def take_wheel_states(self, message: Any) -> Iterable[Result]:
-        self._assist.check_wheel_names(message.name)
-        return ()
+        if self._assist.check_wheel_names(message.name) is not None:
+            return ()
+        speeds = wheel_speeds_of(message, self._wheels)
+        if speeds is not None:
+            self._pairing.take_wheels(speeds)
+        return self._answer()
+
+    def take_imu(self, message: Any) -> Iterable[Result]:
+        self._pairing.take_imu(imu_reading_of(message))
+        return self._answer()
 
     def take_pedal(self, message: Any) -> Iterable[Result]:
         pedal = float(message.position[0]) if len(message.position) else np.nan

@@ -62,6 +62,8 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     if BRAKE_ASSIST in nodes:
         inputs |= {"/wheel_states": _JOINTS, feedback_topic(configuration): _TWIST}
         inputs["/brake/pedal"] = _JOINTS
+        if configuration.brake_assist.second_opinion and configuration.imu.enabled:
+            inputs["/imu"] = "sensor_msgs/msg/Imu"
         outputs |= {"/brake/enable": _JOINTS, "/brake_assist/error": _JOINTS}
     # What one node answers, the other hears from it and not from the recording.
     inputs = {topic: kind for topic, kind in inputs.items() if topic not in outputs}

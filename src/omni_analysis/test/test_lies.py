@@ -1,0 +1,78 @@
+"""Stops with a lying sensor against the limits that hold for any single lie."""
+
+from pathlib import Path
+
+import pytest
+
+from omni_analysis.campaign.lies import (
+    DISTANCE_LIMITS,
+    ROTATION_LIMIT,
+    Lie,
+    LyingSensors,
+    loss_of_twist,
+)
+from omni_analysis.loop.experiment import ExperimentLibrary
+
+LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")
+
+
+@pytest.fixture(scope="module")
+def stops() -> LyingSensors:
+    return LyingSensors(LIBRARY)
+
+
+@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize(
+    ("channel", "kind", "axis", "amplitude"),
+    [
+        ("twist", "offset", 1, 0.5),  # never came to rest once
+        ("twist", "offset", 2, -3.0),
+        ("twist", "whisper", -1, 0.0),
+        ("twist", "zero", 1, 0.0),
+        ("twist", "ramp", 1, 2.0),
+        ("twist", "drop_out", -1, 0.0),
+        ("encoder", "zero", 0, 0.0),
+        ("encoder", "drift", 1, 10.0),
+    ],
+)
+def test_a_lie_makes_no_stop_worse(
+    stops: LyingSensors, imu: bool, channel: str, kind: str, axis: int, amplitude: float
+) -> None:
+    stop = stops.run(0, "straight_line", Lie(channel, kind, axis, 0.3, amplitude, 0.3), imu=imu)
+    assert stop.rest
+    assert stop.distance <= DISTANCE_LIMITS[imu]
+    if imu:
+        assert stop.rotation <= ROTATION_LIMIT
+
+
+@pytest.mark.parametrize(
+    ("channel", "kind", "amplitude"),
+    [
+        ("gyro", "zero", 0.0),
+        ("gyro", "sign", 0.0),
+        ("gyro", "offset", -3.0),
+        ("gyro", "drift", 0.3),
+        ("accelerometer", "swap", 0.0),
+        ("accelerometer", "sign", 0.0),
+        ("accelerometer", "offset", 3.0),
+        ("accelerometer", "stuck", 0.0),
+    ],
+)
+def test_an_imu_that_lies_makes_no_stop_worse(
+    stops: LyingSensors, channel: str, kind: str, amplitude: float
+) -> None:
+    for onset in (0.05, 0.4):
+        axis = 0 if channel == "gyro" else -1
+        lie = Lie(channel, kind, axis, onset, amplitude, 0.3)
+        stop = stops.run(0, "straight_line", lie, imu=True)
+        assert stop.rest
+        assert stop.distance <= DISTANCE_LIMITS[True]
+        assert stop.rotation <= ROTATION_LIMIT
+
+
+def test_a_stop_goes_on_without_the_twist() -> None:
+    assert loss_of_twist(LIBRARY, 0.3) <= 8.0
+
+
+def test_a_seed_is_always_the_same_stop(stops: LyingSensors) -> None:
+    assert stops(3) == stops(3) == LyingSensors(LIBRARY)(3)

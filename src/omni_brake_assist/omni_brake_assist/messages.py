@@ -1,0 +1,35 @@
+"""Messages to what the brake assistant is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from omni_platform.signals import ImuReading, WheelSpeeds
+from omni_ros.messages import to_nanoseconds
+
+
+def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSpeeds | None:
+    """Return the speeds of a `JointState`; None where it has no speed for each of its names.
+
+    Args:
+        message: names all of the wheels, in any order.
+        wheels: in the order that is wanted.
+    """
+    if len(message.velocity) != len(message.name):
+        return None
+    speeds = dict(zip(message.name, message.velocity, strict=True))
+    stamp_ns = to_nanoseconds(message.header.stamp)
+    return WheelSpeeds(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
+
+
+def imu_reading_of(message: Any) -> ImuReading:
+    """Return yaw rate and specific force of a `sensor_msgs/Imu` mounted along `base_link`."""
+    force = message.linear_acceleration
+    return ImuReading(
+        to_nanoseconds(message.header.stamp),
+        float(message.angular_velocity.z),
+        np.array([force.x, force.y]),
+    )

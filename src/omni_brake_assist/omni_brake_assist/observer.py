@@ -1,0 +1,663 @@
+"""A second opinion on the motion: who of twist, gyro, accelerometer and wheels is to be believed.
+
+Four extended Kalman filters run side by side on the state ``(u_x, u_y, Omega, b_g, b_x, b_y)``:
+velocity ``u = v + Omega k x p`` of the place ``p`` where the IMU is mounted, in the body frame, yaw
+rate, and the biases of gyro and accelerometer. One hears everybody, each of the others leaves one
+of twist, gyro and accelerometer out. At the mounting the specific force ``f`` needs no angular
+acceleration,
+
+    u' = R(-Omega dt) u + R(-Omega dt / 2) (f - b) dt
+
+and without an accelerometer the velocity walks at random within what tires can do. Measured are
+
+    gyro           Omega + b_g
+    twist          v = u - Omega k x p, Omega          (at its own stamp: see below)
+    rolling wheel  n_w . u + (lever + n_wx p_y - n_wy p_x) Omega = R omega n_w . u_w
+
+A wheel rolls while the pedal is up, and when its brake has been released for long enough for it to
+have spun up; it says one component of the motion exactly and knows neither of the IMU nor
+of the twist. A twist that comes late is compared with the state of its stamp and corrects that of
+now, so the answer is always of now.
+
+Consistency decides whom to believe (parity by leaving one out). The filters without twist and
+without accelerometer must agree on the velocity, those without twist and without gyro on the yaw
+rate. Where they do not, one of two channels lies. Three witnesses say which: the wheels that roll
+contradict the filter that believes it; in a dispute about the yaw rate, the twist's own rate must
+explain its velocity by ``v' = f - Omega k x v``; in one about the velocity, who sees none of the
+loss that braking wheels cause is wrong. What is convicted is left out until it has agreed with
+the others for a while, the third time until the pedal is released. Until there is a verdict the
+filter that fits better is used; if there is none in time, nobody is believed. A wheel that
+contradicts all filters is not heard. Without an IMU the twist must fit the wheels that roll, and
+lose speed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.geometry import PlatformGeometry, cross
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Entries of the scores behind those of the filters: the twist against the wheels by itself, how
+# many wheels have spoken lately, the twist's velocity against the filter without gyro.
+ALONE, SPOKEN, FIT = 4, 5, 6
+SCORES = 7
+
+# The filters, by who is left out.
+ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
+FILTERS = 4
+_U_X, _U_Y, _RATE, _BIAS_RATE, _BIAS_X, _BIAS_Y = range(6)
+STATES = 6
+
+# Who is not believed, beside the filters above: nobody is.
+NOBODY = 4
+
+# Entries of the belief: who is left out; time that the dispute has lasted [s]; for how long the one
+# left out has agreed again [s]; how often one has been convicted; whether there has been an IMU
+# reading; whether the filters have begun; time since the last good twist [s]; time of the last
+# step [ns]; time of the newest twist used [ns]; whether the pedal was down; for how long the
+# twist has lost no speed [s]; speed when the pedal went down [m/s]; what wheel radii are off by, as
+# learnt while the pedal was up [1].
+(
+    OUT,
+    DISPUTED,
+    AGREED,
+    CONVICTIONS,
+    INERTIAL,
+    BEGUN,
+    TWIST_AGE,
+    LAST_NS,
+    TWIST_NS,
+    PRESSED,
+    IDLE,
+    TOP_SPEED,
+    SCALE,
+) = range(13)
+BELIEF_SIZE = 13
+
+_FADE = 0.96  # of evidence, per step
+_PROOF = 12.0  # by how much the scores of two filters must differ
+_LOSS = 10  # steps over which a loss of speed is looked at
+_FASTEST_TURN = 50.0  # [rad/s]
+_LARGEST_FORCE = 100.0  # [m/s^2]
+_LARGEST_SCALE = 0.03  # error of wheel radii that is learnt [1]
+_FASTEST_RIM = 200.0  # [m/s]
+_HISTORY = 32  # states of the past that a late twist can be compared with
+
+
+class ObserverConstants(NamedTuple):
+    """What never changes.
+
+    Attributes:
+        n_x: active directions [1], shape (N,).
+        n_y: likewise.
+        lever: of the active directions about the mounting of the IMU [m], shape (N,).
+        roll: speed along the active direction per wheel speed, ``R n_w . u_w`` [m], shape (N,).
+        p_x: mounting of the IMU [m].
+        p_y: likewise [m].
+        force: uncertainty of the specific force [m/s^2].
+        walk: acceleration that tires can make [m/s^2].
+        turn: angular acceleration that they can make [rad/s^2].
+        gyro: standard deviation of the gyro [rad/s].
+        wheel: of the speed of a rolling wheel [m/s].
+        scale: relative error of wheel radii and twist [1].
+        velocity_gate: disagreement on the velocity that is no dispute [m/s].
+        rate_gate: likewise on the yaw rate [rad/s].
+        patience: time within which the wheels must settle a dispute [s].
+        parole: time of agreement until a convicted channel is heard again [s].
+        convictions: after which it stays out.
+        velocity_deviation: of the answer, largest [m/s].
+        rate_deviation: likewise of the yaw rate [rad/s].
+        spin_up: time since its release after which a wheel rolls [s].
+        delay: by which a twist is older than its stamp [ns].
+        longest: step across which the filters go on [s].
+    """
+
+    n_x: FloatArray
+    n_y: FloatArray
+    lever: FloatArray
+    roll: FloatArray
+    p_x: float
+    p_y: float
+    force: float
+    walk: float
+    turn: float
+    gyro: float
+    wheel: float
+    scale: float
+    velocity_gate: float
+    rate_gate: float
+    patience: float
+    parole: float
+    convictions: float
+    velocity_deviation: float
+    rate_deviation: float
+    spin_up: float
+    delay: float
+    longest: float
+
+
+class ObserverMemory(NamedTuple):
+    """What it remembers from step to step.
+
+    Attributes:
+        state: of each filter, shape (4, 6).
+        covariance: likewise, shape (4, 6, 6).
+        belief: see the constants of the module, shape (13,).
+        released: for how long each wheel's brake has been released [s], shape (N,).
+        rim: the last speed of each rim along the active direction [m/s], shape (N,).
+        doubt: how often each has contradicted everybody lately [1], shape (N,).
+        score: how badly wheels fit the filters, see the head of the module [1], shape (7,).
+        past: states of the last stamps, a ring, shape (32, 4, 6).
+        stamps: of them [ns], -1 where there is none, shape (32,).
+        newest: row of the newest of them, shape (1,).
+    """
+
+    state: FloatArray
+    covariance: FloatArray
+    belief: FloatArray
+    released: FloatArray
+    rim: FloatArray
+    doubt: FloatArray
+    score: FloatArray
+    past: FloatArray
+    stamps: IntArray
+    newest: IntArray
+
+
+def observer_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> ObserverConstants:
+    """Lay out the constants for the kernel.
+
+    Args:
+        configuration: of the assistant.
+        geometry: of the wheels.
+    """
+    p_x, p_y = configuration.imu_x, configuration.imu_y
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    return ObserverConstants(
+        n_x=n_x,
+        n_y=n_y,
+        lever=cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x,
+        roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
+        p_x=p_x,
+        p_y=p_y,
+        force=0.3,
+        walk=30.0,
+        turn=60.0,
+        gyro=0.01,
+        wheel=0.03,
+        scale=0.015,
+        velocity_gate=0.1,
+        rate_gate=0.05,
+        patience=0.1,
+        parole=0.2,
+        convictions=3.0,
+        velocity_deviation=0.4,
+        rate_deviation=0.15,
+        spin_up=0.03,
+        delay=float(round(configuration.feedback_delay * 1e9)),
+        longest=configuration.maximum_time_step,
+    )
+
+
+def observer_memory(wheels: int) -> ObserverMemory:
+    """Return a memory that has seen nothing."""
+    return ObserverMemory(
+        np.zeros((FILTERS, STATES)),
+        np.zeros((FILTERS, STATES, STATES)),
+        np.zeros(BELIEF_SIZE),
+        np.zeros(wheels),
+        np.full(wheels, np.nan),
+        np.zeros(wheels),
+        np.zeros(SCORES),
+        np.zeros((_HISTORY, FILTERS, STATES)),
+        np.full(_HISTORY, -1, np.int64),
+        np.zeros(1, np.int64),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
+    """Start all filters at a twist of which little is known."""
+    memory.released[:] = 0.0
+    memory.rim[:] = math.nan
+    memory.doubt[:] = 0.0
+    memory.stamps[:] = -1
+    memory.score[:] = 0.0
+    belief = memory.belief
+    belief[:] = 0.0
+    belief[BEGUN] = 1.0
+    belief[LAST_NS] = now_ns
+    belief[TWIST_NS] = -1.0
+    memory.state[:] = 0.0
+    memory.covariance[:] = 0.0
+    for k in range(FILTERS):
+        for j in range(3):
+            memory.state[k, j] = twist[j]
+            memory.covariance[k, j, j] = 100.0
+        memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = 0.02**2
+        memory.covariance[k, _BIAS_X, _BIAS_X] = 0.5**2
+        memory.covariance[k, _BIAS_Y, _BIAS_Y] = 0.5**2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _predict(
+    constants: ObserverConstants,
+    state: FloatArray,
+    covariance: FloatArray,
+    dt: float,
+    inertial: bool,
+    f_x: float,
+    f_y: float,
+    product: FloatArray,
+) -> None:
+    """Carry one filter on by a step."""
+    rate, u_x, u_y = state[_RATE], state[_U_X], state[_U_Y]
+    cos, sin = math.cos(rate * dt), math.sin(rate * dt)
+    state[_U_X], state[_U_Y] = cos * u_x + sin * u_y, cos * u_y - sin * u_x
+    spread = constants.walk
+    if inertial:
+        spread = constants.force
+        a_x, a_y = f_x - state[_BIAS_X], f_y - state[_BIAS_Y]
+        half_c, half_s = math.cos(0.5 * rate * dt), math.sin(0.5 * rate * dt)
+        state[_U_X] += dt * (half_c * a_x + half_s * a_y)
+        state[_U_Y] += dt * (half_c * a_y - half_s * a_x)
+    # Rows of the Jacobian that differ from those of the unit matrix.
+    t_x, t_y = dt * state[_U_Y], -dt * state[_U_X]
+    bias = -dt if inertial else 0.0
+    for j in range(STATES):
+        p_x, p_y = covariance[_U_X, j], covariance[_U_Y, j]
+        turn = covariance[_RATE, j]
+        product[0, j] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[_BIAS_X, j]
+        product[1, j] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[_BIAS_Y, j]
+    for j in range(STATES):
+        covariance[_U_X, j], covariance[_U_Y, j] = product[0, j], product[1, j]
+    for i in range(STATES):
+        p_x, p_y = covariance[i, _U_X], covariance[i, _U_Y]
+        turn = covariance[i, _RATE]
+        covariance[i, _U_X] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[i, _BIAS_X]
+        covariance[i, _U_Y] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[i, _BIAS_Y]
+    covariance[_U_X, _U_X] += (spread * dt) ** 2
+    covariance[_U_Y, _U_Y] += (spread * dt) ** 2
+    covariance[_RATE, _RATE] += (constants.turn * dt) ** 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread(covariance: FloatArray, h: FloatArray) -> float:
+    """Return the variance of ``h . x``."""
+    total = 0.0
+    for i in range(STATES):
+        if h[i] != 0.0:
+            for j in range(STATES):
+                total += h[i] * covariance[i, j] * h[j]
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _correct(
+    state: FloatArray, covariance: FloatArray, h: FloatArray, innovation: float, variance: float
+) -> None:
+    """Correct one filter by a scalar measurement ``h . x``."""
+    gain = np.empty(STATES)
+    total = variance
+    for i in range(STATES):
+        gain[i] = 0.0
+        for j in range(STATES):
+            gain[i] += covariance[i, j] * h[j]
+        total += h[i] * gain[i]
+    for i in range(STATES):
+        state[i] += gain[i] * innovation / total
+    for i in range(STATES):
+        for j in range(STATES):
+            covariance[i, j] -= gain[i] * gain[j] / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _of_then(memory: ObserverMemory, k: int, stamp_ns: int, then: FloatArray) -> None:
+    """Write the state of a filter at a time; the oldest known one if it is longer ago."""
+    row = memory.newest[0]
+    then[:] = memory.state[k]
+    later_ns = memory.stamps[row]
+    for _ in range(_HISTORY - 1):
+        if later_ns <= stamp_ns:
+            return
+        row = (row - 1) % _HISTORY
+        earlier_ns = memory.stamps[row]
+        if earlier_ns < 0 or earlier_ns >= later_ns:
+            return
+        if earlier_ns <= stamp_ns:
+            share = (later_ns - stamp_ns) / (later_ns - earlier_ns)
+            for j in range(STATES):
+                then[j] += share * (memory.past[row, k, j] - then[j])
+            return
+        then[:] = memory.past[row, k]
+        later_ns = earlier_ns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hear_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    stamp_ns: int,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Correct the filters that hear the twist by it."""
+    h, then = np.zeros(STATES), np.empty(STATES)
+    speed = constants.scale * math.hypot(twist[0], twist[1])
+    own = constants.wheel**2 + (0.3 * speed) ** 2
+    p_x, p_y = constants.p_x, constants.p_y
+    place_ns = stamp_ns - int(constants.delay)
+    for k in range(FILTERS):
+        if k == NO_TWIST:
+            continue
+        state, covariance = memory.state[k], memory.covariance[k]
+        _of_then(memory, k, place_ns, then)
+        shift = state.copy()
+        for j in range(3):
+            h[:] = 0.0
+            if j == _RATE:
+                h[_RATE] = 1.0
+            else:
+                h[j] = 1.0
+                h[_RATE] = p_y if j == 0 else -p_x
+            # The state may have been corrected by the components before.
+            predicted = 0.0
+            for i in range(STATES):
+                predicted += h[i] * (then[i] + state[i] - shift[i])
+            spread = variance[j] + (constants.gyro**2 if j == _RATE else own)
+            if k == NO_GYRO and j != _RATE:
+                misfit = (twist[j] - predicted) ** 2 / (spread + _spread(covariance, h))
+                memory.score[FIT] = 0.9 * memory.score[FIT] + min(misfit, 25.0)
+            _correct(state, covariance, h, twist[j] - predicted, spread)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hear_wheels(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    dt: float,
+    braking: bool,
+    enable: FloatArray,
+    speeds: FloatArray,
+    disputed: bool,
+    heard: bool,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
+    h = np.zeros(STATES)
+    innovations, spreads = np.empty(FILTERS), np.empty(FILTERS)
+    memory.score[:FILTERS] *= _FADE
+    memory.score[SPOKEN] *= _FADE
+    for i in range(speeds.size):
+        rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[SCALE])
+        before, memory.rim[i] = memory.rim[i], rim
+        held = braking and enable[i] > 0.0
+        memory.released[i] = 0.0 if held else memory.released[i] + dt
+        limit = 8.0 * dt + 2.0 * constants.wheel
+        rolls = (
+            not held
+            and memory.released[i] >= constants.spin_up
+            and abs(rim) < _FASTEST_RIM
+            and abs(rim - before) <= limit
+            and not (braking and abs(rim) < 0.1)
+        )
+        if not rolls:
+            continue
+        h[_U_X], h[_U_Y], h[_RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
+        # A wheel that still spins up is slower than it will be by some of its changes.
+        own = constants.wheel**2 + (constants.scale * rim) ** 2 + 16.0 * (rim - before) ** 2
+        fits = True
+        trusted = memory.doubt[i] < 4.0
+        for k in range(FILTERS):
+            state = memory.state[k]
+            predicted = h[0] * state[0] + h[1] * state[1] + h[2] * state[2]
+            innovations[k] = rim - predicted
+            spreads[k] = _spread(memory.covariance[k], h) + own
+            misfit = innovations[k] ** 2 / spreads[k]
+            fits = fits and misfit <= 12.0
+            if trusted:
+                memory.score[k] += min(innovations[k] ** 2 / own, 25.0)
+        if not disputed:
+            strange = innovations[ALL] ** 2 > 9.0 * own
+            memory.doubt[i] = 0.9 * memory.doubt[i] + (1.0 if strange else 0.0)
+        if not trusted:
+            continue
+        memory.score[SPOKEN] += 1.0
+        if heard:
+            # The twist of base_link at the wheel.
+            place = (h[_RATE] + h[_U_Y] * constants.p_x - h[_U_X] * constants.p_y) * twist[2]
+            misfit = rim - h[_U_X] * twist[0] - h[_U_Y] * twist[1] - place
+            if not braking and abs(rim) > 0.5:
+                error = misfit / (rim - misfit) if rim != misfit else 0.0
+                if abs(error) < _LARGEST_SCALE:
+                    scale = memory.belief[SCALE] + 0.02 * error
+                    memory.belief[SCALE] = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
+            spread = own + 0.05**2
+            for j in range(3):
+                spread += 4.0 * h[j] ** 2 * variance[j]
+            memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / spread, 25.0)
+        for k in range(FILTERS):
+            misfit = innovations[k] ** 2 / spreads[k]
+            if fits or (disputed and misfit <= 12.0):
+                _correct(memory.state[k], memory.covariance[k], h, innovations[k], own)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[float, float]:
+    """Return the disagreements on velocity and yaw rate in units of what is no dispute."""
+    state, cov = memory.state, memory.covariance
+    speed = memory.belief[TOP_SPEED]  # the filters still have the errors that they had then
+    worst = 0.0
+    for j in range(2):
+        gate = constants.velocity_gate + constants.scale * speed
+        gate += 3.0 * math.sqrt(cov[NO_TWIST, j, j] + cov[NO_FORCE, j, j])
+        worst = max(worst, abs(state[NO_TWIST, j] - state[NO_FORCE, j]) / gate)
+    gate = constants.rate_gate + constants.scale * abs(state[ALL, _RATE])
+    gate += 3.0 * math.sqrt(cov[NO_TWIST, _RATE, _RATE] + cov[NO_GYRO, _RATE, _RATE])
+    return worst, abs(state[NO_TWIST, _RATE] - state[NO_GYRO, _RATE]) / gate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> int:
+    """Decide whom to leave out; return the filter to use, or NOBODY."""
+    belief, score = memory.belief, memory.score
+    velocity, rate = _differences(constants, memory)
+    out = int(belief[OUT])
+    if out != ALL:
+        own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
+        belief[AGREED] = belief[AGREED] + dt if own < 0.6 else 0.0
+        if belief[AGREED] < constants.parole or belief[CONVICTIONS] >= constants.convictions:
+            return int(out)
+        belief[OUT] = ALL
+        belief[DISPUTED] = 0.0
+    if velocity < 1.0 and rate < 1.0:
+        belief[DISPUTED] = max(belief[DISPUTED] - dt, 0.0)
+        return ALL
+    if belief[DISPUTED] <= 0.0:  # only what is said from now on counts
+        score[:FILTERS] = 0.0
+        score[SPOKEN] = 0.0
+    belief[DISPUTED] += dt
+    better, decided = _verdict(constants, memory, rate >= velocity)
+    if not decided and belief[DISPUTED] < constants.patience:
+        return int(better)
+    belief[OUT] = better if decided else NOBODY
+    belief[AGREED] = 0.0
+    belief[CONVICTIONS] += 1.0
+    return int(belief[OUT])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _verdict(
+    constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
+) -> tuple[int, bool]:
+    """Return the filter that is right in a dispute, and whether that is proven."""
+    score, state = memory.score, memory.state
+    other = NO_GYRO if about_rate else NO_FORCE
+    better = NO_TWIST if score[NO_TWIST] <= score[other] else other
+    worse = other if better == NO_TWIST else NO_TWIST
+    if score[worse] > 3.0 * score[better] + _PROOF:
+        return better, True
+    lasted = memory.belief[DISPUTED] >= 0.5 * constants.patience
+    if about_rate:
+        # v' = f - Omega k x v: the twist's own yaw rate must explain its velocity.
+        fast = math.hypot(state[NO_GYRO, _U_X], state[NO_GYRO, _U_Y]) > 2.0
+        if score[FIT] > 60.0:
+            return NO_TWIST, fast and lasted
+        return NO_GYRO, fast and lasted
+    # Brakes take energy: who sees none of the loss that the other sees is wrong.
+    past = memory.past[(memory.newest[0] - _LOSS) % _HISTORY]
+    loss = np.zeros(FILTERS)
+    for k in (NO_TWIST, NO_FORCE):
+        loss[k] = math.hypot(past[k, _U_X], past[k, _U_Y])
+        loss[k] -= math.hypot(state[k, _U_X], state[k, _U_Y])
+    if loss[NO_FORCE] > 0.15 and loss[NO_TWIST] < 0.3 * loss[NO_FORCE]:
+        return NO_FORCE, lasted
+    if loss[NO_TWIST] > 0.15 and loss[NO_FORCE] < 0.3 * loss[NO_TWIST]:
+        return NO_TWIST, lasted
+    return better, False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
+    """Decide without an IMU: the twist must fit the wheels that roll, and lose speed."""
+    belief = memory.belief
+    row = memory.newest[0]
+    before = memory.past[(row - _HISTORY + 2) % _HISTORY, ALL]
+    now, spread = memory.state[ALL], memory.covariance[ALL]
+    lost = math.hypot(before[_U_X], before[_U_Y]) - math.hypot(now[_U_X], now[_U_Y])
+    noise = 3.0 * math.sqrt(spread[_U_X, _U_X] + spread[_U_Y, _U_Y])
+    filled = memory.stamps[(row + 1) % _HISTORY] >= 0
+    heard = belief[TWIST_AGE] == 0.0
+    idle = braking and heard and filled and lost < 0.05 - noise
+    belief[IDLE] = belief[IDLE] + dt if idle else 0.0
+    if braking and (memory.score[ALONE] > 60.0 or belief[IDLE] > 0.3):
+        belief[OUT] = NOBODY
+        belief[CONVICTIONS] += 1.0
+    return NOBODY if belief[OUT] != ALL else ALL
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def observe(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    now_ns: int,
+    braking: bool,
+    enable: FloatArray,
+    heard: bool,
+    twist_ns: int,
+    twist: FloatArray,
+    variance: FloatArray,
+    inertial: FloatArray,
+    speeds: FloatArray,
+    answer: FloatArray,
+) -> int:
+    """Carry the second opinion on by a step.
+
+    Args:
+        constants: of the vehicle.
+        memory: changed in place.
+        now_ns: time of the step [ns].
+        braking: whether the pedal is down.
+        enable: what the brakes were told in the step before, shape (N,).
+        heard: whether there is a twist that passed the gate.
+        twist_ns: its stamp [ns].
+        twist: the twist [m/s, m/s, rad/s], shape (3,).
+        variance: of its components, shape (3,).
+        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,); no numbers without.
+        speeds: of the wheels [rad/s], shape (N,); no numbers without.
+        answer: receives the twist of now [m/s, m/s, rad/s], shape (3,).
+
+    Returns:
+        The filter whose answer it is, or NOBODY where none can be believed.
+    """
+    belief = memory.belief
+    dt = (now_ns - belief[LAST_NS]) * 1e-9
+    belief[LAST_NS] = now_ns
+    if belief[BEGUN] == 0.0 or not 0.0 <= dt <= constants.longest:
+        if not heard:
+            return NOBODY
+        _begin(memory, now_ns, twist)
+        dt = 0.0
+    if braking and belief[PRESSED] == 0.0:
+        memory.released[:] = 0.0
+        memory.score[ALONE] = 0.0
+    if not braking and belief[PRESSED] != 0.0:
+        belief[OUT] = belief[DISPUTED] = belief[AGREED] = belief[CONVICTIONS] = 0.0
+    if not braking:
+        belief[TOP_SPEED] = math.hypot(memory.state[ALL, _U_X], memory.state[ALL, _U_Y])
+    belief[PRESSED] = 1.0 if braking else 0.0
+    _carry_on(constants, memory, now_ns, dt, inertial)
+    disputed = belief[DISPUTED] > 0.0 or belief[OUT] != ALL
+    _hear_wheels(constants, memory, dt, braking, enable, speeds, disputed, heard, twist, variance)
+    belief[TWIST_AGE] = 0.0 if heard else belief[TWIST_AGE] + dt
+    if heard and twist_ns > belief[TWIST_NS]:
+        belief[TWIST_NS] = twist_ns
+        _hear_twist(constants, memory, twist_ns, twist, variance)
+    if belief[INERTIAL] == 0.0:
+        return int(_judge_alone(memory, dt, braking))
+    return int(_answer(constants, memory, _judge(constants, memory, dt), answer))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry_on(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    now_ns: int,
+    dt: float,
+    inertial: FloatArray,
+) -> None:
+    """Predict all filters, correct them by the gyro, and remember the states of now."""
+    rate, f_x, f_y = inertial[0], inertial[1], inertial[2]
+    # What no vehicle does is no reading.
+    gyro = abs(rate) < _FASTEST_TURN
+    force = abs(f_x) < _LARGEST_FORCE and abs(f_y) < _LARGEST_FORCE
+    if gyro and force:
+        memory.belief[INERTIAL] = 1.0
+    product, h = np.empty((2, STATES)), np.zeros(STATES)
+    h[_RATE] = h[_BIAS_RATE] = 1.0
+    for k in range(FILTERS):
+        state, covariance = memory.state[k], memory.covariance[k]
+        _predict(constants, state, covariance, dt, force and k != NO_FORCE, f_x, f_y, product)
+        if gyro and k != NO_GYRO:
+            innovation = rate - state[_RATE] - state[_BIAS_RATE]
+            _correct(state, covariance, h, innovation, constants.gyro**2)
+    row = (memory.newest[0] + 1) % _HISTORY
+    memory.newest[0] = row
+    memory.stamps[row] = now_ns
+    memory.past[row] = memory.state
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _answer(
+    constants: ObserverConstants, memory: ObserverMemory, chosen: int, answer: FloatArray
+) -> int:
+    """Write the answer of a filter; return NOBODY where it is not good enough."""
+    if chosen == NOBODY:
+        return NOBODY
+    state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
+    if chosen != ALL and score[SPOKEN] > 4.0 and score[chosen] > 8.0 * score[SPOKEN]:
+        memory.belief[OUT] = NOBODY  # the wheels contradict the one that is left
+        return NOBODY
+    answer[0] = state[_U_X] + state[_RATE] * constants.p_y
+    answer[1] = state[_U_Y] - state[_RATE] * constants.p_x
+    answer[2] = state[_RATE]
+    spread = max(covariance[_U_X, _U_X], covariance[_U_Y, _U_Y])
+    if (
+        spread <= constants.velocity_deviation**2
+        and covariance[_RATE, _RATE] <= constants.rate_deviation**2
+        and math.isfinite(answer[0] + answer[1] + answer[2])
+    ):
+        return chosen
+    return NOBODY
