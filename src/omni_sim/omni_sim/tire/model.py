@@ -1,6 +1,6 @@
 """The interface that every tire model fills: slip, load and friction to force, inside kernels.
 
-A model is one file of `tire_models` that defines ``MODEL``, a `TireModel`. Its constants and its
+A model is one file of `tire.models` that defines ``MODEL``, a `TireModel`. Its constants and its
 curve at one load are two NamedTuples of its own; kernels call `curve_at`, `force_at` and
 `contact_friction` here, and numba picks the model's functions by the types of those tuples when it
 compiles. So a vehicle's kernel is compiled and cached once for every model, the choice costs
