@@ -24,6 +24,7 @@ class LineChain:
         stretch: share by which the time of the batch joined last does not fit its number of lines,
             by which its velocity may be wrong; 0 if it fits.
         remark: the same in words; empty if it fits.
+        joined: whether that batch followed the one before.
     """
 
     def __init__(self, sensor: LineSensor) -> None:
@@ -36,6 +37,7 @@ class LineChain:
         self._last_ns: int | None = None
         self.stretch = 0.0
         self.remark = ""
+        self.joined = False
         self._late = 0.0  # lines, by which the batches before were late in all
 
     def reset(self) -> None:
@@ -82,6 +84,7 @@ class LineChain:
         late = 0.0 if elapsed is None else elapsed - count
         alike = last is not None and last.dtype == lines.dtype
         joined = alike and abs(late) < 0.5
+        self.joined = joined
         self._keep(lines, joined=joined)
         self._last_ns = batch.stamp_ns
         self.stretch, self.remark = 0.0, ""

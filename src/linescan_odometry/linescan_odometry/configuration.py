@@ -105,8 +105,9 @@ class OdometryConfiguration(Configuration):
     )
     cover_detection: bool = parameter(
         True,
-        description="Whether a view that stands still while the platform moves across it counts as "
-        "covered; off for grounds whose stripes run along the way",
+        description="Whether a view that stands still, or keeps its stripes, while the platform "
+        "moves across it counts as covered or misled; off for grounds whose stripes run along the "
+        "way",
     )
     contradiction_limit: float = parameter(
         8.0,

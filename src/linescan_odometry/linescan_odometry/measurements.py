@@ -62,6 +62,10 @@ class SensorReading:
         reason: why they cannot; empty if they can.
         still_time: for how long the view has not changed at all [s]; 0 if it has.
         remark: what is wrong with the lines although they can be used; empty if nothing is.
+        lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
+        lasting: how alike they are, shifted, over how alike neighbouring lines are [1].
+        doubt: part of the variance that comes from the direction of the ground [m^2/s^2].
+        unlike: whether the camera sees a ground, but one whose lines do not match.
     """
 
     velocity: float
@@ -72,6 +76,10 @@ class SensorReading:
     reason: str = ""
     still_time: float = 0.0
     remark: str = ""
+    lasting_time: float = 0.0
+    lasting: float = 0.0
+    doubt: float = 0.0
+    unlike: bool = False
 
     @classmethod
     def unmeasured(
@@ -84,10 +92,11 @@ class SensorReading:
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
     """A batch shows no velocity; carries the reading that says why."""
 
-    def __init__(self, reason: str, inlier_share: float = 0.0) -> None:
-        """Take the reason and the share of line pairs that could have been used."""
+    def __init__(self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False) -> None:
+        """Take the reason, the share of pairs that could be used, and whether they are unlike."""
         super().__init__(reason)
-        self.reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
+        reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
+        self.reading = dataclasses.replace(reading, unlike=unlike)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.grain import Grain
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
     FloatArray,
@@ -79,6 +80,7 @@ class LineScanOdometry:
         self._axle = configuration.kinematics.axle
         self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever, self._axle)
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
+        self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
         self._stamp_ns = 0
 
     def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
@@ -133,9 +135,15 @@ class LineScanOdometry:
         while True:
             solution = self._solve(readings)
             if solution is None:
+                if self._grain is not None:
+                    readings = readings | self._grain.unconfirmed(readings)
                 covariance = UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
-            wrong = self._contradicting(solution, readings) or self._covered(solution, readings)
+            wrong = (
+                self._contradicting(solution, readings)
+                or self._covered(solution, readings)
+                or self._misled(solution, readings)
+            )
             if not wrong:
                 return self._judged(solution, readings)
             readings = readings | wrong
@@ -186,6 +194,12 @@ class LineScanOdometry:
         Only a twist that no wrong sensor has part in tells: others would seem covered.
         """
         return {} if self._covers is None else self._covers.contradicted(readings, solution.twist)
+
+    def _misled(
+        self, solution: _Solution, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return sensors that take grain for motion, unmeasured."""
+        return {} if self._grain is None else self._grain.misled(readings, solution.twist)
 
     def _judged(self, solution: _Solution, readings: Mapping[str, SensorReading]) -> TwistEstimate:
         """Return the twist with what is left to say of it."""

@@ -14,6 +14,7 @@ import numpy as np
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.flat_field import FlatField
+from linescan_odometry.grain import Keyframe
 from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
@@ -73,6 +74,7 @@ class SensorOdometry:
             METRICS[configuration.metric](sensor.pixels, limit)
         )
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
+        self._keyframe = Keyframe(sensor.pixels)
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -93,8 +95,9 @@ class SensorOdometry:
             mean = self._span(lines, mean)
             mean = self._doubt_still(lines, mean)
             self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
-            return self._reading(lines, mean)
+            return self._reading(batch.stamp_ns, lines, mean)
         except Unmeasured as nothing:
+            self._keyframe.reset()
             return nothing.reading
 
     def _join(self, batch: LineBatch) -> Lines:
@@ -140,7 +143,9 @@ class SensorOdometry:
         count = int(np.count_nonzero(inlier))
         share = count / len(inlier)
         if count == 0 or share < settings.minimum_inlier_share:
-            raise Unmeasured(self._describe(lines, pairs, frozen, implausible), share)
+            unlike = frozen == implausible == 0 and int(lines.min()) < int(lines.max())
+            reason = self._describe(lines, pairs, frozen, implausible)
+            raise Unmeasured(reason, share, unlike=unlike)
         weight = np.empty(len(inlier))
         displacement = average(pairs.displacement, inlier, weight)
         variance = self._matcher.mean_variance(pairs.displacement, weight)
@@ -200,15 +205,21 @@ class SensorOdometry:
                 "batch " + ("do not match" if math.isinf(median) else f"move by {median:.3g} px")
             )
         near = usable[np.abs(usable - median) <= self._configuration.median_tolerance]
+        if len(near) == 0:
+            return mean
         pull = max(0.0, abs(float(near.mean()) - mean.displacement) - _LEAST_PULL)
         return dataclasses.replace(mean, variance=mean.variance + pull**2)
 
-    def _reading(self, lines: Lines, mean: _Mean) -> SensorReading:
+    def _reading(self, stamp_ns: int, lines: Lines, mean: _Mean) -> SensorReading:
         """Return the velocity of a mean displacement."""
         scale = self._sensor.pixel_pitch * self._sensor.line_rate
         velocity = mean.displacement * scale
         if self._chain.stretch > _LONGEST_STRETCH:
             raise Unmeasured(self._chain.remark)
+        if not self._chain.joined:
+            self._keyframe.reset()
+        period_ns = 1e9 / self._sensor.line_rate
+        age, lasting = self._keyframe.compare(stamp_ns, period_ns, lines, mean.displacement)
         return SensorReading(
             velocity=velocity,
             variance=mean.variance * scale**2 + (velocity * self._chain.stretch) ** 2,
@@ -217,6 +228,8 @@ class SensorOdometry:
             measured=True,
             remark=self._chain.remark,
             still_time=self._still_time(lines, mean),
+            lasting_time=age,
+            lasting=lasting,
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:

@@ -1,0 +1,185 @@
+"""Tells grounds whose grain runs askew, on which moving across the axis reads as moving along it.
+
+A line camera sees the mean over the width of its view. Moving across, new ground enters and the
+lines of an ordinary ground become unlike one another: after a width nothing is left of the first.
+Over a grain that is oblique to the axis the same stripes stay in the view and only shift along the
+line, faster or slower than the camera moves along its axis. One camera cannot tell that from a
+motion along its axis. But the twist says how far it moved across: a view that outlives this is
+grain.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from linescan_odometry.measurements import FloatArray, Lines, SensorReading
+from omni_platform.sensors import LineSensor, velocity_row
+
+_REACH = 0.5  # share of a line by which a view may have shifted and is still compared
+_LONGEST = 1.0  # s, that a view is remembered
+_LOST = 0.35  # correlation below which nothing of a view is left
+_SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
+_SEARCHED_SHARE = 0.01
+_STONE = 0.008  # m, that the pieces of a ground without grain outlive the width of a view
+_FAR_ENOUGH = 0.5  # of both, from which it can be told
+_EXCESS = 0.35  # of correlation over that of a ground without grain
+_CLEAR_EXCESS = 0.65  # the same, seen only once
+_USUAL_EXCESS = 0.2
+_PULL = 0.5  # of the velocity across the axis, along it, by an excess of 1
+_SLOWEST = 0.03  # m/s across, below which grain does no harm
+
+
+class Keyframe:
+    """Remembers an earlier line of one camera, and compares newer ones with it."""
+
+    def __init__(self, pixels: int) -> None:
+        """Start with nothing to compare with.
+
+        Args:
+            pixels: n of a line.
+        """
+        self._step = 4 if pixels > 512 else 2
+        self._line: FloatArray | None = None
+        self._stamp_ns = 0
+        self._shift = 0.0
+
+    def reset(self) -> None:
+        """Forget the line."""
+        self._line = None
+
+    def compare(
+        self, stamp_ns: int, period_ns: float, lines: Lines, displacement: float
+    ) -> tuple[float, float]:
+        """Compare the newest line with the remembered one.
+
+        Args:
+            stamp_ns: of the newest line [ns].
+            period_ns: of a line [ns].
+            lines: that follow each other, oldest first, shape (m + 1, n).
+            displacement: per line, mean over them [px].
+
+        Returns:
+            How old the remembered line is [s], and the correlation of their gradients at the
+            shift in between, over that of neighbouring lines.
+        """
+        span = len(lines) - 1
+        pixels = lines.shape[1]
+        self._shift += span * displacement
+        if (
+            self._line is None
+            or abs(self._shift) > _REACH * pixels
+            or not 0.0 < 1e-9 * (stamp_ns - self._stamp_ns) < _LONGEST
+        ):
+            first = 0
+            if abs(span * displacement) > _REACH * pixels:
+                first = span - max(1, int(_REACH * pixels / abs(displacement)))
+            self._line = self._gradient(lines[first])
+            self._stamp_ns = stamp_ns - round((span - first) * period_ns)
+            self._shift = (span - first) * displacement
+        newest = self._gradient(lines[-1])
+        near = _likeness(self._gradient(lines[-2]), newest, displacement)
+        far = _likeness(self._line, newest, self._shift)
+        likeness = max(0.0, far) / max(near, _EXCESS)
+        if likeness < _LOST:
+            self._line = None  # a ground that repeats itself would come again
+        return 1e-9 * (stamp_ns - self._stamp_ns), likeness
+
+    def _gradient(self, line: Lines) -> FloatArray:
+        """Return differences of neighbouring means over some pixels."""
+        sums = np.concatenate(([0.0], np.cumsum(line, dtype=np.float64)))
+        step = self._step
+        gradient: FloatArray = sums[2 * step :] - 2.0 * sums[step:-step] + sums[: -2 * step]
+        return gradient
+
+
+def _likeness(old: FloatArray, new: FloatArray, shift: float) -> float:
+    """Return the largest correlation near a shift [px]."""
+    reach = _SEARCHED + int(_SEARCHED_SHARE * abs(shift))
+    best = -1.0
+    for s in range(round(shift) - reach, round(shift) + reach + 1):
+        x, y = new[max(0, -s) : len(new) - max(0, s)], old[max(0, s) : len(old) - max(0, -s)]
+        if len(x) < 16:
+            continue
+        norm = math.sqrt(float(x @ x) * float(y @ y))
+        best = max(best, float(x @ y) / norm if norm > 0.0 else 0.0)
+    return best
+
+
+class Grain:
+    """Remembers which cameras look at grain."""
+
+    def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
+        """Start with no grain.
+
+        Args:
+            sensors: the cameras by name.
+        """
+        self._sensors = sensors
+        # Across (to the left of) each camera's axis.
+        self._rows = {
+            name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
+            for name, s in sensors.items()
+        }
+        self._found: dict[str, str] = {}
+        self._before: dict[str, tuple[float, float]] = {}  # likeness and its excess
+        self._excess: dict[str, float] = {}  # the least of the last two
+
+    def unconfirmed(self, readings: Mapping[str, SensorReading]) -> dict[str, SensorReading]:
+        """Return the readings that nobody can confirm where others find their ground unlike itself.
+
+        Without a twist it is not known how far a camera moved across: it may look along the grain.
+
+        Args:
+            readings: of all cameras by name, too few for a twist.
+        """
+        blind = [name for name, reading in readings.items() if reading.unlike]
+        if not blind:
+            return {}
+        reason = f"unconfirmed: the ground may have grain, it does not match for {', '.join(blind)}"
+        return {
+            name: SensorReading.unmeasured(reason, reading.correlation)
+            for name, reading in readings.items()
+            if reading.measured
+        }
+
+    def misled(
+        self, readings: Mapping[str, SensorReading], twist: FloatArray
+    ) -> dict[str, SensorReading]:
+        """Return the readings of cameras that move across grain, unmeasured or doubted.
+
+        Args:
+            readings: of all cameras by name.
+            twist: that they gave together.
+        """
+        misled = {}
+        for name, reading in readings.items():
+            if not reading.measured:
+                continue
+            speed = abs(float(self._rows[name] @ twist))
+            lasting = self._sensors[name].width + _STONE
+            way = speed * reading.lasting_time
+            if way > _FAR_ENOUGH * lasting:
+                excess = reading.lasting - max(0.0, 1.0 - way / lasting)
+                doubt = (_PULL * max(0.0, excess - _USUAL_EXCESS) * speed) ** 2
+                if doubt > 2.0 * reading.doubt:
+                    misled[name] = dataclasses.replace(
+                        reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
+                    )
+                self._found.pop(name, None)
+                # Once it may be chance, of the few pieces of ground in a line.
+                lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
+                if reading.lasting != lasting_before:  # a reading comes again with its doubt
+                    self._excess[name] = min(excess, excess_before)
+                    self._before[name] = reading.lasting, excess
+                if excess > _CLEAR_EXCESS or self._excess.get(name, 0.0) > _EXCESS:
+                    self._found[name] = (
+                        f"grain: {1e3 * way:.3g} mm across the axis the view is still "
+                        f"{100.0 * reading.lasting:.0f} % alike"
+                    )
+            if name in self._found and speed > _SLOWEST:
+                misled[name] = SensorReading.unmeasured(self._found[name], reading.correlation)
+        return misled
