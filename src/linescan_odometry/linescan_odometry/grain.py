@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,6 +21,8 @@ from linescan_odometry.measurements import FloatArray, Lines, SensorReading
 from omni_platform.sensors import LineSensor, velocity_row
 
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared
+_REMEMBERED = 128  # twists
+_GAP_NS = 50_000_000  # between two twists, over which nothing is known of the way
 _LONGEST = 1.0  # s, that a view is remembered
 _LOST = 0.35  # correlation below which nothing of a view is left
 _SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
@@ -124,6 +127,8 @@ class Grain:
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
             for name, s in sensors.items()
         }
+        self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
+        self._ways: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
         self._found: dict[str, str] = {}
         self._before: dict[str, tuple[float, float]] = {}  # likeness and its excess
         self._excess: dict[str, float] = {}  # the least of the last two
@@ -146,12 +151,39 @@ class Grain:
             if reading.measured
         }
 
+    def remember(self, stamp_ns: int, twist: FloatArray) -> None:
+        """Add up how far each camera moves across its axis.
+
+        Args:
+            stamp_ns: of the twist [ns].
+            twist: as measured.
+        """
+        if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+            self._stamps.clear()
+            self._ways.clear()
+        elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
+        across = np.abs(np.array([row @ twist for row in self._rows.values()]))
+        self._ways.append((self._ways[-1] if self._ways else 0.0) + across * elapsed)
+        self._stamps.append(stamp_ns)
+
+    def _way(self, name: str, stamp_ns: int, age: float, speed: float) -> float:
+        """Return how far a camera has moved across since a line, as far as that is known [m]."""
+        since = stamp_ns - round(1e9 * age)
+        if not self._stamps or since >= self._stamps[-1]:
+            return speed * age
+        newest = 1e-9 * (stamp_ns - self._stamps[-1])
+        number = list(self._rows).index(name)
+        ways = [float(way[number]) for way in self._ways]
+        before = float(np.interp(since, list(self._stamps), ways))
+        return ways[-1] - before + speed * (newest if 1e9 * newest < _GAP_NS else 0.0)
+
     def misled(
-        self, readings: Mapping[str, SensorReading], twist: FloatArray
+        self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
         """Return the readings of cameras that move across grain, unmeasured or doubted.
 
         Args:
+            stamp_ns: of the readings [ns].
             readings: of all cameras by name.
             twist: that they gave together.
         """
@@ -161,7 +193,7 @@ class Grain:
                 continue
             speed = abs(float(self._rows[name] @ twist))
             lasting = self._sensors[name].width + _STONE
-            way = speed * reading.lasting_time
+            way = self._way(name, stamp_ns, reading.lasting_time, speed)
             if way > _FAR_ENOUGH * lasting:
                 excess = reading.lasting - max(0.0, 1.0 - way / lasting)
                 doubt = (_PULL * max(0.0, excess - _USUAL_EXCESS) * speed) ** 2

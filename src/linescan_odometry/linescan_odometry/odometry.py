@@ -100,12 +100,13 @@ class LineScanOdometry:
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, batches.get(name)) for name in self._sensors}
-        if self._covers is None:
+        if self._covers is None or self._grain is None:
             return self._estimate(readings)
         readings |= self._covers.stopped(self._stamp_ns, readings)
         estimate = self._estimate(readings)
         if estimate.measured:
             self._covers.remember(self._stamp_ns, estimate.twist)
+            self._grain.remember(self._stamp_ns, estimate.twist)
         return estimate
 
     def warm_up(self) -> None:
@@ -199,7 +200,11 @@ class LineScanOdometry:
         self, solution: _Solution, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
         """Return sensors that take grain for motion, unmeasured."""
-        return {} if self._grain is None else self._grain.misled(readings, solution.twist)
+        return (
+            {}
+            if self._grain is None
+            else self._grain.misled(self._stamp_ns, readings, solution.twist)
+        )
 
     def _judged(self, solution: _Solution, readings: Mapping[str, SensorReading]) -> TwistEstimate:
         """Return the twist with what is left to say of it."""
