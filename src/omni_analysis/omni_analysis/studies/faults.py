@@ -119,11 +119,11 @@ def _draw(stops: Sequence[Stop]) -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(10.0, 4.5), sharey=True, layout="constrained")
     channels = sorted({stop.channel for stop in stops})
     for panel, imu in zip(panels, (True, False), strict=True):
-        for channel in channels:
+        for index, channel in enumerate(channels):
             chosen = [stop for stop in stops if stop.imu == imu and stop.channel == channel]
             if chosen:
                 values = np.array([(stop.distance, stop.rotation) for stop in chosen])
-                panel.plot(*values.T, ".", markersize=3, label=channel)
+                panel.plot(*values.T, ".", color=f"C{index}", markersize=3, label=channel)
         panel.axvline(DISTANCE_LIMITS[imu], color="0.4", linewidth=0.8, linestyle="--")
         if imu:
             panel.axhline(ROTATION_LIMIT, color="0.4", linewidth=0.8, linestyle="--")
