@@ -1,0 +1,286 @@
+"""The control laws side by side: chapter 3, every direction of travel, and what is unknown.
+
+Feedback is ideal but where the case says otherwise. A case is ``<experiment>_<law>_<brakes>``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from omni_analysis.figures.data_table import write_columns
+from omni_analysis.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILLION,
+    draw_title,
+    save_figure,
+    style_axes,
+)
+from omni_analysis.limit.bounds import any_heading_bound, maneuver_of, straight_bound
+from omni_analysis.loop.compiled import run_fast_loop
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.loop import run_closed_loop
+from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.configuration import Configuration, parameter
+
+_IDEAL = (
+    "feedback=velocity_sensor",
+    "velocity_sensor.linear_noise=0",
+    "velocity_sensor.yaw_rate_noise=0",
+    "velocity_sensor.offset_x=0",
+    "velocity_sensor.offset_y=0",
+    "velocity_sensor.yaw_rate_offset=0",
+)
+_SENSOR = ("feedback=velocity_sensor",)
+_ALLOCATION = ("brake_assist.law=allocation",)
+_PROPORTIONAL = "vehicle.brake.kind=proportional"
+_LAG = (_PROPORTIONAL, "vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
+
+# Limits of distance [m] and of the change of orientation [deg].
+_TARGETS = {
+    "straight_line_allocation_proportional": (9.0, 0.7),
+    "straight_line_allocation_optical": (9.2, 1.0),
+    "straight_line_allocation_on_off": (10.0, 2.5),
+    "straight_line_allocation_lag": (10.2, 2.0),
+}
+_VARIANTS = {
+    "straight_line": ("assisted",),
+    "three_wheel_diagonal": ("assisted",),
+    "ice_patch": ("assisted",),
+    "turn_while_translate": ("zero", "cosine", "k1", "k7"),
+}
+_ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
+_NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
+# What is changed in the world; the assistant is told of the brakes' lag, and of nothing else.
+_UNKNOWN: Mapping[str, tuple[str, ...]] = {
+    **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
+    **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
+    **{
+        f"brake_torque_{t}": (f"vehicle.brake.max_torque={t}", "brake_assist.brake.max_torque=1500")
+        for t in (1100, 2000)
+    },
+    **{f"dead_time_{ms}_ms": (f"vehicle.brake.dead_time={ms / 1000}",) for ms in (5, 20, 50)},
+    **{f"lag_{ms}_ms": (f"vehicle.brake.time_constant={ms / 1000}",) for ms in (10, 50, 100)},
+    **{f"sensor_hold_{ms}_ms": (f"velocity_sensor.sample_time={ms / 1000}",) for ms in (20, 50)},
+    **{
+        f"noise_{share}_percent": (
+            f"velocity_sensor.linear_noise={share / 100}",
+            f"velocity_sensor.yaw_rate_noise={share / 100}",
+            "brake_assist.maximum_speed_deviation=1.0",
+            "brake_assist.speed_noise=3.0",
+        )
+        for share in (2, 5, 15)
+    },
+    **{
+        f"wheel_inertia_{i}": (f"vehicle.wheel_inertia={i}", "brake_assist.wheel_inertia=0.5")
+        for i in (0.25, 1.0)
+    },
+    **{f"nominal_mass_{m}": (f"brake_assist.nominal_mass={m}",) for m in (600, 2500)},
+    "friction_0.5": ("ground.friction=0.5",),
+    "rollers": ("vehicle.wheel_model=rollers",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is run."""
+
+    without_optical: bool = parameter(
+        False, description="leave out the stop on the line cameras, which takes longest"
+    )
+
+
+class _Case(NamedTuple):
+    """A run: which experiment and variant, and what is changed."""
+
+    experiment: str
+    variant: str
+    changes: tuple[str, ...]
+
+
+def _cases(library: ExperimentLibrary, optical: bool) -> Iterator[tuple[str, _Case]]:
+    for name, variants in _VARIANTS.items():
+        yield f"{name}_unassisted", _Case(name, "unassisted", _IDEAL)
+        for variant in variants:
+            words = "sliding_mode" if len(variants) == 1 else f"sliding_mode_{variant}"
+            yield f"{name}_{words}_on_off", _Case(name, variant, _IDEAL)
+        base = library.variants(name)[-1]
+        law = (*_IDEAL, *_ALLOCATION)
+        yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
+        yield f"{name}_allocation_on_off", _Case(name, base, law)
+        yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
+    noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
+    yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
+    yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
+    if optical:
+        changes = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
+        yield "straight_line_allocation_optical", _Case("straight_line", "assisted", changes)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Run every case, hold the numbers against targets and bounds, and draw them."""
+    library = study.library
+    cases = dict(_cases(library, not options.without_optical))
+    metrics: dict[str, Metric] = {}
+    for done, (name, case) in enumerate(cases.items()):
+        study.report(0.6 * done / len(cases), name)
+        metrics |= _measured(library, name, case, *_TARGETS.get(name, (None, None)))
+    for name in _VARIANTS:
+        experiment = library.load(name, "unassisted", _IDEAL)
+        metrics |= _bounds(name, experiment)
+    metrics |= _rotations(library)
+    study.report(0.7, "what is unknown")
+    metrics |= _unknown(library)
+    study.report(0.85, "directions of travel")
+    metrics |= _directions(library)
+    files = (
+        write_columns(study.folder / "laws.csv", _columns(metrics)),
+        save_figure(_front(metrics), study.folder / "laws.png"),
+    )
+    return StudyResult(metrics, files, _findings(metrics))
+
+
+def _measured(
+    library: ExperimentLibrary,
+    name: str,
+    case: _Case,
+    distance_limit: float | None = None,
+    orientation_limit: float | None = None,
+) -> dict[str, Metric]:
+    experiment = library.load(case.experiment, case.variant, case.changes)
+    optical = experiment.feedback == "optical"
+    history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
+    found = run_metrics(history)
+    distance, turned = found["stopping_distance"], found["orientation_change"]
+    return {
+        f"stopping_distance.{name}": Metric(
+            distance.value, "m", limit=distance_limit, note=distance.note
+        ),
+        f"orientation_change.{name}": Metric(
+            turned.value, "deg", limit=orientation_limit, note=turned.note
+        ),
+    }
+
+
+def _bounds(name: str, experiment: ExperimentConfiguration) -> dict[str, Metric]:
+    maneuver = maneuver_of(experiment.maneuver)
+    straight = straight_bound(experiment.vehicle, experiment.ground, maneuver)
+    free = any_heading_bound(experiment.vehicle, experiment.ground, maneuver)
+    return {
+        f"stopping_distance.{name}_bound": Metric(straight.distance, "m", note=straight.reason),
+        f"stopping_distance.{name}_bound_any_heading": Metric(free.distance, "m", note=free.reason),
+    }
+
+
+def _rotations(library: ExperimentLibrary) -> dict[str, Metric]:
+    """Spend more and more rotation on the turn of Table 2."""
+    metrics: dict[str, Metric] = {}
+    for rotation in _ROTATIONS:
+        changes = (*_IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
+        metrics |= _measured(library, name, _Case("turn_while_translate", "k7", changes))
+    return metrics
+
+
+def _unknown(library: ExperimentLibrary) -> dict[str, Metric]:
+    """Change one thing at a time on `straight_line`, beside all brakes on."""
+    metrics: dict[str, Metric] = {}
+    for word, changes in _UNKNOWN.items():
+        base = _Case("straight_line", "unassisted", (*_IDEAL, *changes))
+        free = _measured(library, f"straight_line_unassisted_{word}", base)
+        metrics |= free
+        longest = _NEVER_LONGER * free[f"stopping_distance.straight_line_unassisted_{word}"].value
+        for law, settings in (
+            ("sliding_mode_on_off", ()),
+            ("allocation_proportional", (*_ALLOCATION, _PROPORTIONAL)),
+            ("allocation_on_off", _ALLOCATION),
+        ):
+            limits = (longest, _NEVER_TURNED) if law.startswith("allocation") else (None, None)
+            case = _Case("straight_line", "assisted", (*_IDEAL, *settings, *changes))
+            metrics |= _measured(library, f"straight_line_{law}_{word}", case, *limits)
+    return metrics
+
+
+def _directions(library: ExperimentLibrary) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for direction in range(0, 181, 15):
+        moving = (*_IDEAL, f"maneuver.direction_deg={direction}")
+        name = f"straight_line_{direction}_deg"
+        metrics |= _bounds(name, library.load("straight_line", "unassisted", moving))
+        for law, variant, settings in (
+            ("unassisted", "unassisted", ()),
+            ("sliding_mode_on_off", "assisted", ()),
+            ("allocation_proportional", "assisted", (*_ALLOCATION, _PROPORTIONAL)),
+        ):
+            case = _Case("straight_line", variant, (*moving, *settings))
+            metrics |= _measured(library, f"{name}_{law}", case)
+    return metrics
+
+
+def _columns(metrics: Mapping[str, Metric]) -> dict[str, list[str] | list[float]]:
+    names = [key.partition(".")[2] for key in metrics if key.startswith("stopping_distance.")]
+    turned = [metrics.get(f"orientation_change.{name}") for name in names]
+    return {
+        "case": names,
+        "stopping distance [m]": [metrics[f"stopping_distance.{name}"].value for name in names],
+        "orientation change [deg]": [math.nan if m is None else m.value for m in turned],
+    }
+
+
+def _front(metrics: Mapping[str, Metric]) -> Figure:
+    """Draw distance against rotation for every experiment, with the bound that keeps heading."""
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
+    draw_title(figure, "Distance against rotation under every law")
+    for axes, name in zip(figure.subplots(2, 2).flat, _VARIANTS, strict=True):
+        style_axes(axes)
+        axes.set_title(name.replace("_", " "), loc="left", fontsize=11)
+        bound = metrics[f"stopping_distance.{name}_bound"].value
+        if math.isfinite(bound):
+            axes.axvline(bound, color=GREY, linestyle="--", label="bound, heading kept")
+        for words, colour, part in (
+            ("all brakes on", BLACK, "_unassisted"),
+            ("sliding mode", BLUE, "_sliding_mode"),
+            ("allocation, on-off valves", GREEN, "_allocation_on_off"),
+            ("allocation, proportional", VERMILLION, "_allocation_proportional"),
+        ):
+            cases = [
+                case
+                for key in metrics
+                for quantity, _, case in (key.partition("."),)
+                if quantity == "orientation_change" and case.startswith(name + part)
+                if not any(word in case[len(name + part) :] for word in _UNKNOWN)
+            ]
+            axes.plot(
+                [metrics[f"stopping_distance.{case}"].value for case in cases],
+                [metrics[f"orientation_change.{case}"].value for case in cases],
+                "o",
+                color=colour,
+                label=words,
+            )
+        axes.set_xlabel("stopping distance [m]")
+        axes.set_ylabel("orientation change [deg]")
+    figure.axes[0].legend(fontsize=9, frameon=False)
+    return figure
+
+
+def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    limited = {name: m for name, m in metrics.items() if m.limit is not None}
+    missed = [n for n, m in limited.items() if not m.value <= (m.limit or math.inf)]
+    sentences = [f"{len(limited) - len(missed)} of {len(limited)} targets are met."]
+    if missed:
+        sentences.append(f"Missed: {', '.join(missed)}.")
+    distance = metrics["stopping_distance.straight_line_allocation_proportional"].value
+    bound = metrics["stopping_distance.straight_line_bound"].value
+    sentences.append(
+        f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its heading "
+        f"is shorter than {bound:.2f} m."
+    )
+    return tuple(sentences)
