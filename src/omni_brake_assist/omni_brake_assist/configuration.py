@@ -48,7 +48,7 @@ class BrakeAssistConfiguration(Configuration):
         maximum=999,
     )
     max_rotation: float = parameter(
-        0.5,
+        0.3,
         description="Change of heading, and of the direction of motion, that the law allocation "
         "spends for a shorter way",
         unit="deg",

@@ -1,0 +1,64 @@
+"""The law `allocation` on the simulated vehicles: short, straight, and never below the bound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from omni_analysis.limit.bounds import maneuver_of, straight_bound
+from omni_analysis.loop.compiled import FastRun, run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
+
+LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
+PROPORTIONAL = "vehicle.brake.kind=proportional"
+LAG = ("vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
+
+
+def _stop(experiment: str, variant: str, *changes: str) -> FastRun:
+    settings = ("feedback=velocity_sensor", "brake_assist.law=allocation", *changes)
+    return run_fast_loop(LIBRARY.load(experiment, variant, settings))
+
+
+@pytest.mark.parametrize(
+    ("changes", "distance", "orientation"),
+    [
+        ((PROPORTIONAL,), 9.0, 0.7),
+        ((), 10.0, 2.5),  # on-off valves
+        ((PROPORTIONAL, *LAG), 10.2, 2.0),
+        (LAG, 10.2, 2.0),
+    ],
+)
+def test_straight_line_is_short_and_straight(
+    changes: tuple[str, ...], distance: float, orientation: float
+) -> None:
+    run = _stop("straight_line", "assisted", *changes)
+    assert run.stopping_distance <= distance
+    assert run.orientation_change <= orientation
+
+
+@pytest.mark.parametrize("direction", [30, 45, 135, 170])
+def test_a_stop_that_keeps_its_heading_is_near_its_bound_and_not_below(direction: int) -> None:
+    moving = f"maneuver.direction_deg={direction}"
+    run = _stop("straight_line", "assisted", PROPORTIONAL, moving)
+    experiment = LIBRARY.load("straight_line", "assisted", [moving])
+    maneuver = maneuver_of(experiment.maneuver)
+    bound = straight_bound(experiment.vehicle, experiment.ground, maneuver)
+    assert run.orientation_change < 1.0
+    assert run.stopping_distance < 1.05 * bound.distance
+    if run.orientation_change <= 0.5:
+        assert run.stopping_distance >= bound.distance - bound.tolerance
+
+
+def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
+    stops = [
+        _stop("turn_while_translate", "k7", PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        for rotation in (0.3, 15.0, 25.0)
+    ]
+    distances = [stop.stopping_distance for stop in stops]
+    assert distances[0] > distances[1] > distances[2]
+    # Better in both numbers than Table 2's psi = 0 and k = 7 are here.
+    assert (stops[1].stopping_distance, stops[1].orientation_change) < (11.93, 18.6)
+    assert stops[1].orientation_change < 18.6
+    assert stops[2].stopping_distance < 10.64
+    assert stops[2].orientation_change < 26.5
