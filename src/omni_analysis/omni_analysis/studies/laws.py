@@ -280,7 +280,7 @@ def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
     distance = metrics["stopping_distance.straight_line_allocation_proportional"].value
     bound = metrics["stopping_distance.straight_line_bound"].value
     sentences.append(
-        f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its heading "
-        f"is shorter than {bound:.2f} m."
+        f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its "
+        f"heading is shorter than {bound:.2f} m."
     )
     return tuple(sentences)
