@@ -27,7 +27,7 @@ from omni_bringup.graph.process_group import NodeProcess, find_executable
 from omni_ros.environment import node_environment
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
-SETTLING = 4.0  # [s] after which a node that has appeared is at work
+SETTLING = 6.0  # [s] after which a node that has appeared is at work
 OVERRIDES = ["feedback=velocity_sensor", "simulation.render_lines=false"]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
 
 
 def start_node(module: str) -> None:
@@ -17,4 +18,12 @@ def start_node(module: str) -> None:
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    importlib.import_module(module).main()
+    try:
+        importlib.import_module(module).main()
+    except SystemExit as end:
+        if isinstance(end.code, int):
+            # All is said and closed: what the interpreter tidies up besides takes a second.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code)
+        raise
