@@ -97,8 +97,8 @@ def compile_kernels(workspace: Workspace, steps: Steps, libraries: Sequence[str]
 def module_digests(root: Path) -> dict[str, str]:
     """Return a digest of each module and of everything that it imports, directly or not.
 
-    numba's cache keeps a kernel until the time of its own file changes, and does not see that a
-    function called from another module has; `stamp_modules` turns these digests into such times.
+    numba's cache keeps a kernel until its own file changes, and does not see that a function called
+    from another module has; `stamp_modules` writes these digests into the files.
     """
     modules = {}
     for folder in sorted((root / "src").glob("*")):
@@ -130,16 +130,17 @@ def module_digests(root: Path) -> dict[str, str]:
 
 
 def stamp_modules(root: Path, library: Path) -> None:
-    """Give installed modules times of change that follow from their digests.
+    """Write the digest of each module behind the text of its installed file.
 
-    Kernels are thereby compiled again exactly when something that they use has changed.
+    numba asks a file's own text whether its kernels are still good: they are thereby compiled
+    again exactly when something that they use has changed.
     """
     for name, digest in module_digests(root).items():
         path = library.joinpath(*name.split("."))
         path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         if path.exists():
-            moment = 10**9 + int(digest[:12], 16) % (7 * 10**8)
-            os.utime(path, (moment, moment))
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"\n# With all that it uses: {digest[:16]}\n")
 
 
 def imported_modules(text: bytes, package: str) -> Iterator[str]:
