@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -54,7 +55,8 @@ def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
         process.kill()
         process.wait()
     assert process.returncode == 1
-    assert "brake_assist was halted by a signal" in complaint
+    # Whoever notices first: the group that started it, or the simulator that hears nothing.
+    assert re.search("brake_assist (was halted by a signal|said nothing for)", complaint)
     history = read_run(folder / "assisted")
     metrics = run_metrics(history)
     assert metrics["twist_rmse"].value < 0.1  # the others go on

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.grain import Grain
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
     FloatArray,
@@ -24,9 +23,10 @@ from linescan_odometry.measurements import (
     SensorReading,
     TwistEstimate,
 )
-from linescan_odometry.occlusion import Covers
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist import TwistSolver
+from linescan_odometry.view.grain import Grain
+from linescan_odometry.view.occlusion import Covers
 
 __all__ = [
     "LineBatch",

@@ -13,14 +13,14 @@ import numpy as np
 
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.flat_field import FlatField
-from linescan_odometry.grain import Keyframe
 from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
+from linescan_odometry.view.flat_field import FlatField
+from linescan_odometry.view.grain import Keyframe
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3

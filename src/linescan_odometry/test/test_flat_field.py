@@ -10,9 +10,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.flat_field import FlatField
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sensor import SensorOdometry
+from linescan_odometry.view.flat_field import FlatField
 from omni_platform.sensors import LineSensor
 
 Expose = Callable[..., Any]

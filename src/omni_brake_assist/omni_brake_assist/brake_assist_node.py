@@ -39,7 +39,7 @@ from omni_ros.voices import Voices
 
 _SWITCH = "enabled"  # may be changed at any time
 # May be changed while nobody brakes.
-_TUNABLE = frozenset(
+TUNABLE = frozenset(
     {
         "weighting",
         "k",
@@ -94,7 +94,7 @@ class BrakeAssistNode(Node):
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
         self._demand_timeout = timing.demand_timeout
-        configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *_TUNABLE})
+        configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *TUNABLE})
         self._assist = BrakeAssist(configuration)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
@@ -268,7 +268,7 @@ class BrakeAssistNode(Node):
 
 
 def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
-    return {given.name: given.value for given in parameters if given.name in _TUNABLE}
+    return {given.name: given.value for given in parameters if given.name in TUNABLE}
 
 
 def main() -> None:

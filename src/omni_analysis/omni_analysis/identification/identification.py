@@ -146,7 +146,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
         vehicle=vehicle,
         ground=dataclasses.replace(base.ground, friction=p["friction"], patches={"ice": patch}),
         maneuver=maneuver,
-        brake_assist=dataclasses.replace(base.brake_assist, wheels=wheels),
+        brake_assist=dataclasses.replace(base.brake_assist, wheels=wheels, brake=vehicle.brake),
     )
 
 

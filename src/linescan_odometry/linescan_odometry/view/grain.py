@@ -196,18 +196,19 @@ class Grain:
             way = self._way(name, stamp_ns, reading.lasting_time, speed)
             if way > _FAR_ENOUGH * lasting:
                 excess = reading.lasting - max(0.0, 1.0 - way / lasting)
-                doubt = (_PULL * max(0.0, excess - _USUAL_EXCESS) * speed) ** 2
-                if doubt > 2.0 * reading.doubt:
-                    misled[name] = dataclasses.replace(
-                        reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
-                    )
-                self._found.pop(name, None)
                 # Once it may be chance, of the few pieces of ground in a line.
                 lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
                 if reading.lasting != lasting_before:  # a reading comes again with its doubt
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.lasting, excess
-                if excess > _CLEAR_EXCESS or self._excess.get(name, 0.0) > _EXCESS:
+                least = self._excess.get(name, 0.0)
+                doubt = (_PULL * max(0.0, least - _USUAL_EXCESS) * speed) ** 2
+                if doubt > 2.0 * reading.doubt:
+                    misled[name] = dataclasses.replace(
+                        reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
+                    )
+                self._found.pop(name, None)
+                if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
                         f"grain: {1e3 * way:.3g} mm across the axis the view is still "
                         f"{100.0 * reading.lasting:.0f} % alike"

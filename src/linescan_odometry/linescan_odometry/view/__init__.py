@@ -1,0 +1,1 @@
+"""What a camera sees beside the moving ground: fixed patterns, covers, grain."""
