@@ -45,7 +45,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = folder / FOLDER
     shutil.copytree(SAMPLE, copy)
     configuration = (copy / "configuration.yaml").read_text().splitlines(keepends=True)
-    configuration[0] = f"description: {json.dumps(MARKUP)}\n"
+    (described,) = (i for i, line in enumerate(configuration) if line.startswith("description:"))
+    configuration[described] = f"description: {json.dumps(MARKUP)}\n"
     text = "".join(configuration).replace("mass: 250.0", "mass: 200.0")
     (copy / "configuration.yaml").write_text(text)
     file = folder / "pages" / "both.html"
@@ -310,7 +311,8 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     braking = needed[:, 0] < -2000.0
     assert np.count_nonzero(braking) > 20
     # A force is that of an instant, the acceleration a mean of periods in which brakes switch.
-    assert np.median(total[braking, 0] / needed[braking, 0]) == pytest.approx(1.0, abs=0.1)
+    # Over the stop that averages out: what counts is what they come to together.
+    assert np.sum(total[braking, 0]) == pytest.approx(np.sum(needed[braking, 0]), rel=0.1)
 
 
 def test_what_is_no_run_is_refused_in_words(
