@@ -418,7 +418,7 @@ def test_every_change_of_the_sources_builds_again(workspace: Workspace) -> None:
     module = workspace.package / "omni_bringup" / "extra.py"
     module.write_text("VALUE = 1\n")
     assert workspace.start("run").returncode == 0
-    assert (workspace.installed / "extra.py").read_text() == "VALUE = 1\n"
+    assert (workspace.installed / "extra.py").read_text().startswith("VALUE = 1\n")
 
     # Same size, same modification time.
     status = module.stat()
@@ -426,7 +426,7 @@ def test_every_change_of_the_sources_builds_again(workspace: Workspace) -> None:
     os.utime(module, ns=(status.st_atime_ns, status.st_mtime_ns))
     (workspace.package / "omni_bringup" / "another.py").write_text("")
     workspace.start("run")
-    assert (workspace.installed / "extra.py").read_text() == "VALUE = 2\n"
+    assert (workspace.installed / "extra.py").read_text().startswith("VALUE = 2\n")
     assert (workspace.installed / "another.py").exists()
 
     module.unlink()

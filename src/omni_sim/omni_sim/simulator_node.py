@@ -44,6 +44,7 @@ from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import LATCHED, advertise, listen
 from omni_ros.report import report
+from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import camera_info, ground_truth, imu_message, scene_markers
@@ -55,8 +56,6 @@ FloatArray = NDArray[np.float64]
 _SECOND = 1_000_000_000
 _INPUTS = 4  # topics that the node listens to at most
 _LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
-_DISCOVERY = 0.5  # [s] in which the nodes of a ROS domain find each other
-_CLOCK_PERIOD = 0.1  # [s] between two looks at who tells the time
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 
@@ -120,9 +119,6 @@ class SimulatorNode(Node):
         self._twist_stamp_ns = -1
         self._heard: dict[str, float] = {}  # when a node last spoke, on the steady clock [s]
         self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
-        self._made = time.monotonic()
-        self._clock_due = 0.0  # when to look who tells the time, on the steady clock [s]
-        self._owns_clock = True
         self.sent: dict[str, int] = {}
         self._make_publishers()
         self._enables = listen(self, JointState, "brake/enable", self._on_enable)
@@ -131,7 +127,9 @@ class SimulatorNode(Node):
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
-        self._simulated_time = create(Clock, "/clock")
+        self._clock_voice: SharedClock | None = None
+        if self.loop.publish_clock:
+            self._clock_voice = SharedClock(self, alone=self.loop.mode == "lockstep")
         self._wheel_states = create(JointState, "wheel_states")
         self._joints = create(JointState, "joint_states")  # of robot_state_publisher
         self._imu = create(Imu, "imu")
@@ -154,9 +152,10 @@ class SimulatorNode(Node):
             self._pedal,
             *self._lines.values(),
         )
+        clock = self._clock_voice.publisher() if self._clock_voice else None
         # Nobody answers these, so one listener fewer.
         self.recorded_outputs = (
-            self._simulated_time,
+            *((clock,) if clock else ()),
             self._imu,
             self._velocity,
             self._command,
@@ -178,8 +177,9 @@ class SimulatorNode(Node):
     def publish(self, observation: Observation) -> None:
         """Publish one step; the pedal last, so that what it is answered with is under way."""
         stamp_ns = observation.stamp_ns
-        if self._tells_time():
-            self._send(self._simulated_time, Clock(clock=to_time(stamp_ns)))
+        clock = self._clock_voice.publisher() if self._clock_voice else None
+        if clock is not None:
+            self._send(clock, Clock(clock=to_time(stamp_ns)))
         for name, batch in observation.line_batches.items():
             self._send(self._lines[name], line_image(batch.stamp_ns, name, batch.lines))
         wheels = joint_state(
@@ -211,34 +211,6 @@ class SimulatorNode(Node):
         exceeded = frozenset(state for state, holds in states.items() if holds)
         if exceeded != self._told_limits:
             self._tell_limits(stamp_ns, exceeded)
-
-    def _tells_time(self) -> bool:
-        """Tell whether /clock is this node's: in a domain with several simulators, of one only."""
-        if not self.loop.publish_clock:
-            return False
-        now = time.monotonic()
-        if self.loop.mode == "real_time" and now < self._made + _DISCOVERY:
-            return False  # somebody else may tell it already
-        if now >= self._clock_due:
-            self._clock_due = now + _CLOCK_PERIOD
-            topic = self._simulated_time.topic_name
-            voices = self.get_publishers_info_by_topic(topic)
-            # All see the same, and so agree without a word on who it is.
-            own = (self.get_namespace(), self.get_name())
-            first = min(
-                (
-                    (tuple(voice.endpoint_gid), voice.node_namespace, voice.node_name)
-                    for voice in voices
-                ),
-                default=((), *own),
-            )
-            self._owns_clock = first[1:] == own
-            if not self._owns_clock:
-                self.get_logger().warning(
-                    f"{topic} is told by {first[1].rstrip('/')}/{first[2]}; not by this simulator",
-                    once=True,
-                )
-        return self._owns_clock
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
         """Return for how long [s] the run left what the model covers, and a sentence, by limit."""

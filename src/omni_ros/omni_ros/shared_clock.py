@@ -1,0 +1,59 @@
+"""Who tells the simulated time: of several simulators in a ROS domain the one that was first."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+
+from omni_ros.qos import advertise
+
+_TOPIC = "/clock"
+_DISCOVERY = 0.5  # [s] in which the nodes of a ROS domain find each other
+_PERIOD = 0.1  # [s] between two looks at who tells the time
+
+
+class SharedClock:
+    """Publishes `/clock` only while nobody else does, so that time never runs back.
+
+    It listens before it talks: a simulator that joins others has no publisher of `/clock` until
+    the one that tells the time has gone.
+
+    Args:
+        node: that publishes.
+        alone: talk at once, as in a ROS domain of one's own.
+    """
+
+    def __init__(self, node: Node, alone: bool) -> None:
+        self._node = node
+        self._publisher: Publisher | None = advertise(node, Clock, _TOPIC) if alone else None
+        self._due = time.monotonic() + (0.0 if alone else _DISCOVERY)
+
+    def publisher(self) -> Publisher | None:
+        """Return the publisher to tell the time with, None while another node tells it."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + _PERIOD
+            self._look_who_tells()
+        return self._publisher
+
+    def _look_who_tells(self) -> None:
+        own = (self._node.get_namespace(), self._node.get_name())
+        voices = sorted(
+            (tuple(voice.endpoint_gid), voice.node_namespace, voice.node_name)
+            for voice in self._node.get_publishers_info_by_topic(_TOPIC)
+        )
+        if self._publisher is None and not voices:
+            self._publisher = advertise(self._node, Clock, _TOPIC)
+        elif voices and voices[0][1:] != own:
+            # Two that began at the same moment see the same order, and so agree without a word.
+            if self._publisher is not None:
+                self._node.destroy_publisher(self._publisher)
+                self._publisher = None
+            _, namespace, name = voices[0]
+            self._node.get_logger().warning(
+                f"{_TOPIC} is told by {namespace.rstrip('/')}/{name}; not by this simulator",
+                once=True,
+            )
