@@ -62,3 +62,12 @@ def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
     assert stops[1].orientation_change < 18.6
     assert stops[2].stopping_distance < 10.64
     assert stops[2].orientation_change < 26.5
+
+
+def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
+    alone = "brake_assist.second_opinion=false"  # so that all brakes act meanwhile
+    silence = "faults.silence={channel: twist, kind: drop_out, time: 0.6, duration: 0.1}"
+    run = _stop("straight_line", "assisted", PROPORTIONAL, alone, silence)
+    untouched = _stop("straight_line", "assisted", PROPORTIONAL, alone)
+    assert run.stopping_distance < untouched.stopping_distance + 0.3
+    assert run.orientation_change < 2.0

@@ -56,12 +56,12 @@ def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
     assert force == 4000.0
 
 
-def _law(wheels: Wheels) -> tuple[allocation.Constants, allocation.Memory]:
+def _law(wheels: Wheels, resolution: float = 0.0) -> tuple[allocation.Constants, allocation.Memory]:
     configuration = BrakeAssistConfiguration(
         wheels=wheels,
         law="allocation",
         wheel_inertia=0.5,
-        brake=BrakeConfiguration(kind=PROPORTIONAL, max_torque=1500.0),
+        brake=BrakeConfiguration(kind=PROPORTIONAL, max_torque=1500.0, resolution=resolution),
     )
     geometry = PlatformGeometry.from_wheels(wheels)
     return allocation.make_constants(configuration, geometry), allocation.new_memory(len(wheels))
@@ -100,6 +100,17 @@ def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
         allocation.step(law, memory, motion, error, enable)
     assert enable[2] < 0.5 * np.min(np.delete(enable, 2))
     assert error[2] > 0.0
+
+
+@pytest.mark.parametrize("grain", [0.0, 0.25])
+def test_of_locked_wheels_all_but_one_are_let_go(mecanum: Wheels, grain: float) -> None:
+    law, memory = _law(mecanum, grain)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(2):
+        motion = _motion(5.0, 0.0, 4, first=step == 0)
+        assert allocation.step(law, memory, motion, error, enable) == ASSIST
+    assert np.count_nonzero(enable) == 1  # the assistant allows none to roll unbraked
+    assert np.max(enable) == max(grain, 0.01)
 
 
 def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:

@@ -59,6 +59,7 @@ _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
 _AT_BOUND = 0.98
+_LEAST_SHARE = 0.01  # of the last brake that is on [1]
 _HORIZON = 3  # periods over which the pattern of valves is predicted
 _MOST_PATTERNS = 8  # wheels of which all patterns are compared
 _VALVE_TURN_WEIGHT = 30.0
@@ -464,6 +465,7 @@ def _share_out(
     slowing = body.slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
     most = brake.max_torque * motion.pedal
     servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
+    neediest, largest = 0, -math.inf
     for i in range(enable.size):
         wheel = memory.wheel[i]
         hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
@@ -477,9 +479,13 @@ def _share_out(
             need = torque + (need - torque) / -math.expm1(-2.0 * dt / brake.time_constant)
         if wheels.stands[i] != 0.0:
             need = most
+        if need > largest:
+            neediest, largest = i, need
         enable[i] = min(max(need / most, 0.0), 1.0)
         if brake.grain > 0.0:
             enable[i] = min(math.floor(enable[i] / brake.grain + 0.5) * brake.grain, 1.0)
+    if not np.any(enable > 0.0):  # for no law may let the vehicle roll unbraked
+        enable[neediest] = max(brake.grain, _LEAST_SHARE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
