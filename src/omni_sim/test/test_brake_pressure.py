@@ -18,18 +18,19 @@ from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, p
 FloatArray = NDArray[np.float64]
 
 LAG, DEAD, STEP = 0.03, 0.007, 0.0005
-ASKED = np.array([1500.0, 0.0, 700.0])
+SHARES = np.array([1.0, 0.0, 0.4])
+ASKED = 1500.0 * SHARES
 
 
 def test_pressure_without_lag_is_what_is_asked() -> None:
     pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
-    np.testing.assert_array_equal(brake_torques(pressure, ASKED, 20), [ASKED])
+    np.testing.assert_array_equal(brake_torques(pressure, 1500.0, SHARES, 20), [ASKED])
 
 
 def test_dead_time_alone_shifts_what_is_asked() -> None:
     pressure = build_brake_pressure(0.0, DEAD, 3, STEP)
     steps = round(DEAD / STEP)
-    torques = [brake_torques(pressure, c * ASKED, 10) for c in (1.0, 0.5, 0.2)]
+    torques = [brake_torques(pressure, c * 1500.0, SHARES, 10) for c in (1.0, 0.5, 0.2)]
     shares = np.concatenate((np.zeros(steps), np.repeat([1.0, 0.5], 10)))[:30]
     np.testing.assert_array_equal(np.concatenate(torques), np.outer(shares, ASKED))
 
@@ -39,7 +40,7 @@ def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
     """The integral of ``p`` after 0.1 s of demand and 0.1 s without."""
     pressure = build_brake_pressure(LAG, DEAD, 3, step)
     on, off = 0.1, 0.1
-    rows = [brake_torques(pressure, asked, round(0.1 / step)) for asked in (ASKED, 0.0 * ASKED)]
+    rows = [brake_torques(pressure, asked, SHARES, round(0.1 / step)) for asked in (1500.0, 0.0)]
     impulse = step * np.concatenate(rows).sum(axis=0)
     top = 1.0 - math.exp(-on / LAG)
     rising = on - LAG * top

@@ -59,7 +59,6 @@ from omni_sim.velocity_sensor import (
     sensor_memory,
     state_covariance,
 )
-from omni_sim.wheel.brake_pressure import brake_torques, passed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -316,11 +315,8 @@ def _advance(
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     no_wheels, no_energy = np.empty((0, enable.size), WHEEL), np.empty((0, 5))
     control = Control(
-        brake_torques(
-            state.pressure,
-            pedal * loop.brake_torque * passed(state.pressure, enable),
-            loop.steps,
-        ),
+        pedal * loop.brake_torque,
+        enable,
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
         loop.hold_world,

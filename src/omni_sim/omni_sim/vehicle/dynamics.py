@@ -41,6 +41,7 @@ from omni_sim.vehicle.state import (
     Triple,
 )
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
+from omni_sim.wheel.brake_pressure import brake_torques
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
@@ -98,11 +99,13 @@ def advance(state: State, control: Control, log: Log) -> None:
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
     loads = np.empty(wheels.shape[0])
     start_yaw = body.yaw
+    n_steps = log.trajectory.shape[0] - 1
+    torques = brake_torques(state.pressure, control.brake, control.enable, n_steps)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     _write_pose(plant, body, log.trajectory[0])
 
-    for k in range(log.trajectory.shape[0] - 1):
+    for k in range(n_steps):
         if uneven:
             pressing, gravity, lean = _follow_ground(state, body)
             state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
@@ -132,7 +135,7 @@ def advance(state: State, control: Control, log: Log) -> None:
             (drive_x, drive_y, control.twist[2]),
             control.drive_stiffness,
         )
-        brake = control.brake[min(k, control.brake.shape[0] - 1)]
+        brake = torques[min(k, torques.shape[0] - 1)]
         if lossy:
             _resist(state, body, step, loads)
         if plant.roller_pitch > 0.0 and state.rollers is None:

@@ -199,7 +199,7 @@ class State(NamedTuple):
         rollers: individual rollers, if the wheels have any; kernels are compiled for either case.
         wheels: `WHEEL`, shape (N,).
         counters: `COUNTERS`, shape (1,).
-        pressure: in the brakes; `brake_pressure.brake_torques` advances it.
+        pressure: in the brakes.
     """
 
     plant: Plant
@@ -217,8 +217,8 @@ class Control(NamedTuple):
     """What acts on the vehicle during a call.
 
     Attributes:
-        brake: torque that each brake can exert in each step [N m], shape (n, N), or (1, N) in all
-            steps.
+        brake: torque of a brake that gets all pressure that the pedal asks for [N m].
+        enable: share of it that each valve is told to let pass [1], shape (N,).
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         in_world: whether its linear part keeps its direction in the world while the body turns.
@@ -226,7 +226,8 @@ class Control(NamedTuple):
         force_y: likewise in y [N].
     """
 
-    brake: FloatArray
+    brake: float
+    enable: FloatArray
     drive_stiffness: float
     twist: FloatArray
     in_world: bool

@@ -27,12 +27,7 @@ from omni_sim.vehicle.state import (
     Structured,
 )
 from omni_sim.vehicle.uneven_ground import level, orientation
-from omni_sim.wheel.brake_pressure import (
-    brake_torques,
-    build_brake_pressure,
-    passed,
-    release,
-)
+from omni_sim.wheel.brake_pressure import build_brake_pressure, release
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 
 FloatArray = NDArray[np.float64]
@@ -282,17 +277,16 @@ class Vehicle:
         if n_steps < 0:
             raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         shares = _finite("enable", enable, (len(self.state.wheels),))
-        if not 0.0 <= _finite("pedal", pedal, ()) <= 1.0:
+        if not 0.0 <= pedal <= 1.0:
             raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")
-        if np.min(shares) < 0.0 or np.max(shares) > 1.0:
+        if shares.min() < 0.0 or shares.max() > 1.0:
             raise VehicleInputError(f"enable {enable!r} must be in 0..1")
         drive = self.configuration.drive
         engaged = pedal < drive.clutch_threshold
         twist = _finite("command twist", command_twist, (3,))
-        passing = passed(self.state.pressure, shares)
-        asked = pedal * self.configuration.brake.max_torque * passing
         return Control(
-            brake=brake_torques(self.state.pressure, asked, n_steps),
+            brake=pedal * self.configuration.brake.max_torque,
+            enable=shares,
             drive_stiffness=drive.stiffness if engaged else 0.0,
             twist=twist,
             in_world=bool(hold_world),
@@ -451,6 +445,6 @@ class Vehicle:
 
 def _finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     array = np.array(value, dtype=np.float64)
-    if array.shape != shape or not np.all(np.isfinite(array)):
+    if array.shape != shape or not np.isfinite(array).all():
         raise VehicleInputError(f"{name} {value!r} must be {shape or 'a number'} and finite")
     return array

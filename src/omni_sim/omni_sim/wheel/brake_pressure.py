@@ -89,12 +89,15 @@ def passed(pressure: BrakePressure, enable: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def brake_torques(pressure: BrakePressure, asked: FloatArray, n_steps: int) -> FloatArray:
+def brake_torques(
+    pressure: BrakePressure, demand: float, enable: FloatArray, n_steps: int
+) -> FloatArray:
     """Advance the pressure by some physics steps under a constant demand.
 
     Args:
         pressure: changed in place.
-        asked: of each brake [N m], shape (N,).
+        demand: of the pedal, the torque of a brake that gets all of it [N m].
+        enable: share that each valve is told to let pass [1], shape (N,).
         n_steps: number of physics steps.
 
     Returns:
@@ -102,8 +105,11 @@ def brake_torques(pressure: BrakePressure, asked: FloatArray, n_steps: int) -> F
         holds for all steps, (1, N), where the pressure follows at once.
     """
     delay = pressure.delayed.shape[0]
+    asked: FloatArray = passed(pressure, enable)
+    for i in range(asked.size):
+        asked[i] *= demand
     if pressure.remainder == 0.0 and delay == 0:
-        return asked.copy().reshape((1, asked.size))
+        return asked.reshape((1, asked.size))
     torques = np.empty((n_steps, asked.size))
     for k in range(n_steps):
         row = pressure.oldest[0]
