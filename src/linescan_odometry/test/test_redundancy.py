@@ -41,9 +41,7 @@ def drive(
 ) -> tuple[TwistEstimate, np.ndarray[Any, Any]]:
     """Drive at constant twist; some sensors see a velocity [m/s] that is not that of the ground."""
     sensors = ring(count)
-    odometry = LineScanOdometry(
-        OdometryConfiguration(cover_detection=False, sensors=sensors, **changes)
-    )
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors, **changes))
     batches = {}
     for i, (name, speed) in enumerate(zip(sensors, sensor_matrix(sensors) @ TWIST, strict=True)):
         positions = np.arange(26) * (speed + wrong.get(name, 0.0)) / RATE / PITCH

@@ -85,7 +85,13 @@ class Keyframe:
             self._shift = (span - first) * displacement
         newest = self._gradient(lines[-1])
         near = _likeness(self._gradient(lines[-2]), newest, displacement)
-        far = _likeness(self._line, newest, self._shift)
+        # A ground that repeats itself comes again, grain never goes: lines in between must show it.
+        far = 1.0
+        for back in (0, span // 5, span // 2):
+            line = newest if back == 0 else self._gradient(lines[-1 - back])
+            far = min(far, _likeness(self._line, line, self._shift - back * displacement))
+            if far < _LOST * _EXCESS:
+                break
         likeness = max(0.0, far) / max(near, _EXCESS)
         if likeness < _LOST:
             self._line = None  # a ground that repeats itself would come again
@@ -152,7 +158,7 @@ class Grain:
         }
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Add up how far each camera moves across its axis.
+        """Add up how far each camera moves across its axis, to and fro.
 
         Args:
             stamp_ns: of the twist [ns].
@@ -162,20 +168,20 @@ class Grain:
             self._stamps.clear()
             self._ways.clear()
         elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
-        across = np.abs(np.array([row @ twist for row in self._rows.values()]))
+        across = np.array([row @ twist for row in self._rows.values()])
         self._ways.append((self._ways[-1] if self._ways else 0.0) + across * elapsed)
         self._stamps.append(stamp_ns)
 
-    def _way(self, name: str, stamp_ns: int, age: float, speed: float) -> float:
+    def _way(self, name: str, stamp_ns: int, age: float, across: float) -> float:
         """Return how far a camera has moved across since a line, as far as that is known [m]."""
         since = stamp_ns - round(1e9 * age)
         if not self._stamps or since >= self._stamps[-1]:
-            return speed * age
+            return abs(across) * age
         newest = 1e-9 * (stamp_ns - self._stamps[-1])
         number = list(self._rows).index(name)
         ways = [float(way[number]) for way in self._ways]
         before = float(np.interp(since, list(self._stamps), ways))
-        return ways[-1] - before + speed * (newest if 1e9 * newest < _GAP_NS else 0.0)
+        return abs(ways[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
 
     def misled(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -191,9 +197,10 @@ class Grain:
         for name, reading in readings.items():
             if not reading.measured:
                 continue
-            speed = abs(float(self._rows[name] @ twist))
+            across = float(self._rows[name] @ twist)
+            speed = abs(across)
             lasting = self._sensors[name].width + _STONE
-            way = self._way(name, stamp_ns, reading.lasting_time, speed)
+            way = self._way(name, stamp_ns, reading.lasting_time, across)
             if way > _FAR_ENOUGH * lasting:
                 excess = reading.lasting - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.

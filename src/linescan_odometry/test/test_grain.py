@@ -1,0 +1,81 @@
+"""Grain that runs askew is told from a ground that comes again, and from a vehicle that rocks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from linescan_odometry.measurements import SensorReading
+from linescan_odometry.view.grain import Grain, Keyframe
+from omni_platform.sensors import LineSensor
+
+PIXELS, BATCH, RATE = 256, 25, 2500.0
+CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)
+LINE_PITCH = 0.0005  # m across from one row of the ground to the next
+ROWS = int(CAMERA.width / LINE_PITCH)
+
+Ground = Callable[[NDArray[np.int64]], NDArray[np.float64]]
+
+
+def random_rows(count: int) -> Ground:
+    """A ground without grain: what the camera sees at each row, the mean over its width."""
+    generator = np.random.default_rng(4)
+    rows = gaussian_filter1d(generator.normal(0.0, 1.0, (count, PIXELS)), 2.0, axis=1)
+    seen = uniform_filter1d(rows, ROWS, axis=0, mode="wrap")
+    ground: NDArray[np.float64] = 128.0 + 20.0 * seen / seen.std()
+    return lambda row: ground[row % count]
+
+
+def stripes(row: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Stripes across the way, as seen along them: every row is the same."""
+    line = gaussian_filter1d(np.random.default_rng(5).normal(0.0, 60.0, PIXELS), 2.0)
+    ground: NDArray[np.float64] = np.tile(128.0 + line, (len(row), 1))
+    return ground
+
+
+def verdicts(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorReading]:
+    """Yield what is made of each batch of a way across the axis [m], a value for each line."""
+    keyframe, grain = Keyframe(PIXELS), Grain({"eye": CAMERA})
+    noise = np.random.default_rng(6)
+    seen = ground(np.rint(way / LINE_PITCH).astype(np.int64))
+    lines = np.rint(seen + noise.normal(0.0, 1.0, seen.shape)).clip(0, 255).astype(np.uint8)
+    for end in range(BATCH, len(way), BATCH):
+        stamp_ns = round(1e9 * end / RATE)
+        age, lasting = keyframe.compare(stamp_ns, 1e9 / RATE, lines[end - BATCH : end + 1], 0.0)
+        reading = dataclasses.replace(
+            SensorReading(0.0, 1e-6, 1.0, 1.0, True), lasting_time=age, lasting=lasting
+        )
+        twist = np.array([0.0, (way[end] - way[end - BATCH]) * RATE / BATCH, 0.0])
+        grain.remember(stamp_ns, twist)
+        yield grain.misled(stamp_ns, {"eye": reading}, twist).get("eye", reading)
+
+
+def steady(speed: float, batches: int = 12) -> NDArray[np.float64]:
+    return np.linspace(0.0, speed * batches * BATCH / RATE, batches * BATCH + 1)
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0, 10.0])
+def test_stripes_that_never_leave_the_view_are_grain(speed: float) -> None:
+    readings = list(verdicts(stripes, steady(speed)))
+    assert not readings[-1].measured
+    assert readings[-1].reason.startswith("grain: ")
+
+
+@pytest.mark.parametrize("repeat", [0.2, 0.1, 0.0625])
+@pytest.mark.parametrize("speed", [2.5, 5.0, 10.0, 20.0])
+def test_a_ground_that_comes_again_is_no_grain(speed: float, repeat: float) -> None:
+    # Every batch or every few of them end where the ground is as it was before.
+    ground = random_rows(round(repeat / LINE_PITCH))
+    assert all(reading.measured for reading in verdicts(ground, steady(speed)))
+
+
+def test_rocking_to_and_fro_is_no_way_across() -> None:
+    # A vehicle that has stopped rocks on its tires: 6 mm to either side, 24 mm a period.
+    way = 0.006 * np.sin(2.0 * np.pi * 2.5 * np.arange(40 * BATCH + 1) / RATE)
+    ground = random_rows(400)
+    assert all(reading.measured for reading in verdicts(ground, way))
