@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from bystander import Bystander
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from omni_process import omni, omni_command, omni_environment, processes_of
 from rcl_interfaces.srv import DescribeParameters, ListParameters
@@ -136,7 +136,7 @@ class Onlooker(Bystander):
         self.pedal, self.speed = -1.0, -1.0
         self.node.create_subscription(JointState, "brake/pedal", self._on_pedal, RELIABLE)
         self.node.create_subscription(Odometry, "ground_truth/odom", self._on_truth, RELIABLE)
-        self.command = self.node.create_publisher(Twist, "cmd_vel", RELIABLE)
+        self.command = self.node.create_publisher(TwistStamped, "cmd_vel", RELIABLE)
 
     def _on_pedal(self, message: JointState) -> None:
         self.pedal = message.position[0]
@@ -147,7 +147,7 @@ class Onlooker(Bystander):
     def heard(self) -> str:
         return f"pedal {self.pedal}, speed {self.speed}"
 
-    def wait_saying(self, command: Twist, condition: Callable[[], bool]) -> None:
+    def wait_saying(self, command: TwistStamped, condition: Callable[[], bool]) -> None:
         """Command the vehicle until the condition holds."""
 
         def holds() -> bool:
@@ -247,11 +247,11 @@ def test_a_page_that_makes_no_sense_is_closed_and_brakes(page: Page, onlooker: O
 
 
 def test_cmd_vel_drives_as_long_as_it_is_repeated(onlooker: Onlooker) -> None:
-    forward = Twist()
-    forward.linear.x = 1.0
+    forward = TwistStamped()
+    forward.twist.linear.x = 1.0
     # After the pages before, whose end brakes: first of all zero.
     onlooker.wait(lambda: onlooker.command.get_subscription_count() == 1)
-    onlooker.wait_saying(Twist(), lambda: onlooker.pedal == 0.0)
+    onlooker.wait_saying(TwistStamped(), lambda: onlooker.pedal == 0.0)
     onlooker.wait_saying(forward, lambda: onlooker.speed > 0.9)
     onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
 
@@ -289,7 +289,7 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     steps = counts["/ground_truth/odom"]
     assert steps > 100
     assert 0 <= steps - counts["/clock"] < 100  # which waits until it has seen who else tells it
-    for topic in ("/tf", "/brake/pedal", "/driver/applied_cmd_vel"):
+    for topic in ("/tf", "/brake/pedal", "/driver/command"):
         assert counts[topic] == steps
     assert (recording / "configuration.yaml").exists()
 

@@ -132,7 +132,7 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     history = read_run(folder)
     assert steps == len(history.stamp_ns)
     each_step = ["/wheel_states", "/brake/pedal", "/brake/enable", "/brake_assist/error"]
-    each_step += ["/cmd_vel", "/odometry/twist", "/velocity_sensor/twist", "/imu"]
+    each_step += ["/driver/command", "/odometry/twist", "/velocity_sensor/twist", "/imu"]
     each_step += ["/ground_truth/odom", "/tf"]
     each_step += [f"/line_scan/{sensor}/lines" for sensor in configuration.sensors]
     assert {topic: counts[topic] for topic in each_step} == dict.fromkeys(each_step, steps)

@@ -383,6 +383,14 @@ class Simulator:
         if self._cameras is not None:
             self._batches = self._expose(trajectory, start_ns, self._stamp_ns)
 
+    def place(self, pose: FloatArray) -> None:
+        """Put the vehicle somewhere at rest, while time goes on.
+
+        Args:
+            pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
+        """
+        self.vehicle.place(pose, np.zeros(3))
+
     @property
     def overload(self) -> Overload | None:
         """Overload of the tire model since the start of the run, None if there was none."""

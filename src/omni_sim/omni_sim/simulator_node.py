@@ -1,7 +1,7 @@
 """The simulator as a ROS node: what a vehicle's sensors would see out, brake enables in.
 
-The driver is scripted, or somebody who speaks on `driver/pedal` and `driver/cmd_vel`; whose
-silence is full braking.
+The driver is scripted, or somebody who speaks on `driver/pedal` and `cmd_vel`; whose silence is
+full braking.
 
 Lockstep: after publishing a step the node waits for the `brake/enable` of the same stamp. Real
 time: the same steps are paced to the wall clock and never wait; an enable that is late or missing
@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from geometry_msgs.msg import Twist, TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.node import Node
@@ -48,6 +48,7 @@ from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import camera_info, ground_truth, imu_message, scene_markers
+from omni_sim.run_control_node import RunControl
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
 
@@ -83,9 +84,13 @@ class LoopConfiguration(Configuration):
     )
     driver: str = parameter(
         "scripted",
-        description="Who drives: the script of the maneuver, or demands on driver/pedal and "
-        "driver/cmd_vel until the node is stopped",
-        choices=("scripted", "topics"),
+        description="Who drives until the node is stopped: the script of the maneuver; demands on "
+        "driver/pedal and cmd_vel (topics); or cmd_vel alone as long as nobody has a pedal",
+        choices=("scripted", "topics", "cmd_vel"),
+    )
+    stamped_cmd_vel: bool = parameter(
+        True,
+        description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist",
     )
     enable_timeout: float = parameter(
         0.05,
@@ -106,12 +111,15 @@ class SimulatorNode(Node):
         self.configuration = declare_configuration(self, SimulatorConfiguration)
         manual = declare_configuration(self, ManualDriverConfiguration)
         self.manual_driver: ManualDriver | None = None
-        if self.loop.driver == "topics":
+        if self.loop.driver != "scripted":
             self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
-            self._inbox = DemandInbox(manual.driver_timeout)
+            self._inbox = DemandInbox(manual.driver_timeout, self.loop.driver == "topics")
             listen(self, JointState, "driver/pedal", self._on_driver_pedal)
-            listen(self, TwistStamped, "driver/cmd_vel", self._on_driver_command)
+            kind = TwistStamped if self.loop.stamped_cmd_vel else Twist
+            listen(self, kind, "cmd_vel", self._on_driver_command)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
+        start = self.manual_driver.start_pose if self.manual_driver is not None else None
+        self.control = RunControl(self, start, f"{self._prefix}odom")
         self._wheels = tuple(self.configuration.vehicle.wheels)
         self._all_on = np.ones(len(self._wheels))
         self._enable = self._all_on
@@ -134,7 +142,7 @@ class SimulatorNode(Node):
         self._joints = create(JointState, "joint_states")  # of robot_state_publisher
         self._imu = create(Imu, "imu")
         self._pedal = create(JointState, "brake/pedal")
-        self._command = create(TwistStamped, "cmd_vel")
+        self._command = create(TwistStamped, "driver/command")
         self._truth = create(Odometry, "ground_truth/odom")
         self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist")
         self._markers = create(MarkerArray, "markers")
@@ -246,6 +254,10 @@ class SimulatorNode(Node):
         """Let whoever drives from outside set pedal and command for the next step."""
         if self.manual_driver is None:
             return
+        pose = self.control.take_pose()
+        if pose is not None:
+            self.simulator.place(pose)
+            self.manual_driver.halt()
         pedal, target = self._inbox.demand(time.monotonic())
         twist = self.simulator.vehicle.twist
         period = self.simulator.control_period_ns / _SECOND
@@ -300,8 +312,8 @@ class SimulatorNode(Node):
         pedal = float(message.position[0]) if message.position else math.nan
         self._inbox.take_pedal(pedal, time.monotonic())
 
-    def _on_driver_command(self, message: TwistStamped) -> None:
-        twist = message.twist
+    def _on_driver_command(self, message: TwistStamped | Twist) -> None:
+        twist = message.twist if isinstance(message, TwistStamped) else message
         values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
         self._inbox.take_twist(values, time.monotonic())
 
@@ -340,6 +352,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     progress = RunProgress(node.configuration)
     started = time.monotonic()
     while not spinner.stop:
+        started += node.control.wait(spinner)
         node.take_demand()
         observation = simulator.observe()
         node.publish(observation)

@@ -40,6 +40,9 @@ class Options(Configuration):
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
     port: int = option(0, metavar="PORT", description="TCP port of the page; 0 is any")
+    unstamped: bool = parameter(
+        False, description="cmd_vel is a Twist, as older teleoperation nodes send it"
+    )
     out: Path | None = option(
         None, metavar="DIR", description="record the drive to this rosbag2 folder"
     )
@@ -61,7 +64,11 @@ def run(options: Options, workspace: Path) -> int:
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
             process_group(node_environment(domain)) as group,
         ):
-            seat = {"max_speed": options.max_speed, "port": options.port}
+            seat = {
+                "max_speed": options.max_speed,
+                "port": options.port,
+                "stamped_cmd_vel": not options.unstamped,
+            }
             folder = options.out and options.out.resolve()
             for node in drive_nodes(configuration, Path(scratch), seat, folder):
                 group.start(node)
@@ -105,7 +112,6 @@ def drive_nodes(
     nodes = []
     if folder is not None:
         topics = graph.recorded_topics(configuration)
-        topics[graph.APPLIED_COMMAND] = topics.pop(graph.COMMAND)
         nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
     listeners = 1 + len(nodes)  # besides the driver, who may come later
     optical = configuration.hears_lines
@@ -134,7 +140,8 @@ def _follow(group: ProcessGroup, domain: int) -> None:
             print(document["url"], flush=True)
             print(
                 "omni drive: open this address in a browser of this machine; for cmd_vel: "
-                f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard; "
+                f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard "
+                "--ros-args -p stamped:=true; "
                 "Ctrl-C ends",
                 file=sys.stderr,
             )

@@ -71,6 +71,9 @@ class DriverConfiguration(Configuration):
         above=0.0,
         maximum=5.0,
     )
+    stamped_cmd_vel: bool = parameter(
+        True, description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist"
+    )
     port: int = parameter(
         0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
     )
@@ -102,7 +105,8 @@ class DriverNode(Node):
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.heard = 0
-        self._listen(Twist, "cmd_vel", self._on_command)
+        kind = TwistStamped if configuration.stamped_cmd_vel else Twist
+        self._listen(kind, "cmd_vel", self._on_command)
         self._listen(Odometry, "ground_truth/odom", self._on_truth)
         self._listen(JointState, "brake/pedal", self._on_pedal)
         self._listen(JointState, "brake/enable", self._on_enable)
@@ -132,9 +136,10 @@ class DriverNode(Node):
             given = Parameter(_SWITCH, value=enabled).to_parameter_msg()
             self._assist.call_async(SetParameters.Request(parameters=[given]))
 
-    def _on_command(self, message: Twist) -> None:
-        twist = (message.linear.x, message.linear.y, message.angular.z)
-        self.seat.take_command(twist, time.monotonic())
+    def _on_command(self, message: TwistStamped | Twist) -> None:
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        values = (twist.linear.x, twist.linear.y, twist.angular.z)
+        self.seat.take_command(values, time.monotonic())
 
     def _on_truth(self, message: Odometry) -> None:
         self._stamp_ns = to_nanoseconds(message.header.stamp)

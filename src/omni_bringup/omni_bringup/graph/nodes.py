@@ -14,8 +14,7 @@ from omni_platform.configuration import Configuration
 from omni_platform.flat_parameters import flatten
 from omni_sim.simulator import SimulatorConfiguration
 
-COMMAND = "/cmd_vel"
-APPLIED_COMMAND = "/driver/applied_cmd_vel"  # of a driven vehicle
+COMMAND = "/driver/command"  # the velocity that the drive follows
 GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
 
 _SHARED = ("/clock", "/diagnostics")
@@ -139,8 +138,8 @@ def simulator(
         "driver": "topics" if driven else "scripted",
         "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
     }
-    # The name is free then for what a teleoperation node says.
-    remaps = ["-r", f"{COMMAND[1:]}:={APPLIED_COMMAND[1:]}"] if driven else []
+    # The seat decides between its page and what a teleoperation node says on cmd_vel.
+    remaps = ["-r", "cmd_vel:=driver/cmd_vel"] if driven else []
     return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
 
 

@@ -45,10 +45,13 @@ class DemandInbox:
 
     Args:
         timeout: age at which a demand no longer counts [s].
+        pedal_required: whether there is a pedal for sure; without, a velocity alone drives, until
+            a pedal has been heard for the first time.
     """
 
-    def __init__(self, timeout: float) -> None:
+    def __init__(self, timeout: float, pedal_required: bool = True) -> None:
         self._timeout = timeout
+        self._pedal_required = pedal_required
         self._pedal, self._pedal_time = FULL_BRAKING, -math.inf
         self._twist, self._twist_time = np.zeros(3), -math.inf
 
@@ -61,6 +64,7 @@ class DemandInbox:
         """
         self._pedal = pedal if 0.0 <= pedal <= 1.0 else FULL_BRAKING
         self._pedal_time = now
+        self._pedal_required = True
 
     def take_twist(self, twist: FloatArray, now: float) -> None:
         """Take a body twist [m/s, m/s, rad/s], shape (3,); one that is no number is zero."""
@@ -69,9 +73,11 @@ class DemandInbox:
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
         """Return pedal, 0..1, and body twist [m/s, m/s, rad/s] that hold at a time [s]."""
+        fresh = now - self._twist_time <= self._timeout
+        if not self._pedal_required:
+            return (0.0, self._twist) if fresh else (FULL_BRAKING, np.zeros(3))
         if now - self._pedal_time > self._timeout:
             return FULL_BRAKING, np.zeros(3)
-        fresh = now - self._twist_time <= self._timeout
         return self._pedal, self._twist if fresh else np.zeros(3)
 
 
@@ -100,6 +106,10 @@ class ManualDriver:
     def start_twist(self) -> FloatArray:
         """Twist of base_link at the start: rest, shape (3,)."""
         return np.zeros(3)
+
+    def halt(self) -> None:
+        """Take the drive's velocity back to zero at once, for a vehicle that has been placed."""
+        self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
         """Set what holds for the next control period.

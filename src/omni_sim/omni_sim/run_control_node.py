@@ -1,0 +1,96 @@
+"""What anybody in the graph may ask of a running simulator: pause, step, reset, place.
+
+`~/pause` (`std_srvs/SetBool`) halts the simulated time and lets it go on, `~/step`
+(`std_srvs/Trigger`) advances a halted one by one control period. A vehicle that is driven from
+outside is put back to its start by `~/reset` (`std_srvs/Trigger`) and elsewhere by `initialpose`,
+as viewers publish it; time goes on, as the nodes around could not follow it back.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from omni_ros.process import Spinner
+from omni_ros.qos import listen
+
+FloatArray = NDArray[np.float64]
+
+_SCRIPTED = "a scripted run goes from its start to its end; start the node anew, or with driver: "
+
+
+class RunControl:
+    """Keeps what has been asked for until the loop asks for it.
+
+    Args:
+        node: whose services these are.
+        start: x, y [m], yaw [rad] of a vehicle that may be placed, shape (3,); None if it may not.
+        frame: in which places are given.
+    """
+
+    def __init__(self, node: Node, start: FloatArray | None, frame: str) -> None:
+        self._node, self._start, self._frame = node, start, frame
+        self._paused, self._steps = False, 0
+        self._pose: FloatArray | None = None
+        node.create_service(SetBool, "~/pause", self._on_pause)
+        node.create_service(Trigger, "~/step", self._on_step)
+        node.create_service(Trigger, "~/reset", self._on_reset)
+        if start is not None:
+            listen(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
+
+    def wait(self, spinner: Spinner) -> float:
+        """Return once time may go on, and for how long it stood still [s]."""
+        if not self._paused:
+            return 0.0
+        began = time.monotonic()
+        while self._paused and not self._steps and not spinner.stop:
+            spinner.spin_once()
+        self._steps = max(0, self._steps - 1)
+        return time.monotonic() - began
+
+    def take_pose(self) -> FloatArray | None:
+        """Return where to put the vehicle, x, y [m], yaw [rad]; None unless somebody has asked."""
+        pose, self._pose = self._pose, None
+        return pose
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        self._paused, self._steps = bool(request.data), 0
+        response.success = True
+        response.message = "time stands still" if self._paused else "time goes on"
+        return response
+
+    def _on_step(self, _request: Any, response: Any) -> Any:
+        response.success = self._paused
+        response.message = "one control period" if self._paused else "not paused: call ~/pause"
+        self._steps += self._paused
+        return response
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        response.success = self._start is not None
+        response.message = (
+            f"{_SCRIPTED}cmd_vel" if self._start is None else "back at the start, at rest"
+        )
+        self._pose = self._start
+        return response
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        place, turn = message.pose.pose.position, message.pose.pose.orientation
+        yaw = math.atan2(
+            2.0 * (turn.w * turn.z + turn.x * turn.y),
+            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
+        )
+        pose = np.array([place.x, place.y, yaw])
+        if message.header.frame_id not in ("", self._frame) or not np.all(np.isfinite(pose)):
+            self._node.get_logger().error(
+                f"initialpose must be finite and in {self._frame}, not in "
+                f"{message.header.frame_id or 'no frame'}: ignored"
+            )
+            return
+        self._pose = pose
