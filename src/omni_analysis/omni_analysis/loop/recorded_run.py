@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from omni_analysis.loop.history import RunHistory
 from omni_recording.error import BagError
 
-__all__ = ["BagError", "read_run"]
+__all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ _VARIANCES = [0, 7, 35]
 
 
 @dataclasses.dataclass(frozen=True)
-class _Stream:
+class Stream:
     """Messages of one topic in the order of their stamps."""
 
     stamp_ns: NDArray[np.int64]
@@ -66,30 +66,46 @@ def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
         BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
     """
     folder = Path(bag_folder)
-    streams = _read_streams(folder, namespace)
+    streams = read_streams(folder, _TYPES, _REQUIRED, namespace)
     try:
         return _to_history(streams)
     except (ValueError, IndexError) as error:
         raise BagError(folder, f"does not hold one run: {error}") from error
 
 
-def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
-    """Return the messages of the small topics by topic name below the namespace."""
+def read_streams(
+    folder: Path, types: Mapping[str, str], required: Sequence[str], namespace: str = ""
+) -> dict[str, Stream]:
+    """Return the messages of some small topics by topic name below the namespace.
+
+    Args:
+        folder: with ``metadata.yaml`` and the recording.
+        types: of the topics, by name.
+        required: topics without which there is nothing to read.
+        namespace: of the topics, root by default.
+
+    Raises:
+        BagError: the bag cannot be read, lacks a topic, or one is of another type.
+    """
     from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
     from omni_recording.folder import bag_messages, bag_summary, open_bag
 
     prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
-    names = {prefix + name: name for name in _TYPES} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
+    names = {prefix + name: name for name in types} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
     bag = open_bag(folder)
-    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
-    _require_topics(folder, {names[c.topic]: c.type_name for c in channels}, prefix)
+    channels = [entry for entry in bag_summary(bag).channels if names.get(entry.topic) in types]
+    found = {names[channel.topic]: channel.type_name for channel in channels}
+    missing = [prefix + name for name in required if name not in found]
+    if missing:
+        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
+    _require_types(folder, found, types, prefix)
     decoder = MessageDecoder()
     messages: dict[str, list[tuple[int, Any]]] = {}
     for recorded in bag_messages(bag):
         name = names.get(recorded.channel.topic)
-        if name is None:
+        if name is None or name not in types:
             continue
-        _require_topics(folder, {name: recorded.channel.type_name}, prefix, required=())
+        _require_types(folder, {name: recorded.channel.type_name}, types, prefix)
         try:
             message = decoder.decode(recorded)
         except DecodeError as error:
@@ -98,30 +114,27 @@ def _read_streams(folder: Path, namespace: str) -> dict[str, _Stream]:
         if stamp_ns is None:
             raise BagError(folder, f"{recorded.channel.topic} has no stamp")
         messages.setdefault(name, []).append((stamp_ns, message))
-    for name in _REQUIRED:
+    for name in required:
         if name not in messages:
             raise BagError(folder, f"there is no message on {prefix}{name}")
     return {name: _in_order(entries) for name, entries in messages.items()}
 
 
-def _require_topics(
-    folder: Path, types: Mapping[str, str], prefix: str, required: Sequence[str] = _REQUIRED
+def _require_types(
+    folder: Path, found: Mapping[str, str], types: Mapping[str, str], prefix: str
 ) -> None:
-    missing = [prefix + name for name in required if name not in types]
-    if missing:
-        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
-    for name, kind in types.items():
-        if kind != _TYPES[name]:
-            raise BagError(folder, f"{prefix}{name} is of type {kind}, must be {_TYPES[name]}")
+    for name, kind in found.items():
+        if kind != types[name]:
+            raise BagError(folder, f"{prefix}{name} is of type {kind}, must be {types[name]}")
 
 
-def _in_order(entries: list[tuple[int, Any]]) -> _Stream:
+def _in_order(entries: list[tuple[int, Any]]) -> Stream:
     entries.sort(key=lambda entry: entry[0])
     stamps = np.array([stamp for stamp, _ in entries], dtype=np.int64)
-    return _Stream(stamps, tuple(message for _, message in entries))
+    return Stream(stamps, tuple(message for _, message in entries))
 
 
-def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
+def _to_history(streams: Mapping[str, Stream]) -> RunHistory:
     truth = streams[_TRUTH]
     stamps = truth.stamp_ns
     if np.any(np.diff(stamps) == 0):
@@ -133,7 +146,7 @@ def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
         return _sampled(stamps, streams.get(topic), width, values)
 
     def by_wheel(topic: str, field: str) -> FloatArray:
-        return sampled(topic, wheels, lambda message: _ordered(message, field, wheel_names))
+        return sampled(topic, wheels, lambda message: ordered(message, field, wheel_names))
 
     orientations = [message.pose.pose.orientation for message in truth.messages]
     return RunHistory.from_quaternions(
@@ -141,20 +154,20 @@ def _to_history(streams: Mapping[str, _Stream]) -> RunHistory:
         stamp_ns=stamps,
         position=[(m.pose.pose.position.x, m.pose.pose.position.y) for m in truth.messages],
         orientation=[(entry.z, entry.w) for entry in orientations],
-        twist=[_planar_twist(message.twist.twist) for message in truth.messages],
+        twist=[planar_twist(message.twist.twist) for message in truth.messages],
         wheel_angle=by_wheel(_WHEELS, "position"),
         wheel_speed=by_wheel(_WHEELS, "velocity"),
         brake_torque=by_wheel(_WHEELS, "effort"),
         enable=by_wheel(_ENABLE, "effort"),
         error=by_wheel(_ERROR, "velocity"),
         pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
-        estimate=sampled(_ESTIMATE, 3, lambda message: _planar_twist(message.twist.twist)),
+        estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
         estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
         assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS)),
     )
 
 
-def _assist_states(stamps: NDArray[np.int64], stream: _Stream | None) -> list[str]:
+def _assist_states(stamps: NDArray[np.int64], stream: Stream | None) -> list[str]:
     """Return the assistant's state at each control stamp; it holds until the next report."""
     states = [""] * len(stamps)
     for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
@@ -168,7 +181,7 @@ def _assist_states(stamps: NDArray[np.int64], stream: _Stream | None) -> list[st
 
 def _sampled(
     stamps: NDArray[np.int64],
-    stream: _Stream | None,
+    stream: Stream | None,
     width: int,
     values: Callable[[Any], Any],
 ) -> FloatArray:
@@ -184,7 +197,7 @@ def _sampled(
     return rows
 
 
-def _ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
+def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
     """Return a JointState field in the order of the wheels."""
     values: FloatArray = getattr(message, field)
     if list(message.name) == list(wheel_names):
@@ -197,5 +210,6 @@ def _ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray
     return values[order]
 
 
-def _planar_twist(twist: Any) -> tuple[float, float, float]:
+def planar_twist(twist: Any) -> tuple[float, float, float]:
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs Twist."""
     return twist.linear.x, twist.linear.y, twist.angular.z

@@ -1,0 +1,52 @@
+"""``./omni fit-brakes``: what it writes for a recorded stop, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from omni_bringup.cli import main
+
+ROOT = Path(__file__).parents[3]
+BAGS = ROOT / "bags" / "small_stop"
+
+
+def omni(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["fit-brakes", *map(str, arguments)])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_sample_recording_gives_its_brakes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, out = BAGS / "assisted", tmp_path / "out"
+    assert omni(bag, "--twist", "ground_truth/odom", "--json", "--out", out) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((out / "summary.json").read_text())
+    true = yaml.safe_load((bag / "configuration.yaml").read_text())["vehicle"]["brake"]
+    found = yaml.safe_load((out / "brake.yaml").read_text())["brake"]
+    entry = document["metrics"]["max_torque.all"]
+    assert entry["value"] == pytest.approx(true["max_torque"], rel=0.02)
+    assert found["max_torque"] == pytest.approx(entry["value"], rel=1e-4)
+    assert (out / "fit.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_does_not_suffice_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    bag = BAGS / "assisted"
+    for arguments, reason in (
+        ((tmp_path / "none",), "none"),
+        ((bag, "--vehicle", "three_wheel"), "three_wheel"),
+        ((bag, bag), "given twice"),
+        ((bag,), "leave the wheels turning"),  # they lock faster than the cameras' average
+    ):
+        assert omni(*arguments, "--out", out) == 2
+        assert reason in capsys.readouterr().err
+        assert not out.exists()
