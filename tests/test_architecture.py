@@ -74,13 +74,7 @@ def test_imports_are_the_arrows_of_the_map() -> None:
 
 
 def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded() -> None:
-    # The tire models and their interface still need each other.
-    graph = {
-        name: names & MODULES.keys() - {name}
-        for name, names in IMPORTED.items()
-        if not name.startswith("omni_sim.tire")
-    }
-    assert_no_circle(graph)
+    assert_no_circle({name: names & MODULES.keys() - {name} for name, names in IMPORTED.items()})
     crowds = Counter(
         path.parent.relative_to(WORKSPACE / "src").as_posix().partition("/")[2]
         for path in MODULES.values()

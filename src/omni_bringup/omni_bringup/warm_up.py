@@ -6,6 +6,8 @@ Started by the launcher after a build; the results are in the caches on disk.
 from __future__ import annotations
 
 import dataclasses
+import os
+import pickle
 import sys
 from pathlib import Path
 
@@ -38,6 +40,24 @@ def warm_up(folder: Path) -> None:
     run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
 
 
+def forget_lost_types(cache: Path) -> None:
+    """Delete the indices of kernels that were compiled for a type that has been moved or renamed.
+
+    numba cannot read them any more, and gives up instead of compiling anew.
+
+    Args:
+        cache: folder of compiled kernels.
+    """
+    for index in cache.glob("*/*.nbi"):
+        with index.open("rb") as file:
+            try:
+                pickle.load(file)  # numba's version
+                pickle.load(file)
+            except (ImportError, AttributeError):
+                index.unlink()
+
+
 if __name__ == "__main__":
+    forget_lost_types(Path(os.environ["NUMBA_CACHE_DIR"]))
     warm_up(workspace())
     sys.exit(0)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.characteristic import TMeasy
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of
 
-TIRE = TMeasy(TMeasyConfiguration())
+TABLE = TMeasyConfiguration()
+TIRE = Tire(TireConfiguration(tmeasy=TABLE))
+LATERAL = Tire(TireConfiguration(tmeasy=dataclasses.replace(TABLE, x=TABLE.y)))
 
 # load, direction, dF0, s_max, F_max, s_slide, F_slide
 TABLE_1 = [
@@ -34,7 +38,7 @@ def test_curve_passes_through_the_points_of_table_1(
     f_slide: float,
 ) -> None:
     def force(slip: float) -> float:
-        return float(TIRE.force(slip, load, direction=direction))
+        return float((LATERAL if direction == "y" else TIRE).force(slip, load))
 
     h = 1e-7
     assert (force(h) - force(-h)) / (2.0 * h) == pytest.approx(slope, rel=1e-5)
@@ -50,7 +54,7 @@ def test_curve_passes_through_the_points_of_table_1(
 
 @given(st.floats(100.0, 6000.0), st.floats(0.05, 1.5))
 def test_curve_rises_to_one_peak_and_falls_to_sliding(load: float, friction: float) -> None:
-    point = TIRE.curve(load, friction)
+    point = curve_of(TABLE, load, friction)
     slips = np.linspace(0.0, 1.5 * point.slide_slip, 2000)
     force = TIRE.force(slips, load, friction)
     steps = np.diff(force)

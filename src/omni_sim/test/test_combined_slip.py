@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.characteristic import TMeasy
 from omni_sim.tire.combined_slip import combined_forces, slip_norms
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of
 
 TABLE_1 = TMeasyConfiguration()
-TIRE = TMeasy(TABLE_1)
+TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))
+LATERAL = Tire(TireConfiguration(tmeasy=dataclasses.replace(TABLE_1, x=TABLE_1.y)))
 
 slips = st.floats(-1.5, 1.5)
 loads = st.floats(100.0, 6000.0)
@@ -27,7 +28,7 @@ def test_slip_along_one_direction_is_that_direction_alone(
 ) -> None:
     for direction, arguments, zero in (("x", (slip, 0.0), 1), ("y", (0.0, slip), 0)):
         force = combined_forces(TABLE_1, *arguments, load, friction)
-        alone = float(TIRE.force(slip, load, friction, direction=direction))
+        alone = float((LATERAL if direction == "y" else TIRE).force(slip, load, friction))
         assert force[1 - zero] == pytest.approx(alone, rel=1e-9, abs=1e-9)
         assert force[zero] == 0.0
 
@@ -59,8 +60,8 @@ def test_force_is_bounded_by_friction_and_scales_with_it(
     slip_x: float, slip_y: float, load: float, friction: float
 ) -> None:
     force = combined_forces(TABLE_1, slip_x, slip_y, load, friction)
-    x = TIRE.curve(load, friction).peak_force
-    y = TIRE.curve(load, friction, "y").peak_force
+    x = curve_of(TABLE_1, load, friction).peak_force
+    y = curve_of(TABLE_1, load, friction, "y").peak_force
     # The ellipse of the two peaks, which Rill's interpolation exceeds by ((x/y + y/x) / 2)^2.
     excess = (0.5 * (x / y + y / x)) ** 2
     assert (force[0] / x) ** 2 + (force[1] / y) ** 2 <= excess * (1.0 + 1e-9)
@@ -73,7 +74,7 @@ def test_lateral_slip_takes_longitudinal_force_away() -> None:
     force = combined_forces(TABLE_1, 0.1, side, 3000.0)
     assert np.all(np.diff(force[:, 0]) < 0.0)
     # Full sliding: the force lies along the normalised slip.
-    n_x, n_y = slip_norms(TIRE.curve(3000.0), TIRE.curve(3000.0, direction="y"))
+    n_x, n_y = slip_norms(curve_of(TABLE_1, 3000.0), curve_of(TABLE_1, 3000.0, direction="y"))
     slid = combined_forces(TABLE_1, 3.0, 4.0, 3000.0)
     assert slid[1] / slid[0] == pytest.approx(4.0 / 3.0 * n_x / n_y, rel=1e-12)
     assert n_x + n_y == pytest.approx(2.0)

@@ -6,12 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.characteristic import TMeasy
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, WheelStep, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
 
-TIRE = TMeasy(TMeasyConfiguration())
+TABLE_1 = TMeasyConfiguration()
 INERTIA, LEVER, C, D, DT = 0.8, -0.14, 2.0e5, 5000.0, 0.0005
 
 
@@ -27,7 +26,7 @@ def step(
 ) -> WheelStep:
     result: WheelStep = wheel_step(
         TireConstants(C, D, DT),
-        TIRE.curve(load),
+        curve_of(TABLE_1, load),
         Patch(deflection, abs(0.2 * omega) + 1e-6, sliding),
         Hub(LEVER, hub_velocity, 0.0),
         Spin(omega, INERTIA, brake),

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from omni_sim.tire.characteristic import TMeasy, steady_force
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, steady_force
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
 from omni_sim.wheel.single import TireConstants
 
 LOAD = 3000.0
 HELD = 1e30  # inertia of a wheel or a roller whose speed is given [kg m^2]
-TIRE = TMeasy(TMeasyConfiguration())
-ACTIVE, PASSIVE = TIRE.curve(LOAD, 1.0, "x"), TIRE.curve(LOAD, 1.0, "y")
+TABLE_1 = TMeasyConfiguration()
+TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))
+LATERAL = Tire(TireConfiguration(tmeasy=dataclasses.replace(TABLE_1, x=TABLE_1.y)))
+ACTIVE, PASSIVE = curve_of(TABLE_1, LOAD, 1.0, "x"), curve_of(TABLE_1, LOAD, 1.0, "y")
 
 
 def steady(slip_active: float, slip_passive: float, speed: float = 2.0) -> tuple[float, float]:
@@ -44,7 +47,7 @@ def test_force_along_one_direction_is_that_directions_curve(slip: float) -> None
     assert along == pytest.approx(-float(TIRE.force(slip, LOAD)), rel=1e-6)
     assert across == 0.0
     along, across = steady(0.0, slip)
-    assert across == pytest.approx(-float(TIRE.force(slip, LOAD, direction="y")), rel=1e-6)
+    assert across == pytest.approx(-float(LATERAL.force(slip, LOAD)), rel=1e-6)
     assert abs(along) < 1e-9
 
 

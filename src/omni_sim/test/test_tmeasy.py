@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
-from omni_sim.tire.characteristic import TMeasy
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of
 
 TABLE_1 = TMeasyConfiguration()
+TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))
 
 
 def printed_equation_3(f_1: float, f_2: float, load_1: float, load_2: float, load: float) -> float:
@@ -26,7 +27,7 @@ def printed_equation_3(f_1: float, f_2: float, load_1: float, load_2: float, loa
 @given(st.floats(0.0, 6000.0), st.sampled_from(["x", "y"]))
 def test_forces_and_slopes_follow_equation_3(load: float, direction: str) -> None:
     curve = getattr(TABLE_1, direction)
-    point = TMeasy(TABLE_1).curve(load, direction=direction)
+    point = curve_of(TABLE_1, load, direction=direction)
     for value, f_1, f_2 in (
         (point.slope, curve.slope_1, curve.slope_2),
         (point.peak_force, curve.peak_force_1, curve.peak_force_2),
@@ -42,21 +43,19 @@ def test_other_ratio_of_nominal_loads_follows_equation_3_too() -> None:
     tire = dataclasses.replace(TABLE_1, nominal_load_2=5000.0)
     for load in (0.0, 700.0, 3000.0, 4200.0, 5000.0):
         expected = printed_equation_3(3000.0, 4500.0, 3000.0, 5000.0, load)
-        assert TMeasy(tire).curve(load).peak_force == pytest.approx(expected)
+        assert curve_of(tire, load).peak_force == pytest.approx(expected)
 
 
 def test_slips_are_linear_in_the_load() -> None:
-    tire = TMeasy(TABLE_1)
-    assert tire.curve(4500.0).peak_slip == pytest.approx(0.165)
-    assert tire.curve(4500.0).slide_slip == pytest.approx(0.45)
-    assert tire.curve(1500.0, direction="y").peak_slip == pytest.approx(0.195)
-    assert tire.curve(1500.0, direction="y").slide_slip == pytest.approx(0.5)
+    assert curve_of(TABLE_1, 4500.0).peak_slip == pytest.approx(0.165)
+    assert curve_of(TABLE_1, 4500.0).slide_slip == pytest.approx(0.45)
+    assert curve_of(TABLE_1, 1500.0, direction="y").peak_slip == pytest.approx(0.195)
+    assert curve_of(TABLE_1, 1500.0, direction="y").slide_slip == pytest.approx(0.5)
 
 
 def test_load_beyond_the_second_nominal_one_is_clamped_and_reported() -> None:
-    tire = TMeasy(TABLE_1)
-    assert tire.curve(9000.0) == tire.curve(6000.0)
-    assert list(tire.overloaded([5999.0, 6000.0, 6001.0])) == [False, False, True]
+    assert curve_of(TABLE_1, 9000.0) == curve_of(TABLE_1, 6000.0)
+    assert list(TIRE.overloaded([5999.0, 6000.0, 6001.0])) == [False, False, True]
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omni_sim.tire.characteristic import TMeasy, steady_force
 from omni_sim.tire.model import contact_friction
-from omni_sim.tire.tmeasy import TMeasyConfiguration
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, steady_force
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
-TIRE = TMeasy(TMeasyConfiguration())
-CURVE = TIRE.curve(3000.0)
+TABLE_1 = TMeasyConfiguration()
+TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))
+CURVE = curve_of(TABLE_1, 3000.0)
 SLOPE, PEAK, SLIDE = CURVE[0], CURVE[2], CURVE[4]
 C, D, DT = 2.0e5, 5000.0, 0.0005
 LOCKED = 1e-6  # V of a standing wheel [m/s]
@@ -28,7 +29,7 @@ def test_patch_speed_solves_the_balance_of_forces(
     demand: float, exponent: float, gain: float, sliding: bool, load: float
 ) -> None:
     speed = 10.0**exponent
-    curve = TIRE.curve(load)
+    curve = curve_of(TABLE_1, load)
     force, w, _ = contact_friction(demand, D, gain, speed, curve, sliding)
     assert 0.0 <= force <= curve[2]
     assert w >= 0.0
@@ -120,7 +121,7 @@ def test_rolling_wheel_settles_on_the_steady_characteristic() -> None:
 
 
 def test_unloaded_tire_makes_no_force_and_relaxes() -> None:
-    curve = TIRE.curve(0.0)
+    curve = curve_of(TABLE_1, 0.0)
     deflection, slides = 0.01, True
     for step in range(1, 200):
         force, deflection, _, slides = tire_force(

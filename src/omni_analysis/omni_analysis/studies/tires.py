@@ -17,7 +17,6 @@ from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.tires import figures as tire_figures
 from omni_analysis.tires import trials as tire_trials
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_sim.tire.characteristic import TMeasy
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.tire.tmeasy import TMeasyConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -104,7 +103,7 @@ def _longitudinal(table: TMeasyConfiguration) -> Tire:
 def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -> list[Path]:
     slips = np.linspace(0.0, 0.6, 121)
     loads = np.linspace(0.25, 1.0, 4) * table.nominal_load_2
-    model = TMeasy(table)
+    model = _longitudinal(table)
     overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
     parabola = tire_figures.interpolation_curve(table, overload)
     return [
@@ -141,7 +140,7 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
 
 def _characteristic_metrics(table: TMeasyConfiguration) -> dict[str, Metric]:
     """Read Table 1 back from the computed curves."""
-    model = TMeasy(table)
+    model = _longitudinal(table)
     slips = np.linspace(0.0, 2.0, 20001)
     h = 1e-7
     metrics: dict[str, Metric] = {}

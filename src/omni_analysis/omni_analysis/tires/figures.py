@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from omni_analysis.figures import style
-from omni_sim.tire.characteristic import TMeasy
 from omni_sim.tire.combined_slip import combined_forces
-from omni_sim.tire.tire import Tire
-from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_coefficients
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, direction_coefficients
 
 FloatArray = NDArray[np.float64]
 
@@ -29,8 +28,8 @@ def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
         load: wheel load [N].
     """
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
-    model = TMeasy(tire)
-    point = model.curve(load)
+    model = Tire(TireConfiguration(tmeasy=tire))
+    point = curve_of(tire, load)
     right = 1.35 * point.slide_slip
     slip = np.linspace(0.0, right, 800)
     sections = (
@@ -110,7 +109,7 @@ def load_figure(tire: Tire, loads: FloatArray, title: str) -> Figure:
 
 def interpolation_curve(tire: TMeasyConfiguration, load: FloatArray) -> FloatArray:
     """Return the parabola (3) of the longitudinal slope [N] at loads [N], beyond the model too."""
-    c = curve_coefficients(tire.x, tire.nominal_load_1, tire.nominal_load_2)
+    c = direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
 
@@ -122,7 +121,7 @@ def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
     """
     figure, axes = _axes("Wheel load $F_z$ [kN]", "Slope $dF_0$ at zero slip [kN]")
     load_1, load_2 = tire.nominal_load_1, tire.nominal_load_2
-    c = curve_coefficients(tire.x, load_1, load_2)
+    c = direction_coefficients(tire)
     end = -c[0] / c[1] if c[1] < 0.0 else 2.0 * load_2
     inside, outside = np.linspace(0.0, load_2, 300), np.linspace(load_2, end, 300)
     axes.plot(
@@ -207,7 +206,7 @@ def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
     for slip, colour in zip((0.02, 0.05, 0.1, 0.18, 0.8), _shades(5), strict=True):
         force = 1e-3 * combined_forces(tire, slip * np.cos(angle), slip * np.sin(angle), load)
         axes.plot(force[:, 0], force[:, 1], color=colour, linewidth=2.0, label=f"|s| = {slip:g}")
-    reach = 1.08e-3 * TMeasy(tire).curve(load).peak_force
+    reach = 1.08e-3 * curve_of(tire, load).peak_force
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1.0)
     axes.set_title(f"Combined slip at {1e-3 * load:g} kN", fontsize=style.TITLE_SIZE)
     figure.legend(loc="outside right center", frameon=False, fontsize=style.TICK_SIZE)

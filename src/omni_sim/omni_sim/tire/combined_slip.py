@@ -19,9 +19,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from omni_sim.tire.characteristic import CurvePoint, curve_at_load, steady_force
 from omni_sim.tire.model import flat_together
-from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_coefficients
+from omni_sim.tire.tmeasy import (
+    CurvePoint,
+    TMeasyConfiguration,
+    curve_at_load,
+    direction_coefficients,
+    steady_force,
+)
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -68,7 +73,7 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
     """Return the steady force, with the signs of the slips.
 
     Args:
-        x: longitudinal curve at the wheel's load, from `characteristic.curve_at_load`.
+        x: longitudinal curve at the wheel's load, from `tmeasy.curve_at_load`.
         y: lateral curve.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
@@ -127,7 +132,6 @@ def combined_forces(
     """
     shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
-    loads = tire.nominal_load_1, tire.nominal_load_2
-    coefficients = curve_coefficients(tire.x, *loads), curve_coefficients(tire.y, *loads)
+    coefficients = direction_coefficients(tire, "x"), direction_coefficients(tire, "y")
     _combined_forces(*coefficients, tire.nominal_load_2, *flat, force)
     return force.reshape((*shape, 2))

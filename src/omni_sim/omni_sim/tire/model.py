@@ -122,14 +122,20 @@ class TireModel:
     fit: FitRecipe
 
 
-def _model_of(kind: type) -> TireModel:
-    # The models import this module.
-    from omni_sim.tire.models import MODELS
+_MODEL_OF: dict[type, TireModel] = {}
 
-    for model in MODELS.values():
-        if kind in (model.parameters_type, model.curve_type):
-            return model
-    raise TypeError(f"{kind!r} belongs to no tire model")
+
+def register(model: TireModel) -> TireModel:
+    """Let `curve_at` and its like find a model by the types of its tuples; return it."""
+    _MODEL_OF[model.parameters_type] = _MODEL_OF[model.curve_type] = model
+    return model
+
+
+def _model_of(kind: type) -> TireModel:
+    try:
+        return _MODEL_OF[kind]
+    except KeyError:
+        raise TypeError(f"{kind!r} belongs to no tire model") from None
 
 
 def curve_at(parameters: Any, load: float, friction: float) -> Any:

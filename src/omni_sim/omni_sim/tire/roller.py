@@ -11,11 +11,10 @@ from typing import Any
 from numba import types
 from numba.extending import overload
 
-from omni_sim.tire.characteristic import CurvePoint
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
 from omni_sim.tire.models.tmeasy import TMeasyParameters
 from omni_sim.tire.tire import TireConfiguration
-from omni_sim.tire.tmeasy import curve_coefficients
+from omni_sim.tire.tmeasy import CurvePoint, direction_coefficients
 
 Pair = tuple[float, float]
 
@@ -28,8 +27,7 @@ def passive_parameters(tire: TireConfiguration) -> Any:
     """
     if tire.model != "tmeasy":
         return tire.kernel_parameters
-    loads = tire.tmeasy.nominal_load_1, tire.tmeasy.nominal_load_2
-    return TMeasyParameters(curve_coefficients(tire.tmeasy.y, *loads))
+    return TMeasyParameters(direction_coefficients(tire.tmeasy, "y"))
 
 
 def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:

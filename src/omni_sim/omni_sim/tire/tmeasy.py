@@ -1,4 +1,4 @@
-"""The TMeasy tire: its parameters and how they depend on the wheel load.
+"""The TMeasy tire: its parameters, how they depend on the wheel load, and the curve they span.
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 2.3.1 with Table 1 and Eqs. (1)-(4), after W. Hirschberg, G. Rill and H. Weinfurter,
@@ -17,8 +17,10 @@ parabola has no physical meaning, so the load is clamped there and the caller re
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -156,6 +158,12 @@ class TMeasyConfiguration(Configuration):
                 )
 
 
+def direction_coefficients(tire: TMeasyConfiguration, direction: str = "x") -> FloatArray:
+    """Return `curve_coefficients` of a direction of a tire, ``x`` or ``y``."""
+    curve = {"x": tire.x, "y": tire.y}[direction]
+    return curve_coefficients(curve, tire.nominal_load_1, tire.nominal_load_2)
+
+
 def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> FloatArray:
     """Return the load interpolation of a curve in the form that the kernels evaluate.
 
@@ -188,3 +196,90 @@ def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> Floa
         gradient = (slip_2 - slip_1) / (load_2 - load_1)
         coefficients += [slip_1 - gradient * load_1, gradient]
     return np.array(coefficients)
+
+
+class CurvePoint(NamedTuple):
+    """A curve at one load and friction factor; slope and forces in [N], slips in [1]."""
+
+    slope: float
+    peak_slip: float
+    peak_force: float
+    slide_slip: float
+    slide_force: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def curve_at_load(coefficients: FloatArray, load: float, friction: float) -> CurvePoint:
+    """Return ``(dF0, s_max, F_max, s_slide, F_slide)`` at a load, Eq. (3).
+
+    The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, not the slope.
+
+    Args:
+        coefficients: from `curve_coefficients`, shape (10,).
+        load: wheel load [N] from 0 to the largest permissible one.
+        friction: ``mu/mu_0`` [1].
+    """
+    c = coefficients
+    slope = (c[0] + c[1] * load) * load
+    peak_force = (c[2] + c[3] * load) * load * friction
+    slide_force = (c[4] + c[5] * load) * load * friction
+    peak_slip = (c[6] + c[7] * load) * friction
+    slide_slip = (c[8] + c[9] * load) * friction
+    return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def adhesion_force(initial: float, bend: float, sigma: float) -> float:
+    """Return the force [N] of the adhesion section, the rational first part of the curve.
+
+    Args:
+        initial: ``s_max dF0`` [N].
+        bend: ``s_max dF0 / F_max - 2`` [1].
+        sigma: slip over ``s_max`` [1], 0..1.
+    """
+    return initial * sigma / (1.0 + sigma * (sigma + bend))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def falling_force(peak_force: float, slide_force: float, sigma: float) -> float:
+    """Return the force [N] between peak (``sigma = 0``) and full sliding (``sigma = 1``)."""
+    return peak_force - (peak_force - slide_force) * sigma * sigma * (3.0 - 2.0 * sigma)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def steady_force(
+    slope: float,
+    peak_slip: float,
+    peak_force: float,
+    slide_slip: float,
+    slide_force: float,
+    slip: float,
+) -> float:
+    """Return the steady force [N] at ``slip >= 0`` [1] for a curve from `curve_at_load`."""
+    if peak_force <= 0.0:
+        return 0.0
+    if slip >= slide_slip:
+        return slide_force
+    if slip > peak_slip:
+        sigma = (slip - peak_slip) / (slide_slip - peak_slip)
+        force: float = falling_force(peak_force, slide_force, sigma)
+        return force
+    initial = peak_slip * slope
+    force = adhesion_force(initial, initial / peak_force - 2.0, slip / peak_slip)
+    return force
+
+
+def curve_of(
+    tire: TMeasyConfiguration, load: float, friction: float = 1.0, direction: str = "x"
+) -> CurvePoint:
+    """Return the five numbers of a direction of a tire at a load, Eq. (3).
+
+    Args:
+        tire: with both directions, as in Table 1.
+        load: wheel load [N], clamped to the model's range.
+        friction: ``mu/mu_0`` [1].
+        direction: ``x`` or ``y``.
+    """
+    clamped = min(max(load, 0.0), tire.nominal_load_2)
+    curve: CurvePoint = curve_at_load(direction_coefficients(tire, direction), clamped, friction)
+    return curve

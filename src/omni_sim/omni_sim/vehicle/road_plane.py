@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -87,40 +86,6 @@ class RoadPlane:
 
     point: FloatArray
     normal: FloatArray
-
-
-def road_plane(
-    ground: Callable[[float, float], float],
-    x: float,
-    y: float,
-    heading: float = 0.0,
-    distance: float = 0.05,
-) -> RoadPlane:
-    """Return the local road plane of any ground function, Eq. (5).
-
-    Args:
-        ground: height ``z(x, y)`` of the ground [m].
-        x: projection of the wheel centre in the world [m].
-        y: likewise [m].
-        heading: direction that counts as forward [rad].
-        distance: of the four points from the projection [m].
-
-    Raises:
-        ValueError: the distance is not positive.
-    """
-    if not distance > 0.0:
-        raise ValueError(f"distance {distance!r} m of the four points must be positive")
-    cos, sin = math.cos(heading), math.sin(heading)
-    d_x, d_y = distance * cos, distance * sin
-    z, forward, left, up = plane_of_points(
-        ground(x + d_x, y + d_y),
-        ground(x - d_x, y - d_y),
-        ground(x - d_y, y + d_x),
-        ground(x + d_y, y - d_x),
-        distance,
-    )
-    normal = np.array([cos * forward - sin * left, sin * forward + cos * left, up])
-    return RoadPlane(np.array([x, y, z]), normal)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,10 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 
-from omni_sim.tire.model import TireModel
+from omni_sim.tire.model import TireModel, register
 
 MODELS: Mapping[str, TireModel] = {
-    name: importlib.import_module(f"{__name__}.{name}").MODEL
+    name: register(importlib.import_module(f"{__name__}.{name}").MODEL)
     for name in sorted(module.name for module in pkgutil.iter_modules(__path__))
 }
 """Every model by its name."""
