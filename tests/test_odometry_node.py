@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -12,6 +13,7 @@ from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 from omni_analysis.loop.experiment import ExperimentLibrary
@@ -29,10 +31,12 @@ RATE = 2500.0
 class Cameras(Bystander):
     """Three line cameras at rest over a ground of random texture."""
 
-    def __init__(self, domain: int, sensors: tuple[str, ...], pixels: int) -> None:
+    def __init__(
+        self, domain: int, sensors: tuple[str, ...], pixels: int, qos: QoSProfile = RELIABLE
+    ) -> None:
         super().__init__("cameras", domain)
         self.publishers = {
-            name: self.node.create_publisher(Image, f"line_scan/{name}/lines", RELIABLE)
+            name: self.node.create_publisher(Image, f"line_scan/{name}/lines", qos)
             for name in sensors
         }
         self.twists: list[TwistWithCovarianceStamped] = []
@@ -66,27 +70,35 @@ class Cameras(Bystander):
 
     def step(self, **spoilt: Callable[[Image], None]) -> TwistWithCovarianceStamped:
         """Publish one batch of every camera and return the twist that answers it."""
-        self._stamp_ns += round(1e9 * LINES / RATE)
-        for name, publisher in self.publishers.items():
-            image = self.image()
-            spoilt.get(name, lambda _: None)(image)
-            publisher.publish(image)
+        self.show(**spoilt)
         self.wait(
             lambda: self.twists and to_nanoseconds(self.twists[-1].header.stamp) == self._stamp_ns
         )
         return self.twists[-1]
 
+    def show(self, **spoilt: Callable[[Image], None]) -> None:
+        """Publish one batch of every camera."""
+        self._stamp_ns += round(1e9 * LINES / RATE)
+        for name, publisher in self.publishers.items():
+            image = self.image()
+            spoilt.get(name, lambda _: None)(image)
+            publisher.publish(image)
+
 
 @pytest.fixture
-def cameras(tmp_path: Path) -> Iterator[Cameras]:
+def cameras(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Cameras]:
     """Cameras before a real odometry process, in a ROS domain of its own."""
+    best_effort = getattr(request, "param", False)
     configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
     process = graph.odometry(configuration, tmp_path, lockstep=True, listeners=1)
+    given = ["-p", f"best_effort_cameras:={str(best_effort).lower()}"]
+    process = dataclasses.replace(process, arguments=[*process.arguments, *given])
     sensors = configuration.odometry.sensors
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         group.start(process)
         pixels = next(iter(sensors.values())).pixels
-        with closing(Cameras(domain, tuple(sensors), pixels)) as cameras:
+        qos = qos_profile_sensor_data if best_effort else RELIABLE
+        with closing(Cameras(domain, tuple(sensors), pixels, qos)) as cameras:
             publishers = cameras.publishers.values()
             cameras.wait(lambda: all(p.get_subscription_count() == 1 for p in publishers))
             cameras.wait(lambda: cameras.node.count_publishers("odometry/twist") == 1)
@@ -105,6 +117,15 @@ def floats(image: Image) -> None:
 
 def half(image: Image) -> None:
     image.data = image.data[: len(image.data) // 2]
+
+
+@pytest.mark.parametrize("cameras", [True], indirect=True)
+def test_cameras_of_the_sensor_data_profile_are_heard(cameras: Cameras) -> None:
+    def heard() -> bool:
+        cameras.show()
+        return any(measured(twist) for twist in cameras.twists)
+
+    cameras.wait(heard)  # best effort: the first ones may be lost
 
 
 def test_an_image_without_lines_is_told_in_the_same_step(cameras: Cameras) -> None:

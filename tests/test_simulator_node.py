@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -11,7 +14,10 @@ import pytest
 from bystander import Bystander
 from omni_process import WORKSPACE
 from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from omni_analysis.loop.experiment import ExperimentLibrary
@@ -64,6 +70,50 @@ def assistant(tmp_path: Path) -> Iterator[Assistant]:
         with closing(Assistant(domain, tuple(configuration.vehicle.wheels), running)) as assistant:
             assistant.wait(lambda: assistant.stamp > 0)
             yield assistant
+
+
+def test_who_asks_for_a_deadline_hears_of_a_simulator_that_hangs(tmp_path: Path) -> None:
+    overrides = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+        "straight_line", "assisted", overrides
+    )
+    process = graph.simulator(configuration, tmp_path, lockstep=False, driven=True, listeners=0)
+    offered = ["-p", "qos_overrides./brake/pedal.publisher.deadline:=300000000"]
+    process = dataclasses.replace(process, arguments=[*process.arguments, *offered])
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        running = group.start(process)
+        with closing(Valve(domain)) as valve:
+            valve.wait(lambda: valve.pedals > 50)
+            os.kill(running.process.pid, signal.SIGSTOP)
+            try:
+                missed = valve.missed
+                valve.wait(lambda: valve.missed > missed)
+            finally:
+                os.kill(running.process.pid, signal.SIGCONT)
+
+
+class Valve(Bystander):
+    """Asks for a pedal every half second at least, and counts what does not come."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("valve", domain)
+        self.pedals = self.missed = 0
+        self.node.create_subscription(
+            JointState,
+            "brake/pedal",
+            self._on_pedal,
+            QoSProfile(depth=10, deadline=Duration(nanoseconds=500_000_000)),
+            event_callbacks=SubscriptionEventCallbacks(deadline=self._on_deadline),
+        )
+
+    def heard(self) -> str:
+        return f"{self.pedals} pedals, {self.missed} missed"
+
+    def _on_pedal(self, _message: JointState) -> None:
+        self.pedals += 1
+
+    def _on_deadline(self, _event: object) -> None:
+        self.missed += 1
 
 
 def test_it_runs_on_in_simulated_time_and_brakes_when_it_hears_two(assistant: Assistant) -> None:

@@ -32,7 +32,7 @@ from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
-from omni_ros.qos import advertise, listen
+from omni_ros.qos import RECENT, RELIABLE, advertise, listen
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_ros.voices import Voices
@@ -117,11 +117,13 @@ class BrakeAssistNode(Node):
             Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET),
         )
         self.outputs = (self._enable, self._error)
+        # In lockstep no step may be missed; in real time only the newest counts.
+        qos = RELIABLE if self._lockstep else RECENT
         heard = (
-            listen(self, JointState, "brake/pedal", self._on_pedal),
-            listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist),
-            listen(self, JointState, "wheel_states", self._on_wheel_states),
-            listen(self, Imu, "imu", self._on_imu),
+            listen(self, JointState, "brake/pedal", self._on_pedal, qos),
+            listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, qos),
+            listen(self, JointState, "wheel_states", self._on_wheel_states, qos),
+            listen(self, Imu, "imu", self._on_imu, qos),
         )
         self._voices = Voices(self, heard, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout

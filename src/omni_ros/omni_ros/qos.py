@@ -7,13 +7,24 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 # Deep enough that a recorder which stalls for two seconds at 100 Hz loses nothing.
 RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE
+)
+
+# Where only the newest counts: who stalled has 0.1 s to catch up with, not two seconds.
+RECENT = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )
 
 # Hears cameras whose drivers offer best effort too, as sensor drivers do; may lose lines.
@@ -30,12 +41,24 @@ LATCHED = QoSProfile(
 )
 
 
-def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
-    """Return a publisher whose history, depth and reliability are parameters of the node too.
+# What a parameter may set; deadline and liveliness tell others of a node that fell silent.
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DEADLINE,
+    QoSPolicyKind.LIVELINESS,
+    QoSPolicyKind.LIVELINESS_LEASE_DURATION,
+)
 
-    They are named ``qos_overrides./TOPIC.publisher.depth`` and so on, as ROS has them.
+
+def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
+    """Return a publisher whose service is a parameter of the node too.
+
+    It is named ``qos_overrides./TOPIC.publisher.depth`` and so on, as ROS has it: history, depth,
+    reliability, deadline and liveliness_lease_duration [ns], liveliness.
     """
-    overridable = QoSOverridingOptions.with_default_policies()
+    overridable = QoSOverridingOptions(_OVERRIDABLE)
     return node.create_publisher(kind, topic, qos, qos_overriding_options=overridable)
 
 
@@ -43,5 +66,5 @@ def listen(
     node: Node, kind: Any, topic: str, take: Callable[[Any], None], qos: QoSProfile = RELIABLE
 ) -> Subscription:
     """Return a subscription whose service is a parameter likewise, ``...subscription.depth``."""
-    overridable = QoSOverridingOptions.with_default_policies()
+    overridable = QoSOverridingOptions(_OVERRIDABLE)
     return node.create_subscription(kind, topic, take, qos, qos_overriding_options=overridable)

@@ -42,7 +42,7 @@ from omni_ros.messages import (
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
-from omni_ros.qos import LATCHED, advertise, listen
+from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, listen
 from omni_ros.report import report
 from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
@@ -129,7 +129,8 @@ class SimulatorNode(Node):
         self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
-        self._enables = listen(self, JointState, "brake/enable", self._on_enable)
+        qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
+        self._enables = listen(self, JointState, "brake/enable", self._on_enable, qos)
         # Only its stamp is used: to keep step, and to tell which node is silent.
         listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist)
 
