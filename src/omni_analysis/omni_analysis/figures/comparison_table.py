@@ -102,7 +102,9 @@ def _table(
 def metric_label(quantity: str) -> str:
     """Return a quantity in words; that of a single wheel is indented."""
     name, _, wheel = quantity.partition(".")
-    label = f"  {wheel}" if wheel else name.replace("_rmse", "_RMSE")
+    label = (
+        f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)
+    )
     return label.replace("_", " ")
 
 

@@ -9,16 +9,26 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from omni_analysis.loop.drift import drift_metrics
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.metrics import Metric, RestCriterion, run_metrics
 from omni_analysis.loop.recorded_run import read_run
+from omni_analysis.loop.stops import stops_of
 from omni_analysis.report.forces import WheelForces, read_wheel_forces
+from omni_brake_assist.decision import AssistState
 from omni_platform.configuration import from_mapping
 from omni_recording.folder import read_plain_yaml
 
 CONFIGURATION = "configuration.yaml"
 
+_ASSISTING = (
+    AssistState.ASSISTING.value,
+    AssistState.DEAD_RECKONING.value,
+    AssistState.ALL_ERRORS_POSITIVE.value,
+)
 _LARGEST_CONFIGURATION = 1 << 20  # [B]
 _MOST_VALUES = 4000
 _LONGEST_TEXT = 200  # characters of a key or value
@@ -48,8 +58,82 @@ class ReportedRun:
     notes: tuple[str, ...] = ()
 
 
+def read_reported_runs(path: Path, name: str) -> list[ReportedRun]:
+    """Read a recording as the runs of a report: each stop of a drive is one, named after it.
+
+    Args:
+        path: rosbag2 folder, or a single ``.mcap`` file.
+        name: tells it from the others of the report.
+
+    Raises:
+        BagError: the recording cannot be read or is not one of a run.
+    """
+    whole = read_reported_run(path, name)
+    return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, name)]
+
+
+def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
+    """Return the metrics of each stop of a recording, and how far its odometry drifts.
+
+    A drive with several stops is told as a whole too: by its length, time and drift alone.
+
+    Args:
+        path: rosbag2 folder, or a single ``.mcap`` file.
+        name: of the recording.
+
+    Raises:
+        BagError: the recording cannot be read or is not one of a run.
+    """
+    history = read_run(path)
+    stops = _named_stops(history, name)
+    compared: dict[str, dict[str, Metric]] = {}
+    if len(stops) > 1:
+        way = np.sum(np.hypot(*np.diff(history.pose[:, :2], axis=0).T))
+        compared[name] = {
+            "stops": Metric(len(stops), "1"),
+            "path_length": Metric(float(way), "m"),
+            **drift_metrics(history),
+        }
+    for words, stop in stops:
+        compared[words] = _measured(stop) | drift_metrics(stop)
+    return compared
+
+
+def _measured(history: RunHistory) -> dict[str, Metric]:
+    # No clock ran along with what is read back.
+    metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
+    start = history.brake_start
+    rest = None if start is None else RestCriterion().first_stamp(history.twist, start)
+    if start is not None and any(history.assist_state):
+        braking = history.assist_state[start : None if rest is None else rest + 1]
+        assisting = sum(state in _ASSISTING for state in braking) / len(braking)
+        metrics["assisting_share"] = Metric(assisting, "1")
+    return metrics
+
+
+def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]:
+    stops = stops_of(history)
+    if stops == (history,):
+        return [(name, history)]
+    return [(f"{name}/stop_{number}", stop) for number, stop in enumerate(stops, 1)]
+
+
+def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
+    """Return a stop of a recording as a run of its own."""
+    if history is whole.history:
+        return whole
+    forces = whole.forces
+    if forces is not None:
+        stamps = forces.stamp_ns
+        shown = (stamps >= history.stamp_ns[0]) & (stamps <= history.stamp_ns[-1])
+        forces = WheelForces(stamps[shown], forces.force[shown]) if np.any(shown) else None
+    return dataclasses.replace(
+        whole, name=name, history=history, metrics=_measured(history), forces=forces
+    )
+
+
 def read_reported_run(path: Path, name: str) -> ReportedRun:
-    """Read a recording and the configuration beside it.
+    """Read a recording and the configuration beside it, as one run.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -67,8 +151,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     return ReportedRun(
         name=name,
         history=history,
-        # No clock ran along with what is read back.
-        metrics={k: v for k, v in run_metrics(history).items() if k != "real_time_factor"},
+        metrics=_measured(history),
         forces=forces,
         configuration=configuration,
         values=values,

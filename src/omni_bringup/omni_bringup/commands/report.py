@@ -46,7 +46,7 @@ def run(options: Options, _workspace: Path) -> int:
     """Write the report that the command line asks for and return the exit code."""
     from omni_analysis.loop.metrics import results_document
     from omni_analysis.report.page import report_page
-    from omni_analysis.report.recording import read_reported_run, run_names
+    from omni_analysis.report.recording import read_reported_runs, run_names
     from omni_bringup.commands.bag import printable
     from omni_recording.error import BagError
 
@@ -56,7 +56,9 @@ def run(options: Options, _workspace: Path) -> int:
             raise ValueError(f"--out: {file} must end in {' or '.join(_SUFFIXES)}")
         names = run_names(options.bags)
         runs = [
-            read_reported_run(path, name) for path, name in zip(options.bags, names, strict=True)
+            run
+            for path, name in zip(options.bags, names, strict=True)
+            for run in read_reported_runs(path, name)
         ]
         page = report_page(_title(runs), runs)
     except (BagError, ValueError) as error:

@@ -91,6 +91,11 @@ class Options(LoopOptions):
 
 def run(options: Options, workspace: Path) -> int:
     """Run an experiment as the command line asks and return the exit code."""
+    from omni_analysis.loop.sweep import is_swept
+    from omni_bringup.sweep import run_sweep
+
+    if any(map(is_swept, options.changes)):
+        return run_sweep(options, workspace)
     from omni_analysis.figures.run_figures import draw_run_figures
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.recorded_run import BagError

@@ -1,0 +1,72 @@
+"""A picture of a sweep: what braking comes to over the values of one key."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_analysis.figures import style
+from omni_analysis.loop.sweep import SweptRun, number
+
+_PANELS = {
+    "stopping_distance": "stopping distance [m]",
+    "orientation_change": "orientation change [deg]",
+    "lateral_deviation": "lateral deviation [m]",
+    "stopping_time": "stopping time [s]",
+}
+
+
+def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
+    """Draw four quantities over the first swept key, a line for each variant and other value.
+
+    Args:
+        runs: of the sweep; at least one.
+        title: of the figure.
+    """
+    key, *others = runs[0].values
+    texts = list(dict.fromkeys(run.values[key] for run in runs))
+    numbers = [number(text) for text in texts]
+    words = any(value is None for value in numbers)
+    place = {
+        text: float(index) if value is None or words else value
+        for index, (text, value) in enumerate(zip(texts, numbers, strict=True))
+    }
+    lines: dict[str, list[SweptRun]] = {}
+    for run in runs:
+        rest = "".join(f", {name.rpartition('.')[2]} {run.values[name]}" for name in others)
+        lines.setdefault(run.variant + rest, []).append(run)
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    style.draw_title(figure, title)
+    grid = figure.subplots(2, 2, sharex=True)
+    for axes, (quantity, label) in zip(grid.flat, _PANELS.items(), strict=True):
+        _draw(axes, quantity, lines, key, place)
+        axes.set_ylabel(label, fontsize=style.LABEL_SIZE)
+        axes.set_ylim(bottom=0.0)
+        if words:
+            axes.set_xticks(range(len(texts)), texts)
+        style.style_axes(axes)
+    for axes in grid[1]:
+        axes.set_xlabel(key, fontsize=style.LABEL_SIZE)
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    columns = min(len(labels), 3)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
+    return figure
+
+
+def _draw(
+    axes: Axes, quantity: str, lines: dict[str, list[SweptRun]], key: str, place: dict[str, float]
+) -> None:
+    looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLOURS))
+    for (name, runs), (marker, colour) in zip(lines.items(), looks, strict=False):
+        points = sorted((place[run.values[key]], run.metrics[quantity].value) for run in runs)
+        axes.plot(
+            [x for x, _ in points],
+            [y for _, y in points],
+            color=colour,
+            marker=marker,
+            markersize=5,
+            label=name,
+        )
