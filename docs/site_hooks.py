@@ -1,0 +1,81 @@
+"""Links from the documentation to files of the workspace, for the site.
+
+A page may link to a module, a configuration or the README of a package. The site brings what is
+linked along below ``source/``, READMEs as pages and all else as text, so that it can be read
+without the workspace.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+_ROOT = Path(__file__).resolve().parent.parent
+_LINK = re.compile(r"\[([^\]\[]*)\]\(([^)\s#]+)((?:#[^)\s]*)?)\)")
+_SOURCE = "source"
+_PICTURES = (".png", ".svg", ".jpg")
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add what the pages link to outside of ``docs/``, and what that links to."""
+    waiting = [Path(file.abs_src_path) for file in files.documentation_pages()]
+    seen: set[Path] = set(waiting)
+    while waiting:
+        page = waiting.pop()
+        for _, link, _ in _LINK.findall(page.read_text(encoding="utf-8")):
+            target = _target(page, link)
+            if target is None or target in seen or _within_docs(target):
+                continue
+            seen.add(target)
+            files.append(_brought(target, config))
+            if target.suffix == ".md":
+                waiting.append(target)
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """Point the links of a page to where the site has what they mean."""
+    del config, files
+    uri = page.file.src_uri
+    place = _ROOT / (uri.removeprefix(f"{_SOURCE}/") if uri.startswith(_SOURCE) else f"docs/{uri}")
+
+    def pointed(match: re.Match[str]) -> str:
+        words, link, anchor = match.groups()
+        if ":" not in link and (place.parent / link).is_dir() and _target(place, link) is None:
+            return words  # a folder, which a site has no page for
+        target = _target(place, link)
+        if target is None or (_within_docs(target) and not uri.startswith(_SOURCE)):
+            return match.group(0)
+        return f"[{words}]({posixpath.relpath(_uri(target), posixpath.dirname(uri))}{anchor})"
+
+    return _LINK.sub(pointed, markdown)
+
+
+def _target(page: Path, link: str) -> Path | None:
+    """Return the file that a link means, None for one that is no file of the workspace."""
+    if ":" in link or link.startswith("/"):
+        return None
+    target = Path(os.path.normpath(page.parent / link))
+    if target.is_dir() and (target / "README.md").exists():
+        target /= "README.md"
+    return target if target.is_file() and target.is_relative_to(_ROOT) else None
+
+
+def _within_docs(target: Path) -> bool:
+    return target.is_relative_to(_ROOT / "docs") and target.suffix not in (".py", ".yaml")
+
+
+def _uri(target: Path) -> str:
+    if _within_docs(target):
+        return target.relative_to(_ROOT / "docs").as_posix()
+    plain = "" if target.suffix in (".md", *_PICTURES) else ".txt"
+    return f"{_SOURCE}/{target.relative_to(_ROOT).as_posix()}{plain}"
+
+
+def _brought(target: Path, config: Any) -> File:
+    return File.generated(config, _uri(target), content=target.read_bytes())

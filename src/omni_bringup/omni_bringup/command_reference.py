@@ -1,0 +1,79 @@
+"""The reference of every command and study, made from their declarations.
+
+``python -m omni_bringup.command_reference > docs/commands.md`` writes it for the documentation
+site; it is not kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from omni_analysis.loop import metrics
+from omni_bringup import commands
+from omni_platform.command_options import option_of
+from omni_platform.configuration import declared_parameters
+
+_HEAD = """\
+# Commands
+
+Every command that measures takes `--json` and then prints one document on standard output:
+`{"name": ..., "metrics": {"<quantity>.<case>": {"value": ..., "unit": ..., ...}}}`, where `limit`
+is a target that the value must not exceed and `reference` the dissertation's figure. A value that
+has no meaning is `null` and says why in its `note`. Exit codes: 0 done, 1 failed, 2 refused before
+anything started, 130 ended by Ctrl-C (143 by SIGTERM).
+
+"""
+
+
+def reference() -> str:
+    """Return the reference as Markdown."""
+    parts = [_HEAD, *_sections(commands, "./omni", 2)]
+    table = inspect.cleandoc(metrics.__doc__ or "")
+    parts.append(f"## Metrics of a run\n\n```text\n{table}\n```\n")
+    return "\n".join(parts)
+
+
+def _sections(group: Any, above: str, level: int) -> Iterator[str]:
+    """Yield a section for each command of a group, and those of the groups in it."""
+    for name in commands.commands_of(group.PACKAGE):
+        command, program = commands.load_command(group, name), f"{above} {name}"
+        words = inspect.cleandoc(command.__doc__ or "")
+        if words.startswith("``") and "\n\n" in words:
+            words = words.split("\n\n", 1)[1]
+        yield f"{'#' * level} `{program}`\n\n{_prose(words)}\n"
+        if hasattr(command, "PACKAGE"):
+            yield from _sections(command, program, level + 1)
+        else:
+            yield "\n".join(("| option | default | unit | meaning |", "|---|---|---|---|"))
+            yield "\n".join(_rows(command.Options)) + "\n"
+
+
+def _prose(words: str) -> str:
+    """Return a docstring as Markdown: its code spans are those of reStructuredText."""
+    return words.replace("``", "`")
+
+
+def _rows(cls: Any) -> Iterator[str]:
+    defaults = {field.name: field.default for field in dataclasses.fields(cls)}
+    for name, _, info in declared_parameters(cls):
+        default = defaults[name]
+        if default is dataclasses.MISSING:
+            shown = "required"
+        elif default is None or default == () or isinstance(default, bool):
+            shown = ""
+        else:
+            values = default if isinstance(default, tuple) else (default,)
+            shown = f"`{', '.join(str(value) for value in values)}`"
+        if isinstance(default, Path):
+            shown = f"`{default}`"
+        meaning = info.description.replace("|", "\\|").replace("<", "&lt;")
+        yield f"| `{option_of(cls, name)}` | {shown} | {info.unit} | {meaning} |"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(reference())
