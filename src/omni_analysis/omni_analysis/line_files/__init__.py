@@ -1,0 +1,1 @@
+"""Lines of real cameras in files, and the picture of what a camera saw."""

@@ -1,0 +1,196 @@
+"""``./omni calibrate-sensors``: where the line cameras really sit, from drives of known motion.
+
+Find pitch, axis, place, mirroring and line rate of each line camera from recorded drives, straight,
+sideways and turning, whose motion is known from the wheels (or is simulated); with uncertainties, a
+picture of the residuals and the YAML of the cameras.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+if TYPE_CHECKING:
+    from omni_analysis.line_files.calibration import Calibration
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni calibrate-sensors``."""
+
+    drives: tuple[Path, ...] = option(
+        positional=True,
+        metavar="DRIVE",
+        description="recordings with the lines of the cameras and the motion of the vehicle",
+    )
+    reference: str = parameter(
+        "auto",
+        choices=("auto", "truth", "wheels"),
+        description="the known motion: wheel speeds while they are steady, or the truth of a "
+        "simulation, taken by itself where it was recorded",
+    )
+    out: Path | None = option(
+        None,
+        metavar="DIR",
+        description="folder of sensors.yaml and the picture (default: results/calibrate-sensors)",
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Path) -> int:
+    """Calibrate the cameras and return the exit code."""
+    from omni_analysis.figures.style import save_figure
+    from omni_analysis.line_files.calibration import calibrate, draw_residuals, observe
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_bringup.replay.lines import read_batches
+    from omni_bringup.replay.plan import replay_configuration
+    from omni_bringup.replay.reference import read_reference
+    from omni_recording.error import BagError
+    from omni_recording.folder import open_bag
+
+    library = ExperimentLibrary(workspace / "config")
+    folder = options.out or workspace / "results" / "calibrate-sensors"
+    seen: dict[str, list[Any]] = {}
+    told: Mapping[str, Any] = {}
+    kinds = set()
+    try:
+        for path in options.drives:
+            bag = open_bag(path)
+            configuration = replay_configuration(bag, library, None, ())
+            sensors = configuration.odometry.sensors
+            if told and sensors != told:
+                raise ConfigurationError(
+                    "DRIVE", f"{path} was recorded with other line cameras than the one before"
+                )
+            told = sensors
+            time, twist, kind = read_reference(bag, configuration, options.reference)
+            kinds.add(kind)
+            for name, batches in read_batches(bag, sensors).items():
+                drive = observe(sensors[name], batches, time, twist, configuration.odometry)
+                seen.setdefault(name, []).append(drive)
+        found = {name: calibrate(told[name], drives) for name, drives in seen.items()}
+    except BagError as error:
+        print(f"omni calibrate-sensors: {error}", file=sys.stderr)
+        return EXIT_REFUSED
+    title = f"Residuals of {len(options.drives)} drive(s) against {' and '.join(sorted(kinds))}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / "sensors.yaml"
+        file.write_text(_yaml(found), encoding="utf-8")
+        picture = save_figure(draw_residuals(found, title), folder / "residuals.png")
+    except OSError as error:
+        print(f"omni calibrate-sensors: cannot write {folder}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
+    if options.json:
+        document = {
+            "name": "calibrate-sensors",
+            "metrics": _metrics(found),
+            "files": [str(file), str(picture)],
+        }
+        print(json.dumps(document, indent=2, allow_nan=False))
+    else:
+        _print(found, (file, picture))
+    return EXIT_OK
+
+
+def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
+    metrics: dict[str, Any] = {}
+    for name, one in found.items():
+        sensor, error = one.sensor, one.error
+        residual = math.sqrt(sum(float(r @ r) for r in one.residual) / sum(map(len, one.residual)))
+        side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
+        for quantity, value, unit, uncertain in (
+            ("pitch", sensor.pixel_pitch, "m", error["pitch"]),
+            ("length", sensor.length, "m", error["pitch"] * sensor.pixels),
+            ("heading", sensor.heading_deg, "deg", math.degrees(error["heading"])),
+            ("x", sensor.x, "m", error["lever"] * side),
+            ("y", sensor.y, "m", error["lever"] * ahead),
+            ("lever", _lever(one), "m", error["lever"]),
+            ("line_rate", sensor.line_rate, "1/s", error["line_rate"]),
+            ("mirrored", float(one.mirrored), "1", 0.0),
+            ("residual", residual, "m/s", 0.0),
+        ):
+            metrics[f"{quantity}.{name}"] = {
+                "value": value,
+                "unit": unit,
+                "standard_error": uncertain,
+            }
+    return metrics
+
+
+def _lever(one: Calibration) -> float:
+    sensor = one.sensor
+    return sensor.x * math.sin(sensor.heading) - sensor.y * math.cos(sensor.heading)
+
+
+def _yaml(found: Mapping[str, Calibration]) -> str:
+    import yaml
+
+    from omni_platform.configuration import to_mapping
+
+    lines = ["# Line cameras as drives of known motion show them; standard errors:"]
+    for name, one in found.items():
+        error = one.error
+        lines.append(
+            f"#   {name}: pitch {100.0 * error['pitch'] / one.sensor.pixel_pitch:.2g} %, "
+            f"axis {math.degrees(error['heading']):.2g} deg, across it {1e3 * error['lever']:.2g} "
+            f"mm, line rate {error['line_rate']:.2g}/s"
+        )
+        if one.unseen:
+            lines.append(f"#     the drives hardly show {', '.join(one.unseen)}: as told")
+        if one.mirrored:
+            lines.append("#     its lines run against the axis that was told")
+    tree = {
+        name: {
+            key: round(value, 7) if isinstance(value, float) else value
+            for key, value in to_mapping(one.sensor).items()
+        }
+        for name, one in found.items()
+    }
+    return "\n".join(lines) + "\n" + yaml.safe_dump(tree, sort_keys=False)
+
+
+def _print(found: Mapping[str, Calibration], files: tuple[Path, Path]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("camera", "quantity", "unit", "told", "found", "standard error", pad_edge=False)
+    for name, one in found.items():
+        told, sensor, error = one.told, one.sensor, one.error
+        side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
+        rows = (
+            ("length", "mm", 1e3 * told.length, 1e3 * sensor.length,
+             1e3 * error["pitch"] * sensor.pixels),
+            ("heading", "deg", told.heading_deg, sensor.heading_deg,
+             math.degrees(error["heading"])),
+            ("x", "mm", 1e3 * told.x, 1e3 * sensor.x, 1e3 * error["lever"] * side),
+            ("y", "mm", 1e3 * told.y, 1e3 * sensor.y, 1e3 * error["lever"] * ahead),
+            ("line rate", "1/s", told.line_rate, sensor.line_rate, error["line_rate"]),
+        )  # fmt: skip
+        for i, (quantity, unit, before, after, uncertain) in enumerate(rows):
+            table.add_row(
+                name if i == 0 else "", quantity, unit, f"{before:.6g}", f"{after:.6g}",
+                f"{uncertain:.2g}",
+            )  # fmt: skip
+    console.print(table)
+    for name, one in found.items():
+        if one.unseen:
+            console.print(f"{name}: the drives hardly show {', '.join(one.unseen)}; as told there")
+        if one.mirrored:
+            console.print(f"{name}: its lines run against the axis that was told (mirrored)")
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True, highlight=False)
+    console.print(
+        f"use it: ./omni run --set sensors={files[0]}, or as odometry.sensors of your vehicle",
+        soft_wrap=True, highlight=False,
+    )  # fmt: skip

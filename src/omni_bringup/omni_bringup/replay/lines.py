@@ -1,0 +1,111 @@
+"""Lines of cameras in recordings: written from files, read to be looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from linescan_odometry.measurements import LineBatch, Lines
+from linescan_odometry.messages import line_batch_of
+from omni_platform.sensors import LineSensor
+from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording.definitions import find_message_definition
+from omni_recording.error import BagError
+from omni_recording.folder import Bag, bag_messages, in_time_order
+from omni_recording.metadata import RecordedQos, RecordedTopic
+from omni_recording.write import Rosbag2Writer
+from omni_ros.messages import line_image
+
+_IMAGE = "sensor_msgs/msg/Image"
+_DEPTH = 200
+
+
+def topic_of(sensor: str) -> str:
+    """Return the topic of a camera's lines."""
+    return f"/line_scan/{sensor}/lines"
+
+
+def write_lines(
+    folder: Path,
+    lines: Mapping[str, Lines],
+    sensors: Mapping[str, LineSensor],
+    batch_time: float,
+    start_ns: int,
+) -> dict[str, int]:
+    """Write lines as a recording; return the number of messages by camera.
+
+    Args:
+        folder: rosbag2 folder to make.
+        lines: of each camera, oldest first, shape (m, n).
+        sensors: of which only the line rates are used.
+        batch_time: that the lines of a message take [s].
+        start_ns: stamp of the first line [ns].
+
+    Raises:
+        RecordingError: it cannot be written.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    messages: list[tuple[int, str, Lines]] = []
+    for name, own in lines.items():
+        rate = sensors[name].line_rate
+        size = max(1, round(batch_time * rate))
+        for first in range(0, len(own), size):
+            part = own[first : first + size]
+            newest = start_ns + round(1e9 * (first + len(part) - 1) / rate)
+            messages.append((newest, name, part))
+    messages.sort(key=lambda message: message[0])
+    definition, qos = find_message_definition(_IMAGE), RecordedQos(_DEPTH)
+    writer = Rosbag2Writer(
+        folder, [RecordedTopic(topic_of(n), definition, qos) for n in lines], compression="zstd"
+    )
+    try:
+        for stamp_ns, name, part in messages:
+            image = line_image(stamp_ns, name, part)
+            fields = {f: getattr(image, f) for f in image.get_fields_and_field_types()}
+            fields["data"] = np.frombuffer(fields["data"], np.uint8)
+            data = bytes(store.serialize_cdr(SimpleNamespace(**fields), _IMAGE))
+            writer.write(topic_of(name), stamp_ns, data)
+    finally:
+        writer.close()
+    return {name: sum(own == name for _, own, _ in messages) for name in lines}
+
+
+def read_batches(
+    bag: Bag, sensors: Iterable[str], start: float = 0.0, duration: float = float("inf")
+) -> dict[str, list[LineBatch]]:
+    """Return the batches of cameras in a recording, oldest first.
+
+    Args:
+        bag: the recording.
+        sensors: names of the cameras.
+        start: since the first line of any of them [s].
+        duration: from there [s].
+
+    Raises:
+        BagError: a message cannot be read, or there is none of a camera.
+    """
+    topics = {topic_of(name): name for name in sensors}
+    decoder = MessageDecoder()
+    batches: dict[str, list[LineBatch]] = {name: [] for name in topics.values()}
+    begin: int | None = None
+    for recorded in in_time_order(m for m in bag_messages(bag) if m.channel.topic in topics):
+        topic = recorded.channel.topic
+        try:
+            batch = line_batch_of(decoder.decode(recorded))
+        except DecodeError as error:
+            raise BagError(bag.path, f"{topic}: {error}") from None
+        begin = batch.stamp_ns if begin is None else begin
+        elapsed = 1e-9 * (batch.stamp_ns - begin)
+        if elapsed > start + duration:
+            break
+        if elapsed >= start:
+            batches[topics[topic]].append(batch)
+    silent = [topic_of(name) for name, own in batches.items() if not any(len(b.lines) for b in own)]
+    if silent:
+        raise BagError(bag.path, f"holds no lines then on {', '.join(silent)}")
+    return batches

@@ -1,0 +1,100 @@
+"""The known motion of a recorded drive: true, or from the speeds of the wheels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_platform.kinematics import PlatformKinematics
+from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording.error import BagError
+from omni_recording.folder import Bag, bag_messages, bag_summary
+
+FloatArray = NDArray[np.float64]
+
+TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
+REFERENCES = (AUTO, TRUTH, WHEELS)
+
+_TOPICS = {TRUTH: "/ground_truth/odom", WHEELS: "/wheel_states"}
+_STEADY = 1.0  # m/s^2, beyond which wheels slip on the ground
+_SPREAD = 3  # samples to either side over which the acceleration is taken
+
+
+def read_reference(
+    bag: Bag, configuration: ExperimentConfiguration, kind: str
+) -> tuple[FloatArray, FloatArray, str]:
+    """Return times [s], twists (v_x, v_y, yaw rate) and which reference they are from.
+
+    Wheel speeds count only where they hardly change, as driven and braked wheels slip.
+
+    Args:
+        bag: the recording.
+        configuration: of the vehicle.
+        kind: one of `REFERENCES`; the truth of a simulation, if there is one, with `AUTO`.
+
+    Raises:
+        BagError: the recording lacks it.
+    """
+    counts = bag_summary(bag).counts
+    if kind == AUTO:
+        kind = TRUTH if counts.get(_TOPICS[TRUTH]) else WHEELS
+    topic = _TOPICS[kind]
+    decoder = MessageDecoder()
+    wheels = list(configuration.vehicle.wheels)
+    stamps: list[float] = []
+    values: list[list[float]] = []
+    for recorded in bag_messages(bag):
+        if recorded.channel.topic != topic:
+            continue
+        try:
+            message = decoder.decode(recorded)
+        except DecodeError as error:
+            raise BagError(bag.path, f"{topic}: {error}") from None
+        stamp_ns = header_stamp_ns(message)
+        if kind == TRUTH:
+            place, turn = message.pose.pose.position, message.pose.pose.orientation
+            values.append([place.x, place.y, 2.0 * math.atan2(turn.z, turn.w)])
+        else:
+            speed = dict(zip(message.name, message.velocity, strict=False))
+            if any(name not in speed for name in wheels):
+                continue
+            values.append([float(speed[name]) for name in wheels])
+        stamps.append(1e-9 * float(stamp_ns or 0))
+    if len(stamps) < 2 * _SPREAD + 1:
+        raise BagError(bag.path, f"holds no motion to compare with on {topic}")
+    order = np.argsort(stamps)
+    time, known = np.array(stamps)[order], np.array(values)[order]
+    if kind == TRUTH:
+        time, known = _means(time, known)
+    else:
+        known = PlatformKinematics(configuration.vehicle.wheels).twist(known)
+        known[_accelerating(time, known)] = np.nan
+    return time, known, kind
+
+
+def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the mean twists between poses, which shocks in between do not falsify."""
+    elapsed = np.diff(time)
+    moving = elapsed > 0.0
+    place = np.diff(pose[:, :2], axis=0)
+    turn = (np.diff(pose[:, 2]) + math.pi) % (2.0 * math.pi) - math.pi
+    yaw = pose[:-1, 2] + 0.5 * turn
+    chord = np.sinc(0.5 * turn / math.pi)  # over its arc
+    cos, sin = np.cos(yaw) / chord, np.sin(yaw) / chord
+    way = np.column_stack(
+        (cos * place[:, 0] + sin * place[:, 1], cos * place[:, 1] - sin * place[:, 0], turn)
+    )
+    return (0.5 * (time[1:] + time[:-1]))[moving], way[moving] / elapsed[moving, None]
+
+
+def _accelerating(time: FloatArray, twist: FloatArray) -> NDArray[np.bool_]:
+    """Return when the velocity changes so much that the wheels slip."""
+    padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
+    span = np.pad(time, _SPREAD, mode="edge")
+    elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)
+    change = np.abs(padded[2 * _SPREAD :] - padded[: -2 * _SPREAD])
+    sharp: NDArray[np.bool_] = np.max(change, axis=1) / elapsed > _STEADY
+    return sharp

@@ -1,0 +1,128 @@
+"""Files of cameras become recordings that are replayed and looked at, and calibrate the cameras."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
+from omni_analysis.line_trials.trials import ground
+from omni_analysis.line_trials.twist_trials import cameras_over, poses_at
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.cli import main
+from omni_recording.decode import MessageDecoder
+from omni_recording.folder import bag_messages, open_bag
+
+WORKSPACE = Path(__file__).resolve().parents[3]
+SAMPLE = WORKSPACE / "bags/small_stop/assisted"
+TWIST = np.array([2.0, 0.5, 0.3])
+LINES = 200
+
+
+@pytest.fixture(autouse=True)
+def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+
+
+def omni(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    """Lines of three cameras in motion, as arrays in files."""
+    sensors = ExperimentLibrary(WORKSPACE / "config").sensors("three_generic")
+    cameras = cameras_over(ground("cork"), sensors, 1.0, 1)
+    poses = poses_at(np.arange(LINES) / 2500.0, np.array([0.1, 0.1, 0.3]), TWIST)
+    paths = {}
+    for name, lines in cameras.render(dict.fromkeys(sensors, poses)).items():
+        paths[name] = tmp_path / f"{name}.npy"
+        np.save(paths[name], lines)
+    return paths
+
+
+def test_an_import_is_replayed_and_shown(
+    files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sources = [f"{name}={path}" for name, path in files.items()]
+    bag = tmp_path / "bag"
+    assert omni("lines", "import", *sources, "--out", bag, "--json") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    assert metrics["lines.left"]["value"] == LINES
+    assert omni("replay", bag, "--offline", "--out", tmp_path / "replayed") == 0
+    decoder = MessageDecoder()
+    twists: list[Any] = [
+        decoder.decode(message).twist.twist
+        for message in bag_messages(open_bag(tmp_path / "replayed"))
+        if message.channel.topic == "/odometry/twist"
+    ]
+    found = np.array([[t.linear.x, t.linear.y, t.angular.z] for t in twists])
+    # The same lines, given to the library by hand, say the same.
+    sensors = ExperimentLibrary(WORKSPACE / "config").sensors("three_generic")
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+    lines = {name: np.load(path) for name, path in files.items()}
+    expected = [
+        odometry.update(
+            {
+                name: LineBatch(round(1e9 * (end - 1) / 2500.0), own[end - 25 : end])
+                for name, own in lines.items()
+            }
+        ).twist
+        for end in range(25, LINES + 1, 25)
+    ]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(found, np.tile(TWIST, (len(found), 1)), atol=0.05)
+    capsys.readouterr()
+    picture = tmp_path / "seen.png"
+    assert omni("lines", "show", bag, "--sensor", "front", "--out", picture, "--json") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    assert metrics["velocity.front"]["value"] == pytest.approx(0.5 + 0.6 * 0.3, abs=0.02)
+    assert metrics["measured_share.front"]["value"] == 1.0
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["left"], "lacks the name of a camera"),
+        (["middle=x.npy"], "none of the cameras left, right, front"),
+        (["left=nowhere.npy"], "no such file"),
+        (["left=x.npy", "left=y.npy"], "given twice"),
+        (["left=x.npy", "--rows", "a:b"], "neither a row nor FIRST:END"),
+    ],
+)
+def test_what_cannot_be_imported_is_refused(
+    words: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert omni("lines", "import", *words, "--out", tmp_path / "bag") == 2
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_recorded_stop_calibrates_the_cameras_that_it_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert omni("calibrate-sensors", SAMPLE, "--out", tmp_path, "--json") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    # It goes straight ahead: the pitch of those that look ahead is seen, in an honest recording.
+    for name in ("left", "right"):
+        assert metrics[f"length.{name}"]["value"] == pytest.approx(0.05, rel=1e-3)
+        assert metrics[f"mirrored.{name}"]["value"] == 0.0
+    found = ExperimentLibrary(WORKSPACE / "config").sensors(str(tmp_path / "sensors.yaml"))
+    assert found["left"].length == pytest.approx(0.05, rel=1e-3)
+    assert (tmp_path / "residuals.png").stat().st_size > 10_000
+
+
+def test_an_import_without_a_known_motion_calibrates_nothing(
+    files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sources = [f"{name}={path}" for name, path in files.items()]
+    assert omni("lines", "import", *sources, "--out", tmp_path / "bag") == 0
+    assert omni("calibrate-sensors", tmp_path / "bag", "--out", tmp_path / "out") == 2
+    assert "holds no motion to compare with" in capsys.readouterr().err
