@@ -13,6 +13,13 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
+    install_requires=[
+        "llvmlite",
+        "numba",
+        "numpy",
+        "omni_platform",
+        "pillow",
+    ],  # the nodes need ROS too
     package_data={name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
