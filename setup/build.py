@@ -8,7 +8,7 @@ import hashlib
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from setup.failures import SetupError
@@ -38,6 +38,7 @@ def build(workspace: Workspace, steps: Steps) -> str:
     say(f"building {len(packages)} packages with colcon")
     # From nothing, so that no file of a deleted module stays; the stamp goes first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
+    before = module_stamps(workspace.install)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
         remove(folder)
 
@@ -63,17 +64,27 @@ def build(workspace: Workspace, steps: Steps) -> str:
                 f"(details in {workspace.log})."
             )
     mend_first_lines(workspace.install / "lib")
-    kernels = compile_kernels(workspace, steps, libraries)
+    kernels = compile_kernels(workspace, steps, libraries, before)
     identity = build_identity(environment_stamp)
     write_stamp(workspace.install, identity, state=state, kernels=kernels)
     return kernels
 
 
-def compile_kernels(workspace: Workspace, steps: Steps, libraries: Sequence[str]) -> str:
-    """Compile all kernels into their cache; return the name of its folder."""
+def compile_kernels(
+    workspace: Workspace, steps: Steps, libraries: Sequence[str], before: Mapping[Path, str]
+) -> str:
+    """Compile all kernels into their cache; return the name of its folder.
+
+    Args:
+        workspace: which has been built.
+        steps: which run the compiler.
+        libraries: of the environment.
+        before: stamps of the modules that the kernels in the cache have been compiled from.
+    """
     folder = workspace.cache / "numba"
     for library in workspace.install.glob("lib/python3*/site-packages"):
         stamp_modules(workspace.root, library)
+    forget_kernels(folder, before, module_stamps(workspace.install))
     more = [file_digest(workspace.lock_file), processor(), os.path.realpath(workspace.python)]
     kernels = hashlib.sha256("\n".join(more).encode()).hexdigest()[:16]
     (folder / kernels).mkdir(parents=True, exist_ok=True)
@@ -141,6 +152,24 @@ def stamp_modules(root: Path, library: Path) -> None:
         if path.exists():
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"\n# With all that it uses: {digest[:16]}\n")
+
+
+def module_stamps(install: Path) -> dict[Path, str]:
+    """Return the last line of each installed module, which `stamp_modules` has written."""
+    modules = install.glob("lib/python3*/site-packages/**/*.py")
+    return {path: path.read_text(encoding="utf-8").rpartition("\n#")[2] for path in modules}
+
+
+def forget_kernels(folder: Path, before: Mapping[Path, str], now: Mapping[Path, str]) -> None:
+    """Delete the kernels of modules that have changed.
+
+    numba would find them out of date, but only after it has read them; and it cannot read one that
+    was called with a class that is no more.
+    """
+    for path, stamp in before.items():
+        if now.get(path) != stamp:
+            for kernel in folder.glob(f"*/{path.parent.name}_*/{path.stem}.*"):
+                kernel.unlink()
 
 
 def imported_modules(text: bytes, package: str) -> Iterator[str]:

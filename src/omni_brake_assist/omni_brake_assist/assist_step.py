@@ -25,7 +25,6 @@ from omni_brake_assist.braking_line import (
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.effect_monitor import (
     EffectConstants,
-    EffectMemory,
     effect_constants,
     effect_memory,
     watch_effect,
@@ -136,7 +135,7 @@ class Memory(NamedTuple):
         valves: see `valve_dwell`, shape (N, 2).
         laws: of the control laws.
         observer: see `observer`.
-        effect: see `effect_monitor`.
+        effect: ledger of `effect_monitor`, shape (16,).
         told: enables of the last step, shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
     """
@@ -147,7 +146,7 @@ class Memory(NamedTuple):
     valves: FloatArray
     laws: LawMemory
     observer: ObserverMemory
-    effect: EffectMemory
+    effect: FloatArray
     told: FloatArray
     answer: FloatArray
 
@@ -234,7 +233,7 @@ def new_memory(wheels: int) -> Memory:
         valves,
         law_memory(wheels),
         observer_memory(wheels),
-        effect_memory(wheels),
+        effect_memory(),
         np.ones(wheels),
         np.zeros(3),
     )
@@ -335,7 +334,11 @@ def _ask_observer(
             variance[j] = feedback.covariance[j, j]
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
-    step.no_effect = watch_effect(constants.effect, memory.effect, dt, braking, memory.told, speeds)
+    pedal = inputs.pedal if braking else 0.0
+    released = np.min(memory.told) < 1.0
+    step.no_effect = watch_effect(
+        constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
+    )
     return int(
         observe(
             constants.observer,

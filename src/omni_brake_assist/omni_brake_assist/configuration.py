@@ -159,7 +159,7 @@ class BrakeAssistConfiguration(Configuration):
         minimum=0.0,
     )
     second_opinion: bool = parameter(
-        False,
+        True,
         description="Whether the twist is checked against IMU and wheel speeds and made up for "
         "by them where it is missing, and whether the effect of braking is watched",
     )

@@ -1,16 +1,20 @@
-"""Whether braking has effect: it knows pedal, valves and wheel speeds, nothing else.
+"""Whether braking has effect: it knows pedal, wheel speeds and acceleration, nothing else.
 
-A released wheel that rolls at ``|R omega|`` brakes nothing along that path; a wheel whose brake
-acts slides along a path that it does brake. With equal loads friction takes ``mu m g / N`` times
-the latter, so a vehicle that needs the path ``L`` with all brakes on needs ``L + M`` with the path
-``M`` missed by wheels that were released. The monitor bounds ``M`` by
+A vehicle that loses speed at ``a`` where it could lose it at ``c`` comes by ``v (1 - a / c) dt``
+farther than it must. The monitor books that as missed path ``M``, the rest ``v a / c dt`` as braked
+path ``B``, and bounds
 
-    M <= allowance + share L
+    M <= creep + allowance v_0 + share B
 
-with the sliding path of braked wheels from below: from the speed that each rolled at last, less
-what it may have lost since. Nor may brakes be released for longer than a stop with a modest
-deceleration lasts. Once either bound is exceeded all brakes act until the pedal is released.
-Locked wheels say nothing, and need not: then every brake acts.
+``v`` is the speed of the fastest rim, for somewhere a wheel rolls in a stop that is assisted; while
+all slide it is taken to fall by `loss`. Nothing is missed while every brake acts. The loss of speed
+is seen twice, and the larger share counts: as the specific force, low-passed, and as what the
+low-passed ``v`` is ahead of ``v``. What the vehicle could do, ``c``, is the best that it has done
+in this stop, with less pedal proportionally less, and at least `floor`. No law, observer or twist
+has a say in it, and an honest law that releases most wheels but stops the vehicle is left alone.
+
+Nor may brakes be released for longer than a stop with a modest deceleration lasts. Once either
+bound is exceeded all brakes act until the pedal is released.
 """
 
 from __future__ import annotations
@@ -26,10 +30,34 @@ from omni_platform.geometry import PlatformGeometry
 
 FloatArray = NDArray[np.float64]
 
-# Entries of the ledger: path missed [m], path braked [m], whether the bound has been exceeded, the
-# speed of the fastest wheel when the pedal went down [m/s], time since [s].
-MISSED, BRAKED, TRIPPED, START, ELAPSED = range(5)
-LEDGER_SIZE = 5
+# Entries of the ledger: path missed [m], path braked [m], whether a bound has been exceeded, the
+# speed of the fastest rim when the pedal went down [m/s], time since, weighted by the pedal [s],
+# time since [s], speed of the fastest rim [m/s], the same low-passed [m/s], how often it has been
+# seen lately [1], specific force, low-passed [m/s^2], for how long there has been one [s], the best
+# loss of speed that it has shown [m/s^2] at which pedal [1], that wheels have shown at which pedal.
+(
+    MISSED,
+    BRAKED,
+    TRIPPED,
+    START,
+    DEMANDED,
+    ELAPSED,
+    SPEED,
+    MEAN_SPEED,
+    SEEN,
+    FORCE_X,
+    FORCE_Y,
+    FORCE_TIME,
+    BEST_FORCE,
+    FORCE_PEDAL,
+    BEST_LOSS,
+    LOSS_PEDAL,
+) = range(16)
+LEDGER_SIZE = 16
+
+_SETTLED = 0.6  # share of a step that a low pass must have followed to be believed [1]
+_FASTEST_RIM = 200.0  # [m/s]
+_LARGEST_FORCE = 100.0  # [m/s^2]
 
 
 class EffectConstants(NamedTuple):
@@ -37,91 +65,142 @@ class EffectConstants(NamedTuple):
 
     Attributes:
         roll: speed along the active direction per wheel speed [m], shape (N,).
-        share: of the braked path that may be missed [1].
+        share: of the braked path that may be missed where the specific force is known [1].
+        blind_share: likewise where it is not [1].
         allowance: that may be missed on top of it, in seconds of the speed at the start [s].
-        loss: deceleration that a wheel which is not seen to roll is taken to have [m/s^2].
         creep: path that may be missed in any case [m].
+        loss: of speed, while no wheel shows it [m/s^2].
+        floor: loss of speed that any vehicle is able of [m/s^2].
+        force_time: over which the specific force is averaged [s].
+        wheel_time: over which the loss of speed is taken from the wheels [s].
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
     """
 
     roll: FloatArray
     share: float
+    blind_share: float
     allowance: float
-    loss: float
     creep: float
+    loss: float
+    floor: float
+    force_time: float
+    wheel_time: float
     least: float
     grace: float
-
-
-class EffectMemory(NamedTuple):
-    """What it remembers: the ledger, shape (5,), and the last rolling speeds [m/s], shape (N,)."""
-
-    ledger: FloatArray
-    rolled: FloatArray
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
     """Lay out the constants of wheels for the kernel."""
     return EffectConstants(
         roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
-        share=0.6,
+        share=0.25,
+        blind_share=0.85,
         allowance=0.15,
-        loss=8.0,
         creep=0.1,
+        loss=6.0,
+        floor=1.0,
+        force_time=0.2,
+        wheel_time=0.6,
         least=1.0,
         grace=1.0,
     )
 
 
-def effect_memory(wheels: int) -> EffectMemory:
-    """Return a memory that has seen nothing, of N wheels."""
-    return EffectMemory(np.zeros(LEDGER_SIZE), np.zeros(wheels))
+def effect_memory() -> FloatArray:
+    """Return a ledger in which nothing is booked, shape (16,)."""
+    return np.zeros(LEDGER_SIZE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def watch_effect(
     constants: EffectConstants,
-    memory: EffectMemory,
+    ledger: FloatArray,
     dt: float,
-    braking: bool,
-    enable: FloatArray,
+    pedal: float,
+    released: bool,
     speeds: FloatArray,
+    force: FloatArray,
 ) -> bool:
     """Book the last step and tell whether all brakes must act.
 
     Args:
         constants: of the vehicle.
-        memory: changed in place.
+        ledger: changed in place.
         dt: length of the step [s].
-        braking: whether the pedal was down in it.
-        enable: what the brakes were told in it, shape (N,).
+        pedal: the driver's demand in it, 0 while there is none [1].
+        released: whether a brake was released in it.
         speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
+        force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
-    ledger, rolled = memory.ledger, memory.rolled
-    if not braking:
-        ledger[:] = 0.0
-        for i in range(rolled.size):
-            rim = abs(constants.roll[i] * speeds[i])
-            rolled[i] = rim if math.isfinite(rim) else rolled[i]
-        return False
-    if ledger[ELAPSED] == 0.0:
-        ledger[START] = np.max(rolled)
-    ledger[ELAPSED] += dt
-    missed, braked, count = 0.0, 0.0, rolled.size
-    for i in range(count):
+    top, known = 0.0, False
+    for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
-        rolled[i] = max(rolled[i] - constants.loss * dt, 0.0)
-        if math.isfinite(rim):
-            rolled[i] = max(rolled[i], rim) if enable[i] > 0.0 else rim
-        free = 1.0 - enable[i]
-        missed += free * rolled[i] / count
-        braked += (1.0 - free) * rolled[i] / count
-    ledger[MISSED] += missed * dt
-    ledger[BRAKED] += braked * dt
-    bound = constants.creep + constants.allowance * ledger[START]
+        if rim < _FASTEST_RIM:
+            top, known = max(top, rim), True
+    if pedal <= 0.0:
+        ledger[:] = 0.0
+        ledger[START] = ledger[SPEED] = ledger[MEAN_SPEED] = top
+        ledger[SEEN] = 1.0
+        return False
+    ledger[ELAPSED] += dt
+    ledger[DEMANDED] += pedal * dt
+    fallen = ledger[SPEED] - (constants.loss * dt if known else 0.0)
+    ledger[SPEED] = max(top, fallen, 0.0)
+    share = constants.blind_share
+    achieved = _share_of_wheels(constants, ledger, dt, pedal, top >= fallen)
+    if abs(force[0]) < _LARGEST_FORCE and abs(force[1]) < _LARGEST_FORCE:
+        achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, force))
+        share = constants.share
+    if released:
+        ledger[MISSED] += ledger[SPEED] * (1.0 - achieved) * dt
+    ledger[BRAKED] += ledger[SPEED] * achieved * dt
+    bound = constants.creep + constants.allowance * ledger[START] + share * ledger[BRAKED]
     due = constants.grace + ledger[START] / constants.least
-    overdue = ledger[ELAPSED] > due and np.min(enable) < 1.0
-    if overdue or ledger[MISSED] > bound + constants.share * ledger[BRAKED]:
+    if released and (ledger[DEMANDED] > due or ledger[MISSED] > bound):
         ledger[TRIPPED] = 1.0
     return bool(ledger[TRIPPED] != 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share_of_wheels(
+    constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, seen: bool
+) -> float:
+    """Return which share of what is possible the vehicle loses, by the fastest rim."""
+    time = constants.wheel_time
+    follow = 1.0 - math.exp(-dt / time)
+    settled = 1.0 - math.exp(-ledger[ELAPSED] / time)
+    ledger[MEAN_SPEED] += follow * (ledger[SPEED] - ledger[MEAN_SPEED])
+    ledger[SEEN] += follow * ((1.0 if seen else 0.0) - ledger[SEEN])
+    loss = (ledger[MEAN_SPEED] - ledger[SPEED]) / (time * settled) if settled > 0.0 else 0.0
+    if settled > _SETTLED and seen and ledger[SEEN] > 0.3 and loss > ledger[BEST_LOSS]:
+        ledger[BEST_LOSS], ledger[LOSS_PEDAL] = loss, pedal
+    return float(_share(constants, loss, pedal, ledger[BEST_LOSS], ledger[LOSS_PEDAL]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share_of_force(
+    constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, force: FloatArray
+) -> float:
+    """Likewise, by the specific force."""
+    time = constants.force_time
+    follow = 1.0 - math.exp(-dt / time)
+    ledger[FORCE_TIME] += dt
+    settled = 1.0 - math.exp(-ledger[FORCE_TIME] / time)
+    ledger[FORCE_X] += follow * (force[0] - ledger[FORCE_X])
+    ledger[FORCE_Y] += follow * (force[1] - ledger[FORCE_Y])
+    loss = math.hypot(ledger[FORCE_X], ledger[FORCE_Y]) / settled if settled > 0.0 else 0.0
+    if settled > _SETTLED and loss > ledger[BEST_FORCE]:
+        ledger[BEST_FORCE], ledger[FORCE_PEDAL] = loss, pedal
+    return float(_share(constants, loss, pedal, ledger[BEST_FORCE], ledger[FORCE_PEDAL]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share(
+    constants: EffectConstants, loss: float, pedal: float, best: float, best_pedal: float
+) -> float:
+    """Return a loss of speed over what is possible with a pedal, 0 to 1."""
+    possible = constants.floor * pedal
+    if best_pedal > 0.0:
+        possible = max(possible, best * min(pedal / best_pedal, 1.0))
+    return min(max(loss / possible, 0.0), 1.0)

@@ -117,6 +117,10 @@ class ObserverConstants(NamedTuple):
         velocity_deviation: of the answer, largest [m/s].
         rate_deviation: likewise of the yaw rate [rad/s].
         spin_up: time since its release after which a wheel rolls [s].
+        rebound: how much faster than it rolls a wheel may spin after its release, while the tire
+            springs back [m/s].
+        blind_rebound: likewise where wheels alone judge the twist [m/s].
+        rebound_time: for how long, then it fades [s].
         delay: by which a twist is older than its stamp [ns].
         longest: step across which the filters go on [s].
     """
@@ -141,6 +145,9 @@ class ObserverConstants(NamedTuple):
     velocity_deviation: float
     rate_deviation: float
     spin_up: float
+    rebound: float
+    blind_rebound: float
+    rebound_time: float
     delay: float
     longest: float
 
@@ -205,6 +212,9 @@ def observer_constants(
         velocity_deviation=0.4,
         rate_deviation=0.15,
         spin_up=0.03,
+        rebound=0.25,
+        blind_rebound=0.1,
+        rebound_time=0.15,
         delay=float(round(configuration.feedback_delay * 1e9)),
         longest=configuration.maximum_time_step,
     )
@@ -418,6 +428,11 @@ def _hear_wheels(
         h[_U_X], h[_U_Y], h[_RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
         # A wheel that still spins up is slower than it will be by some of its changes.
         own = constants.wheel**2 + (constants.scale * rim) ** 2 + 16.0 * (rim - before) ** 2
+        blind = own + 0.05**2
+        if braking:
+            fresh = min(constants.rebound_time / memory.released[i], 1.0)
+            own += (constants.rebound * fresh) ** 2
+            blind += (constants.blind_rebound * fresh) ** 2
         fits = True
         trusted = memory.doubt[i] < 4.0
         for k in range(FILTERS):
@@ -444,7 +459,7 @@ def _hear_wheels(
                 if abs(error) < _LARGEST_SCALE:
                     scale = memory.belief[SCALE] + 0.02 * error
                     memory.belief[SCALE] = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
-            spread = own + 0.05**2
+            spread = blind
             for j in range(3):
                 spread += 4.0 * h[j] ** 2 * variance[j]
             memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / spread, 25.0)
@@ -605,6 +620,7 @@ def observe(
     if heard and twist_ns > belief[TWIST_NS]:
         belief[TWIST_NS] = twist_ns
         _hear_twist(constants, memory, twist_ns, twist, variance)
+    memory.past[memory.newest[0]] = memory.state  # as it is known now
     if belief[INERTIAL] == 0.0:
         return int(_judge_alone(memory, dt, braking))
     return int(_answer(constants, memory, _judge(constants, memory, dt), answer))

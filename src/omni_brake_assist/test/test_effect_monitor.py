@@ -1,4 +1,4 @@
-"""The monitor of the effect against the paths that it books."""
+"""The monitor of the effect against stops whose loss of speed is known."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,9 @@ from omni_platform.geometry import PlatformGeometry, WheelMount
 
 DT = 0.01
 WHEELS = 4
+START = 5.0
+"""Speed of the rims when the pedal goes down [m/s]."""
+UNKNOWN = np.full(2, np.nan)
 
 
 @pytest.fixture
@@ -21,59 +24,109 @@ def constants(mecanum: dict[str, WheelMount]) -> EffectConstants:
 
 
 def trip_time(
-    constants: EffectConstants, enable: float, speed: float = 30.0, seconds: float = 3.0
+    constants: EffectConstants,
+    first: float,
+    later: float,
+    *,
+    pedal: tuple[float, float] = (1.0, 1.0),
+    imu: bool = True,
+    released: bool = True,
+    rolls: int = WHEELS,
 ) -> float:
-    """Return when the monitor puts all brakes on if wheels roll at a constant speed [rad/s]."""
-    memory = effect_memory(WHEELS)
-    speeds, told = np.full(WHEELS, speed), np.full(WHEELS, enable)
-    watch_effect(constants, memory, DT, False, told, speeds)
-    for step in range(1, round(seconds / DT)):
-        if watch_effect(constants, memory, DT, True, told, speeds):
+    """Return when the monitor puts all brakes on in a stop of two phases, never: inf.
+
+    Args:
+        constants: of the vehicle.
+        first: loss of speed during the first half second [m/s^2].
+        later: loss of speed from then on [m/s^2].
+        pedal: in either phase [1].
+        imu: whether there is one.
+        released: whether a brake is released.
+        rolls: number of wheels that roll, the others stand.
+    """
+    ledger, speed = effect_memory(), START
+    roll = np.where(np.arange(WHEELS) < rolls, 1.0, 0.0) / constants.roll
+    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    for step in range(1, 3000):
+        late = step * DT > 0.5
+        loss = later if late else first
+        speed -= loss * DT
+        if speed <= 0.0:
+            break
+        force = np.array([-loss, 0.0]) if imu else UNKNOWN
+        if watch_effect(constants, ledger, DT, pedal[late], released, speed * roll, force):
             return step * DT
     return np.inf
 
 
-def test_a_vehicle_that_rolls_unbraked_is_braked_once_the_path_is_used_up(
-    constants: EffectConstants,
+@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize("loss", [1.5, 3.0, 7.0])
+def test_a_steady_stop_is_left_alone_whatever_its_brakes_do(
+    constants: EffectConstants, imu: bool, loss: float
 ) -> None:
-    rim = abs(constants.roll[0]) * 30.0
-    allowed = (constants.creep + constants.allowance * rim) / rim
-    assert trip_time(constants, 0.0) == pytest.approx(allowed, abs=2 * DT)
+    assert trip_time(constants, loss, loss, imu=imu) == np.inf
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_a_vehicle_that_rolls_unbraked_is_braked(constants: EffectConstants, imu: bool) -> None:
+    allowed = (constants.creep + constants.allowance * START) / START
+    assert trip_time(constants, 0.0, 0.0, imu=imu) == pytest.approx(allowed, abs=2 * DT)
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_a_vehicle_that_stops_losing_speed_is_braked(constants: EffectConstants, imu: bool) -> None:
+    assert trip_time(constants, 4.0, 0.3, imu=imu) < 3.0
+
+
+def test_one_wheel_that_rolls_is_enough_to_tell_it(constants: EffectConstants) -> None:
+    assert trip_time(constants, 4.0, 0.3, rolls=1) < 3.0
 
 
 def test_brakes_that_act_are_never_told_to_act(constants: EffectConstants) -> None:
-    assert trip_time(constants, 1.0, seconds=20.0) == np.inf
+    assert trip_time(constants, 4.0, 0.05, released=False) == np.inf
+
+
+def test_less_pedal_may_have_less_effect(constants: EffectConstants) -> None:
+    assert trip_time(constants, 4.0, 1.0, pedal=(1.0, 0.25)) == np.inf
+    assert trip_time(constants, 4.0, 1.0) < np.inf
 
 
 def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
     constants: EffectConstants,
 ) -> None:
-    rim = abs(constants.roll[0]) * 30.0
-    due = constants.grace + rim / constants.least
-    assert trip_time(constants, 0.95, seconds=due - 0.1) == np.inf
-    assert trip_time(constants, 0.95, seconds=due + 0.5) == pytest.approx(due, abs=2 * DT)
-
-
-def test_wheels_that_stand_miss_nothing(constants: EffectConstants) -> None:
-    assert trip_time(constants, 0.0, speed=0.0, seconds=0.9) == np.inf
+    # Just so slow that no path is missed beyond the bound.
+    due = constants.grace + START / constants.least
+    assert trip_time(constants, 0.9, 0.1) <= due + DT
 
 
 def test_once_exceeded_it_holds_until_the_pedal_is_released(constants: EffectConstants) -> None:
-    memory = effect_memory(WHEELS)
-    speeds, ones = np.full(WHEELS, 30.0), np.ones(WHEELS)
-    watch_effect(constants, memory, DT, False, ones, speeds)
-    told = [watch_effect(constants, memory, DT, True, 0.0 * ones, speeds) for _ in range(200)]
+    ledger, speeds = effect_memory(), START / constants.roll
+    still, rest = np.zeros(2), 0.0 * speeds
+    watch_effect(constants, ledger, DT, 0.0, False, speeds, still)
+    told = [watch_effect(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
     assert told[-1]
-    assert watch_effect(constants, memory, DT, True, ones, 0.0 * speeds)
-    assert not watch_effect(constants, memory, DT, False, ones, 0.0 * speeds)
-    assert not watch_effect(constants, memory, DT, True, ones, 0.0 * speeds)
+    assert watch_effect(constants, ledger, DT, 1.0, False, rest, still)
+    assert not watch_effect(constants, ledger, DT, 0.0, False, rest, still)
+    assert not watch_effect(constants, ledger, DT, 1.0, True, rest, still)
 
 
-def test_encoders_without_a_number_cannot_hide_a_vehicle_that_rolls(
+def test_sensors_without_a_number_cannot_hide_a_vehicle_that_rolls(
     constants: EffectConstants,
 ) -> None:
-    memory = effect_memory(WHEELS)
-    speeds, none = np.full(WHEELS, 30.0), np.full(WHEELS, np.nan)
-    watch_effect(constants, memory, DT, False, none, speeds)
-    told = [watch_effect(constants, memory, DT, True, np.zeros(WHEELS), none) for _ in range(300)]
+    ledger, none = effect_memory(), np.full(WHEELS, np.nan)
+    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
+    told = [watch_effect(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
     assert any(told)
+
+
+def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
+    constants: EffectConstants,
+) -> None:
+    ledger, speed = effect_memory(), START
+    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    for value in (np.nan, np.inf, 1e9) * 30:
+        speed -= 4.0 * DT
+        speeds = speed / constants.roll
+        speeds[2] = value
+        force = np.array([-4.0, 0.0])
+        assert not watch_effect(constants, ledger, DT, 1.0, True, speeds, force)

@@ -30,7 +30,11 @@ class Drive:
     def __init__(self, wheels: Wheels, dwell: float) -> None:
         self.assist = BrakeAssist(
             BrakeAssistConfiguration(
-                wheels=wheels, minimum_dwell_time=dwell, yaw_rate_noise=10.0, frozen_time=0.0
+                wheels=wheels,
+                minimum_dwell_time=dwell,
+                yaw_rate_noise=10.0,
+                frozen_time=0.0,
+                second_opinion=False,  # there are no wheel speeds
             )
         )
         self.stamp_ns = -PERIOD_NS

@@ -45,14 +45,12 @@ _SIZES = {
 }
 _SHARES = ("scale", "echo")  # their size is a share
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
-# The assistant with its second opinion, encoders of 4096 counts; no picture is needed; a stop that
-# takes longer has failed.
+# Encoders of 4096 counts; no picture is needed; a stop that takes longer has failed.
 _SETTING = (
     "feedback=velocity_sensor",
     "simulation.render_lines=false",
     "simulation.duration_limit=20",
     "encoders.resolution=4096",
-    "brake_assist.second_opinion=true",
 )
 
 
