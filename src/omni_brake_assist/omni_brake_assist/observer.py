@@ -211,7 +211,8 @@ def observer_constants(
         convictions=3.0,
         velocity_deviation=0.4,
         rate_deviation=0.15,
-        spin_up=0.03,
+        # A brake that lags acts for a while after its release.
+        spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
         rebound=0.25,
         blind_rebound=0.1,
         rebound_time=0.15,
@@ -451,22 +452,37 @@ def _hear_wheels(
             continue
         memory.score[SPOKEN] += 1.0
         if heard:
-            # The twist of base_link at the wheel.
-            place = (h[_RATE] + h[_U_Y] * constants.p_x - h[_U_X] * constants.p_y) * twist[2]
-            misfit = rim - h[_U_X] * twist[0] - h[_U_Y] * twist[1] - place
-            if not braking and abs(rim) > 0.5:
-                error = misfit / (rim - misfit) if rim != misfit else 0.0
-                if abs(error) < _LARGEST_SCALE:
-                    scale = memory.belief[SCALE] + 0.02 * error
-                    memory.belief[SCALE] = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
-            spread = blind
-            for j in range(3):
-                spread += 4.0 * h[j] ** 2 * variance[j]
-            memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / spread, 25.0)
+            _compare_twist(constants, memory, braking, h, rim, blind, twist, variance)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
             if fits or (disputed and misfit <= 12.0):
                 _correct(memory.state[k], memory.covariance[k], h, innovations[k], own)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _compare_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    braking: bool,
+    h: FloatArray,
+    rim: float,
+    spread: float,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Compare the twist with a rolling wheel; learn what wheel radii are off by, pedal up."""
+    # The twist of base_link at the wheel.
+    place = (h[_RATE] + h[_U_Y] * constants.p_x - h[_U_X] * constants.p_y) * twist[2]
+    misfit = rim - h[_U_X] * twist[0] - h[_U_Y] * twist[1] - place
+    if not braking and abs(rim) > 0.5:
+        error = misfit / (rim - misfit) if rim != misfit else 0.0
+        if abs(error) < _LARGEST_SCALE:
+            scale = memory.belief[SCALE] + 0.02 * error
+            memory.belief[SCALE] = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
+    total = spread
+    for j in range(3):
+        total += 4.0 * h[j] ** 2 * variance[j]
+    memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / total, 25.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
