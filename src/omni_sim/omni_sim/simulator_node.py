@@ -92,6 +92,9 @@ class LoopConfiguration(Configuration):
         True,
         description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist",
     )
+    lines_recorded: bool = parameter(
+        True, description="Whether a recorder is among the subscribers of the lines"
+    )
     enable_timeout: float = parameter(
         0.05,
         description="Real time: age at which an enable no longer counts and all brakes are on",
@@ -156,13 +159,11 @@ class SimulatorNode(Node):
             self._lines[name] = create(Image, f"line_scan/{name}/lines")
             info = create(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
             self._camera_infos[name] = info
-        self.outputs = (
-            self._wheel_states,
-            self._pedal,
-            *self._lines.values(),
-        )
+        lines = tuple(self._lines.values())
+        recorded = self.loop.lines_recorded
+        self.outputs = (self._wheel_states, self._pedal, *(lines if recorded else ()))
         clock = self._clock_voice.publisher() if self._clock_voice else None
-        # Nobody answers these, so one listener fewer.
+        # Nobody answers these, or nobody records them, so one listener fewer.
         self.recorded_outputs = (
             *((clock,) if clock else ()),
             self._imu,
@@ -171,6 +172,7 @@ class SimulatorNode(Node):
             self._truth,
             self._markers,
             self._diagnostics,
+            *(() if recorded else lines),
         )
 
     def publish_descriptions(self) -> None:

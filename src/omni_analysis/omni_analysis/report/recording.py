@@ -113,7 +113,7 @@ def _measured(history: RunHistory) -> dict[str, Metric]:
 
 def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]:
     stops = stops_of(history)
-    if stops == (history,):
+    if stops[0] is history:
         return [(name, history)]
     return [(f"{name}/stop_{number}", stop) for number, stop in enumerate(stops, 1)]
 

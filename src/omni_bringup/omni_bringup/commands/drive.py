@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 
 _POLL = 0.05  # [s]
+# Under the left wheels only of who drives straight on: where a brake without help swerves most.
+_ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +39,15 @@ class Options(Configuration):
         "small_stop",
         description="where ground, sensors and nodes come from, as its last variant has them",
     )
+    ground: str | None = parameter(
+        None, description="a file of config/grounds/ (default: the experiment's)"
+    )
+    law: str | None = parameter(
+        None, description="control law, built in or my_module:MyLaw (default: the experiment's)"
+    )
+    no_ice: bool = parameter(
+        False, description="without the patch of ice that lies ahead where the ground has no other"
+    )
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
     port: int = option(0, metavar="PORT", description="TCP port of the page; 0 is any")
@@ -45,6 +56,10 @@ class Options(Configuration):
     )
     out: Path | None = option(
         None, metavar="DIR", description="record the drive to this rosbag2 folder"
+    )
+    lines: bool = parameter(
+        False,
+        description="record the lines of the cameras too, which replay needs: 1 MB/s",
     )
 
 
@@ -70,7 +85,7 @@ def run(options: Options, workspace: Path) -> int:
                 "stamped_cmd_vel": not options.unstamped,
             }
             folder = options.out and options.out.resolve()
-            for node in drive_nodes(configuration, Path(scratch), seat, folder):
+            for node in drive_nodes(configuration, Path(scratch), seat, folder, options.lines):
                 group.start(node)
             if folder is not None:
                 write_beside_bag(configuration, folder, group.running[0])
@@ -86,9 +101,17 @@ def run(options: Options, workspace: Path) -> int:
 def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfiguration:
     if options.out is not None and options.out.exists():
         raise ConfigurationError("--out", f"{options.out} exists; choose another")
-    vehicle = [f"vehicle={options.vehicle}"] if options.vehicle is not None else []
+    chosen = {
+        "vehicle": options.vehicle,
+        "ground": options.ground,
+        "brake_assist.law": options.law,
+    }
+    changes = [f"{key}={value}" for key, value in chosen.items() if value is not None]
+    changes += options.overrides
     variant = library.variants(options.experiment)[-1]
-    configuration = library.load(options.experiment, variant, [*vehicle, *options.overrides])
+    configuration = library.load(options.experiment, variant, changes)
+    if not configuration.ground.patches and not options.no_ice:
+        configuration = library.load(options.experiment, variant, [*changes, _ICE])
     configuration.check_drivable()
     return configuration
 
@@ -98,6 +121,7 @@ def drive_nodes(
     scratch: Path,
     seat: Mapping[str, Any],
     folder: Path | None,
+    lines: bool = False,
 ) -> list[NodeProcess]:
     """Return the nodes of a drive, in the order of their start.
 
@@ -106,12 +130,17 @@ def drive_nodes(
         scratch: folder for the files of their parameters.
         seat: parameters of the driver's node.
         folder: rosbag2 folder to record to, if any.
+        lines: whether the lines of the cameras are recorded, nearly all of the size.
     """
     from omni_bringup.graph import nodes as graph
 
     nodes = []
     if folder is not None:
-        topics = graph.recorded_topics(configuration)
+        topics = {
+            topic: kind
+            for topic, kind in graph.recorded_topics(configuration).items()
+            if lines or not topic.endswith("/lines")
+        }
         nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
     listeners = 1 + len(nodes)  # besides the driver, who may come later
     optical = configuration.hears_lines
@@ -120,7 +149,14 @@ def drive_nodes(
         graph.driver(configuration, scratch, seat),
         graph.odometry(configuration, scratch, lockstep=False, listeners=listeners + optical),
         graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
-        graph.simulator(configuration, scratch, lockstep=False, driven=True, listeners=listeners),
+        graph.simulator(
+            configuration,
+            scratch,
+            lockstep=False,
+            driven=True,
+            lines_recorded=lines or folder is None,
+            listeners=listeners,
+        ),
     ]
 
 

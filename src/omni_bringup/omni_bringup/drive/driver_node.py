@@ -34,6 +34,7 @@ from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process
 from omni_ros.qos import RELIABLE
 from omni_ros.report import report
+from omni_sim.ground.friction import FrictionPatch
 
 _POLL = 0.005  # [s] between two looks at the topics
 _DEMAND_PERIOD = 0.02  # [s]
@@ -49,6 +50,9 @@ class DriverConfiguration(Configuration):
     wheels: Mapping[str, WheelMount] = parameter(description="Wheels of the platform by name")
     chassis_length: float = parameter(description="Length of the platform", unit="m", above=0.0)
     chassis_width: float = parameter(description="Width of the platform", unit="m", above=0.0)
+    patches: Mapping[str, FrictionPatch] = parameter(
+        default_factory=dict, description="Patches of the ground to draw, by name"
+    )
     assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
     max_speed: float = parameter(
         5.0, description="Speed that a full stick means", unit="m/s", above=0.0, maximum=50.0
@@ -186,6 +190,19 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
     return {
         "length": configuration.chassis_length,
         "width": configuration.chassis_width,
+        "patches": [
+            {
+                "name": name.replace("_", " "),
+                "x": patch.x,
+                "y": patch.y,
+                "length": patch.length,
+                "width": patch.width,
+                "heading": math.radians(patch.heading_deg),
+                "round": patch.shape == "ellipse",
+                "friction": patch.friction,
+            }
+            for name, patch in configuration.patches.items()
+        ],
         "wheels": [
             {
                 "name": name.replace("_", " "),

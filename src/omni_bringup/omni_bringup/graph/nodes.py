@@ -129,6 +129,7 @@ def simulator(
     *,
     lockstep: bool,
     driven: bool = False,
+    lines_recorded: bool = True,
     listeners: int = _RECORDER + 1,
 ) -> NodeProcess:
     """Return the process of the simulator, scripted or `driven` by the node of the driver."""
@@ -136,6 +137,7 @@ def simulator(
         "subscribers": listeners,
         "mode": "lockstep" if lockstep else "real_time",
         "driver": "topics" if driven else "scripted",
+        "lines_recorded": lines_recorded,
         "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
     }
     # The seat decides between its page and what a teleoperation node says on cmd_vel.
@@ -148,7 +150,10 @@ def driver(
 ) -> NodeProcess:
     """Return the process of the driver's seat: page and `cmd_vel`; `options` are parameters."""
     wheels = flatten(configuration.brake_assist)
-    parameters = {key: value for key, value in wheels.items() if key.startswith("wheels.")} | {
+    ground = _flat(configuration.ground)
+    shown = {key: value for key, value in wheels.items() if key.startswith("wheels.")}
+    shown |= {key: value for key, value in ground.items() if key.startswith("patches.")}
+    parameters = shown | {
         "chassis_length": configuration.vehicle.chassis_length,
         "chassis_width": configuration.vehicle.chassis_width,
         "assist": configuration.brake_assist.enabled,

@@ -99,16 +99,79 @@ function take(message) {
     trail.push({ x, y, braked: state.pedal > 0 });
     if (trail.length > TRAIL) trail = trail.slice(TRAIL / 4);
   }
+  if (state.twist) follow();
 }
+
+// ---------------------------------------------------------------- stops
+
+const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a metre
+const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
+let stop = null, stops = 0;
+
+// A stop begins when the pedal goes down in motion and ends at rest with the pedal still down.
+function follow() {
+  const [vx, vy, rate] = state.twist, speed = Math.hypot(vx, vy);
+  if (!(state.pedal > 0)) { stop = null; return; }
+  if (!stop) {
+    stop = { pose: state.pose, turned: 0, yaw: state.pose[2], speed, time: state.time, done: speed < MOVING, helped: 0, heard: 0 };
+  }
+  if (stop.done) return;
+  const change = state.pose[2] - stop.yaw;
+  stop.turned += Math.atan2(Math.sin(change), Math.cos(change));
+  stop.yaw = state.pose[2];
+  stop.heard += 1;
+  stop.helped += HELPS.includes(state.assist_state);
+  if (speed + Math.abs(rate) > REST) return;
+  stop.done = true;
+  card(Math.hypot(state.pose[0] - stop.pose[0], state.pose[1] - stop.pose[1]));
+}
+
+function card(distance) {
+  const helped = stop.helped / stop.heard;
+  const row = document.createElement("li");
+  row.className = helped > 0.2 ? "helps" : "";
+  const words = [`Stop ${stops += 1}: ${helped > 0.2 ? "assisted" : "unassisted"}`,
+    `from ${stop.speed.toFixed(1)} m/s in ${(state.time - stop.time).toFixed(1)} s`];
+  const numbers = document.createElement("b");
+  numbers.textContent = `${length(distance)}, ${Math.abs(stop.turned * 180 / Math.PI).toFixed(1)}°`;
+  row.append(words[0], numbers, words[1]);
+  $("stops").prepend(row);
+  while ($("stops").children.length > 8) $("stops").lastChild.remove();
+}
+
+const length = (metres) => (metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres.toFixed(2)} m`);
 
 // ---------------------------------------------------------------- numbers
 
 function tabulate() {
+  $("ice-legend").hidden = !vehicle.patches.length;
   $("wheels").replaceChildren(...vehicle.wheels.map((wheel) => {
     const row = document.createElement("tr");
     for (const text of [wheel.name, "–", "–"]) row.insertCell().textContent = text;
     return row;
   }));
+}
+
+// What the assistant does, where nobody can overlook it: graded, and a fault in words.
+const BANNERS = {
+  assisting: "ASSISTING", dead_reckoning: "DEAD RECKONING", all_errors_positive: "ASSISTING: all brakes on",
+  below_speed_threshold: "STANDING: all brakes on", disabled: "ASSISTANT OFF", inactive: "READY",
+};
+
+function announce() {
+  const name = state.assist_state ?? "", banner = $("banner");
+  const words = BANNERS[name] ?? `${name.replaceAll("_", " ").toUpperCase()}: all brakes on`;
+  const className = HELPS.includes(name) ? "helps" : name in BANNERS ? "" : "fault";
+  if (banner.hidden === !name && banner.dataset.words === words + state.assist_reason) return;
+  banner.hidden = !name;
+  banner.dataset.words = words + state.assist_reason;
+  banner.className = className;
+  banner.textContent = words;
+  if (className === "fault") {
+    const reason = document.createElement("small");
+    reason.textContent = state.assist_reason ?? "";
+    banner.append(reason);
+  }
 }
 
 // A wheel rolls, its brake acts, or the assistant holds its brake back.
@@ -130,6 +193,7 @@ function write() {
   $("source").textContent = { page: "this page", cmd_vel: "cmd_vel", nobody: "nobody: full braking" }[state.source] ?? "–";
   $("pedal").style.width = `${100 * (state.pedal ?? 0)}%`;
   $("assist").checked = state.assist;
+  announce();
   $("assist-state").textContent = `${(state.assist_state ?? "").replaceAll("_", " ")}: ${state.assist_reason ?? ""}`;
   vehicle.wheels.forEach((_, index) => {
     const cells = $("wheels").rows[index].cells;
@@ -159,6 +223,7 @@ function draw() {
   // World frame: x to the right, y up, the vehicle in the middle.
   pen.translate(width / 2, height / 2);
   pen.scale(scale, -scale);
+  for (const patch of vehicle.patches) drawPatch(pen, colour, patch, x, y, scale);
   pen.lineWidth = 1 / scale;
   pen.strokeStyle = colour("line");
   const reachX = width / 2 / scale + 1, reachY = height / 2 / scale + 1;
@@ -192,6 +257,39 @@ function draw() {
   pen.moveTo(0, 0);
   pen.lineTo(0.5 * vx, 0.5 * vy); // half a second ahead
   pen.stroke();
+  drawScale(pen, colour, ratio, width, height, scale);
+}
+
+function drawPatch(pen, colour, patch, x, y, scale) {
+  pen.save();
+  pen.translate(patch.x - x, patch.y - y);
+  pen.rotate(patch.heading);
+  pen.fillStyle = colour("ice");
+  pen.beginPath();
+  if (patch.round) pen.ellipse(0, 0, patch.length / 2, patch.width / 2, 0, 0, 2 * Math.PI);
+  else pen.rect(-patch.length / 2, -patch.width / 2, patch.length, patch.width);
+  pen.fill();
+  pen.scale(1 / scale, -1 / scale);
+  pen.fillStyle = colour("ink");
+  pen.font = "14px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.fillText(`${patch.name}, friction ${patch.friction}`, 0, 5);
+  pen.restore();
+}
+
+// A bar of one metre, or of as many as make a finger's breadth.
+function drawScale(pen, colour, ratio, width, height, scale) {
+  const metres = [1, 2, 5, 10].find((one) => one * scale > 50) ?? 10;
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const right = width - 16, base = height - 14, left = right - metres * scale;
+  pen.strokeStyle = pen.fillStyle = colour("ink");
+  pen.lineWidth = 2;
+  pen.beginPath();
+  pen.moveTo(left, base - 6); pen.lineTo(left, base); pen.lineTo(right, base); pen.lineTo(right, base - 6);
+  pen.stroke();
+  pen.font = "14px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.fillText(`${metres} m`, (left + right) / 2, base - 8);
 }
 
 function drawWheel(pen, colour, wheel, condition) {

@@ -1,0 +1,81 @@
+"""Somebody drives with real keys in a real browser, stops twice, and looks at the report."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from chromium import Chromium, chromium
+from omni_process import omni, omni_command, omni_environment
+
+PATIENCE = 60.0  # [s] only ends a test that hangs
+# Without pictures, so that a busy machine keeps up with the wall clock.
+PLAIN = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+CARDS = "document.querySelectorAll('#stops li').length"
+
+
+def hold(browser: Chromium, code: str, *, down: bool) -> None:
+    kind = "rawKeyDown" if down else "keyUp"
+    browser.call("Input.dispatchKeyEvent", type=kind, code=code)
+
+
+def stop_from(browser: Chromium, speed: float, number: int) -> str:
+    """Drive ahead until a speed [m/s], brake to rest, and return the card of that stop."""
+    hold(browser, "Space", down=False)
+    hold(browser, "KeyW", down=True)
+    browser.wait(f"Number(document.getElementById('speed').textContent) > {speed}")
+    hold(browser, "KeyW", down=False)
+    hold(browser, "Space", down=True)
+    browser.wait(f"{CARDS} === {number}")
+    return str(browser.run("document.querySelector('#stops li').textContent"))
+
+
+def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path) -> None:
+    recording = tmp_path / "drive"
+    process = subprocess.Popen(
+        omni_command(["drive", *PLAIN, "--out", str(recording)]),
+        env=omni_environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        with chromium() as browser:
+            browser.show(1280, 800)
+            browser.call("Page.navigate", url=url)
+            browser.wait("document.getElementById('banner')?.hidden === false")
+            cards = [stop_from(browser, 1.5, 1)]
+            assert browser.run("document.getElementById('ice-legend').hidden") is False
+            hold(browser, "KeyB", down=True)  # the assistant is switched off
+            hold(browser, "KeyB", down=False)
+            browser.wait("document.getElementById('banner').textContent.includes('OFF')")
+            cards.append(stop_from(browser, 1.5, 2))
+            assert browser.complaints == []
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE)
+    assert "Stop 1: assisted" in cards[0]
+    assert "Stop 2: unassisted" in cards[1]
+
+    finished = omni(["compare", str(recording), "--json"])
+    assert finished.returncode == 0, finished.stderr
+    metrics = json.loads(finished.stdout)["metrics"]
+    assert metrics["stops.drive"]["value"] == 2
+    for number, card in enumerate(cards, 1):
+        shown = re.search(r"([\d.]+) (c?)m, [\d.]+°", card)
+        assert shown is not None, card
+        distance = float(shown[1]) * (0.01 if shown[2] else 1.0)
+        measured = metrics[f"stopping_distance.drive/stop_{number}"]["value"]
+        # The page hears 30 times a second, so the pedal may have been down for a moment.
+        assert distance == pytest.approx(measured, abs=0.15)
+    assert metrics["assisting_share.drive/stop_2"]["value"] == 0.0
+    page = tmp_path / "report.html"
+    finished = omni(["report", str(recording), "--out", str(page)])
+    assert finished.returncode == 0, finished.stderr
+    assert "drive/stop_2" in page.read_text()
