@@ -118,8 +118,7 @@ def read_imu(
     step: int,
     period: float,
     motion: FloatArray,
-    tilt_x: float,
-    tilt_y: float,
+    tilt: tuple[float, float],
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
@@ -130,8 +129,7 @@ def read_imu(
         step: number of the stamp.
         period: between two stamps [s].
         motion: x, y, yaw and body twist of `base_link`, shape (6,).
-        tilt_x: level component of the normal of the plane in which the vehicle moves [1].
-        tilt_y: likewise.
+        tilt: level components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).
         reading: receives yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,);
             no numbers where there is no unit.
@@ -143,7 +141,7 @@ def read_imu(
     v_x, v_y = motion[3] - rate * imu.y, motion[4] + rate * imu.x
     cos, sin = math.cos(yaw), math.sin(yaw)
     world_x, world_y = cos * v_x - sin * v_y, sin * v_x + cos * v_y
-    f_x, f_y = -GRAVITY * tilt_x, -GRAVITY * tilt_y
+    f_x, f_y = -GRAVITY * tilt[0], -GRAVITY * tilt[1]
     middle = yaw
     if step > 0:
         f_x += (world_x - imu.memory[1]) / period

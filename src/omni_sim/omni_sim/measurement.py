@@ -37,6 +37,40 @@ class Instruments(NamedTuple):
     faults: Faults
 
 
+class Truth(NamedTuple):
+    """What a vehicle does at a stamp.
+
+    Attributes:
+        step: number of the stamp.
+        period_ns: between two stamps [ns].
+        motion: x, y, yaw and body twist of `base_link`, shape (6,).
+        tilt: level components of the normal of the plane in which the vehicle moves [1].
+        angle: wheel angles [rad], shape (N,).
+        speed: wheel speeds [rad/s], shape (N,).
+    """
+
+    step: int
+    period_ns: int
+    motion: FloatArray
+    tilt: tuple[float, float]
+    angle: FloatArray
+    speed: FloatArray
+
+
+class Readings(NamedTuple):
+    """What its sensors say of it, with their faults; written in place.
+
+    Attributes:
+        twist: of the velocity sensor, which has read already, shape (3,).
+        inertial: what `read_imu` gives, shape (3,).
+        wheels: what `read_encoders` gives, shape (N,).
+    """
+
+    twist: FloatArray
+    inertial: FloatArray
+    wheels: FloatArray
+
+
 def build_instruments(
     imu: ImuConfiguration,
     encoders: EncoderConfiguration,
@@ -58,39 +92,20 @@ def draws(wheels: int) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def measure(
-    instruments: Instruments,
-    step: int,
-    period_ns: int,
-    motion: FloatArray,
-    tilt_x: float,
-    tilt_y: float,
-    angle: FloatArray,
-    speed: FloatArray,
-    draw: FloatArray,
-    twist: FloatArray,
-    inertial: FloatArray,
-    wheels: FloatArray,
-) -> None:
+def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: Readings) -> None:
     """Read all sensors; once per stamp.
 
     Args:
         instruments: changed in place.
-        step: number of the stamp.
-        period_ns: between two stamps [ns].
-        motion: x, y, yaw and body twist of `base_link`, shape (6,).
-        tilt_x: level component of the normal of the plane in which the vehicle moves [1].
-        tilt_y: likewise.
-        angle: true wheel angles [rad], shape (N,).
-        speed: true wheel speeds [rad/s], shape (N,).
+        truth: what there is to read.
         draw: standard normal noise, shape (`draws(N)`,).
-        twist: what the velocity sensor reads; its faults are put into it, shape (3,).
-        inertial: receives what `read_imu` gives, with faults, shape (3,).
-        wheels: receives what `read_encoders` gives, with faults, shape (N,).
+        readings: receives it.
     """
+    step, period_ns, motion, tilt, angle, speed = truth
+    twist, inertial, wheels = readings
     period, count = period_ns / 1e9, speed.size
     wheel_draw, spare = draw[IMU_DRAWS : IMU_DRAWS + count], draw[IMU_DRAWS + count :]
-    read_imu(instruments.imu, step, period, motion, tilt_x, tilt_y, draw[:IMU_DRAWS], inertial)
+    read_imu(instruments.imu, step, period, motion, tilt, draw[:IMU_DRAWS], inertial)
     read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)
     faults = instruments.faults
     if faults.table.shape[0] > 0:

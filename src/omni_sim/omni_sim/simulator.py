@@ -25,7 +25,7 @@ from omni_sim.faults import FaultConfiguration
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.imu import ImuConfiguration
-from omni_sim.measurement import build_instruments, draws, measure
+from omni_sim.measurement import Readings, Truth, build_instruments, draws, measure
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -316,12 +316,13 @@ class Simulator:
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose
+        wheels = vehicle.wheels
         self._measure()
         return Observation(
             stamp_ns=self._stamp_ns,
-            wheel_angle=vehicle.wheels["angle"],
-            wheel_speed=vehicle.wheels["speed"],
-            brake_torque=vehicle.wheels["brake"],
+            wheel_angle=wheels["angle"],
+            wheel_speed=wheels["speed"],
+            brake_torque=wheels["brake"],
             pedal=self._driver.pedal(self._stamp_ns),
             command=self._driver.command_twist(self._stamp_ns, float(pose[2])),
             pose=pose,
@@ -330,10 +331,10 @@ class Simulator:
             velocity_sensor=Twist(self._stamp_ns, self._reading.copy(), self._covariance.copy()),
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
-            wheel_load=vehicle.wheels["load"],
-            wheel_force=vehicle.wheels["force"],
+            wheel_load=wheels["load"],
+            wheel_force=wheels["force"],
             wheel_force_body=vehicle.wheel_force_body,
-            slip=vehicle.wheels["slip"],
+            slip=wheels["slip"],
             line_batches=self._batches,
         )
 
@@ -345,19 +346,19 @@ class Simulator:
         vehicle = self.vehicle
         motion, tilt_x, tilt_y = vehicle.motion
         self._reading = self._velocity_sensor.measure(self._stamp_ns, motion[3:]).value
+        wheels = vehicle.wheels
         measure(
             self._instruments,
-            self._stamp_ns // self.control_period_ns,
-            self.control_period_ns,
-            motion,
-            tilt_x,
-            tilt_y,
-            vehicle.wheels["angle"],
-            vehicle.wheels["speed"],
+            Truth(
+                self._stamp_ns // self.control_period_ns,
+                self.control_period_ns,
+                motion,
+                (tilt_x, tilt_y),
+                wheels["angle"],
+                wheels["speed"],
+            ),
             self._noise.standard_normal(draws(len(self._encoder))),
-            self._reading,
-            self._imu,
-            self._encoder,
+            Readings(self._reading, self._imu, self._encoder),
         )
         self._velocity_sensor.state_covariance(self._reading, self._covariance)
 

@@ -37,7 +37,7 @@ def read(
     imu = build_imu(ImuConfiguration(**(PERFECT | changes)), PERIOD)
     readings, random = np.empty((len(motions), 3)), np.random.default_rng(1)
     for step, motion in enumerate(motions):
-        read_imu(imu, step, PERIOD, motion, *tilt, random.standard_normal(3), readings[step])
+        read_imu(imu, step, PERIOD, motion, tilt, random.standard_normal(3), readings[step])
     return readings
 
 

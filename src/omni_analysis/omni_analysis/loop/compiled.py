@@ -37,7 +37,7 @@ from omni_brake_assist.laws.registry import own_law
 from omni_platform.configuration import ConfigurationError
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.measurement import Instruments, build_instruments, draws, measure
+from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
 from omni_sim.run_progress import (
     RUNNING,
     STOPPED,
@@ -223,13 +223,15 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     instrument_seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
     noise = np.random.default_rng(instrument_seed)
+    desk = _new_desk(len(vehicle.wheel_names), loop.steps)
+    run = _Run(vehicle.state, assist, memory, sensors, loop, desk, body, wheels)
     used, outcome = 0, RUNNING
     while outcome == RUNNING and used < stamps:
         last = min(used + _CHUNK, stamps)
         if loop.measures:  # drawn piece by piece: most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
-        parts = vehicle.state, assist, memory, sensors, loop, used, last, body, wheels
-        used, outcome = _run(*parts) if law is None else _run_own(law, *parts)
+        part = (run, used, last)
+        used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
     return FastRun(
         vehicle.wheel_names,
         loop.period_ns,
@@ -337,7 +339,6 @@ class _Desk(NamedTuple):
     scratch: FloatArray  # trajectory of a control period
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def _new_desk(wheels: int, steps: int) -> _Desk:
     return _Desk(
         np.empty((3, 3)),
@@ -349,16 +350,23 @@ def _new_desk(wheels: int, steps: int) -> _Desk:
     )
 
 
+class _Run(NamedTuple):
+    """A run on its way; T stamps and N wheels."""
+
+    state: State
+    assist: Constants
+    memory: Memory
+    sensors: _Sensors
+    loop: _Loop
+    desk: _Desk
+    body: FloatArray  # record of the body, (T, 11)
+    wheels: FloatArray  # record of the wheels, (T, N, 5)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _listen(
-    state: State,
-    sensors: _Sensors,
-    loop: _Loop,
-    stamp: int,
-    row: FloatArray,
-    desk: _Desk,
-) -> Inputs:
-    """Return what the assistant hears at a stamp; the row receives the motion and the feedback."""
+def _listen(run: _Run, stamp: int) -> Inputs:
+    """Return what the assistant hears at a stamp; record the motion and the feedback."""
+    state, sensors, loop, desk, row = run.state, run.sensors, run.loop, run.desk, run.body[stamp]
     now_ns = stamp * loop.period_ns
     base_motion(state.body[0], state.plant.centre, row)
     velocity, held, feedback = sensors.velocity, sensors.held, row[6:9]
@@ -367,20 +375,16 @@ def _listen(
     sensors.drawn[0] += due
     read(velocity, held, now_ns, row[3:6], draw, feedback)
     if loop.measures:
-        measure(
-            sensors.instruments,
+        truth = Truth(
             stamp,
             loop.period_ns,
             row[:6],
-            state.body[0].tilt_x,
-            state.body[0].tilt_y,
+            (state.body[0].tilt_x, state.body[0].tilt_y),
             state.wheels["angle"].copy(),
             state.wheels["speed"].copy(),
-            sensors.noise[stamp % sensors.noise.shape[0]],
-            feedback,
-            desk.imu,
-            desk.wheel_speed,
         )
+        noise = sensors.noise[stamp % sensors.noise.shape[0]]
+        measure(sensors.instruments, truth, noise, Readings(feedback, desk.imu, desk.wheel_speed))
     state_covariance(velocity, feedback, desk.covariance)
     heard = GOOD if loop.measures else ABSENT
     return Inputs(
@@ -395,83 +399,45 @@ def _listen(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _run(
-    state: State,
-    assist: Constants,
-    memory: Memory,
-    sensors: _Sensors,
-    loop: _Loop,
-    first: int,
-    last: int,
-    body: FloatArray,
-    wheels: FloatArray,
-) -> tuple[int, int]:
+def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
-    desk = _new_desk(wheels.shape[1], loop.steps)
     for stamp in range(first, last):
-        inputs = _listen(state, sensors, loop, stamp, body[stamp], desk)
-        assist_step(assist, memory, inputs, desk.error, desk.enable)
-        outcome = _go_on(state, memory, sensors, loop, stamp, desk, body[stamp], wheels[stamp])
+        inputs = _listen(run, stamp)
+        assist_step(run.assist, run.memory, inputs, run.desk.error, run.desk.enable)
+        outcome = _go_on(run, stamp)
         if outcome != RUNNING:
             return stamp + 1, outcome
     return last, RUNNING
 
 
-def _run_own(
-    law: Law,
-    state: State,
-    assist: Constants,
-    memory: Memory,
-    sensors: _Sensors,
-    loop: _Loop,
-    first: int,
-    last: int,
-    body: FloatArray,
-    wheels: FloatArray,
-) -> tuple[int, int]:
-    """Run the loop with a law from outside between its two compiled halves; as `_run`."""
-    desk = _new_desk(wheels.shape[1], loop.steps)
+def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop with a law from outside between its two compiled halves; as `_run_part`."""
+    error, enable = run.desk.error, run.desk.enable
     for stamp in range(first, last):
-        inputs, ready, motion = _hear(state, assist, memory, sensors, loop, stamp, body, desk)
-        answer, _ = ask(law, motion, desk.error, desk.enable) if ready else (NO_HELP, "")
-        act(assist, memory, inputs, ready, answer, motion, desk.error, desk.enable)
-        outcome = _go_on(state, memory, sensors, loop, stamp, desk, body[stamp], wheels[stamp])
+        inputs, ready, motion = _hear(run, stamp)
+        answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
+        act(run.assist, run.memory, inputs, ready, answer, motion, error, enable)
+        outcome = _go_on(run, stamp)
         if outcome != RUNNING:
             return stamp + 1, outcome
     return last, RUNNING
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hear(
-    state: State,
-    assist: Constants,
-    memory: Memory,
-    sensors: _Sensors,
-    loop: _Loop,
-    stamp: int,
-    body: FloatArray,
-    desk: _Desk,
-) -> tuple[Inputs, bool, Motion]:
+def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     """Return what the assistant hears, whether to ask the law and what to ask it with."""
-    inputs = _listen(state, sensors, loop, stamp, body[stamp], desk)
-    desk.error[:] = 0.0
-    ready, motion = listen(assist, memory, inputs)
+    inputs = _listen(run, stamp)
+    run.desk.error[:] = 0.0
+    ready, motion = listen(run.assist, run.memory, inputs)
     return inputs, ready, motion
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _go_on(
-    state: State,
-    memory: Memory,
-    sensors: _Sensors,
-    loop: _Loop,
-    stamp: int,
-    desk: _Desk,
-    row: FloatArray,
-    wheels: FloatArray,
-) -> int:
+def _go_on(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
-    row[_TRUST] = 0.0 if memory.step[0].faulty else 1.0
+    state, loop, desk = run.state, run.loop, run.desk
+    row, wheels = run.body[stamp], run.wheels[stamp]
+    row[_TRUST] = 0.0 if run.memory.step[0].faulty else 1.0
     stored = energies(state)
     row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
     for i in range(desk.enable.size):
@@ -482,7 +448,7 @@ def _go_on(
         wheels[i, _ENABLE] = desk.enable[i]
         wheels[i, _ERROR] = desk.error[i]
     now_ns, speed = stamp * loop.period_ns, rim_speed(row[3:6])
-    outcome: int = run_outcome(loop.end, sensors.rest, now_ns, loop.pedal[stamp], speed)
+    outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == RUNNING:
         _advance(state, loop, stamp, row[2], desk.enable, desk.scratch)
     return outcome
