@@ -69,5 +69,34 @@ def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
     silence = "faults.silence={channel: twist, kind: drop_out, time: 0.6, duration: 0.1}"
     run = _stop("straight_line", "assisted", PROPORTIONAL, alone, silence)
     untouched = _stop("straight_line", "assisted", PROPORTIONAL, alone)
-    assert run.stopping_distance < untouched.stopping_distance + 0.3
+    assert run.stopping_distance < untouched.stopping_distance + 0.4
     assert run.orientation_change < 2.0
+
+
+@pytest.mark.parametrize("brakes", ["proportional", "on_off"])
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        "vehicle.tire.damping=0",
+        "vehicle.tire.stiffness=50000",
+        "vehicle.brake.time_constant=0.05",
+        "vehicle.brake.dead_time=0.05",
+        "vehicle.wheel_inertia=2",  # valves that let it spin up in time
+    ],
+)
+def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes: str) -> None:
+    run = _stop("straight_line", "assisted", f"vehicle.brake.kind={brakes}", unknown)
+    settings = ("feedback=velocity_sensor", unknown)
+    alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
+    assert run.stopping_distance <= 1.05 * alone.stopping_distance
+    assert run.orientation_change <= 5.0
+
+
+def test_a_slow_stop_does_not_wait_for_the_tires() -> None:
+    slow = "maneuver.speed=2"
+    run = _stop("straight_line", "assisted", PROPORTIONAL, slow)
+    alone = run_fast_loop(
+        LIBRARY.load("straight_line", "unassisted", ["feedback=velocity_sensor", slow])
+    )
+    assert run.stopping_distance < 1.2 * alone.stopping_distance
+    assert run.orientation_change < 1.0

@@ -59,10 +59,13 @@ _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
 _AT_BOUND = 0.98
+_PUSH = 3.0  # sliding speed beyond that at the target while there is no force yet [m/s]
+_RISING = 0.01  # share of its capacity by which a force grows while it builds up in a period [1]
 _LEAST_SHARE = 0.01  # of the last brake that is on [1]
 _HORIZON = 3  # periods over which the pattern of valves is predicted
 _MOST_PATTERNS = 8  # wheels of which all patterns are compared
 _VALVE_TURN_WEIGHT = 30.0
+_DEEP_WEIGHT = 0.06  # of wheels below the speed at their slip, which take time to come back
 
 WHEEL = np.dtype(
     [
@@ -70,6 +73,7 @@ WHEEL = np.dtype(
         ("torque", "f8"),  # of the nominal brake now [N m]
         ("mean", "f8"),  # likewise over the period to come
         ("force", "f8"),  # observed, at least 0 [N]
+        ("risen", "f8"),  # by how much in the last period [N]
         ("capacity", "f8"),  # [N]
         ("wanted", "f8"),  # [N]
     ]
@@ -230,7 +234,7 @@ def _start(law: Constants, memory: Memory, motion: Motion) -> None:
     body.turn_limit = max(_GENTLE_TURN, need)
     memory.sent[:] = 0.0
     for i in range(wheel.size):
-        wheel[i].torque = wheel[i].mean = wheel[i].force = 0.0
+        wheel[i].torque = wheel[i].mean = wheel[i].force = wheel[i].risen = 0.0
         wheel[i].capacity = wheel[i].wanted = law.mass * _GRAVITY / wheel.size
 
 
@@ -268,7 +272,8 @@ def _observe(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) ->
         else:
             gained = law.inertia * (wheels.spin[i] - before) / motion.dt
             seen = min(max(wheel.mean + gained, 0.0), law.brake.max_torque) / wheels.rim[i]
-        wheel.force += _FORCE_SHARE * (seen - wheel.force)
+        wheel.risen = _FORCE_SHARE * (seen - wheel.force)
+        wheel.force += wheel.risen
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -305,7 +310,9 @@ def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
         wheel = memory.wheel[i]
         capacity = wheel.capacity
         if memory.body[0].steps > _SHY_STEPS:
-            if wheels.slip[i] > 0.6 * _TARGET_SLIP:
+            if wheel.risen > _RISING * capacity:
+                pass  # the tire still deflects: neither its capacity nor less
+            elif wheels.slip[i] > 0.6 * _TARGET_SLIP:
                 capacity += min(_PERIOD / _LEARNING_TIME, 1.0) * (wheel.force - capacity)
             elif wheel.wanted > 0.9 * capacity:
                 capacity += _PERIOD / _GROWTH_TIME * capacity
@@ -470,7 +477,9 @@ def _share_out(
         wheel = memory.wheel[i]
         hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
         spin, torque, force = _in_time(law, memory, wheels, hub, dt, i)
-        goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+        # A tire must deflect before it pushes: the faster it slides, the sooner.
+        push = _PUSH * (1.0 - min(wheel.force / wheel.capacity, 1.0))
+        goal = max(hub - push, 0.0) / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
         expected = force + _FORESIGHT * (wheel.capacity - force)
         need = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
         if wheel.wanted < _AT_BOUND * wheel.capacity:
@@ -507,7 +516,7 @@ def _choose(
     slowing = memory.body[0].slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
     most = brake.max_torque * motion.pedal
     horizon = _HORIZON + math.ceil(brake.time_constant / dt)
-    forces = np.empty((2, n))
+    forces, deep = np.empty((2, n)), np.empty((2, n))
     for i in range(n):
         hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
         start = _in_time(law, memory, wheels, hub, dt, i)
@@ -528,24 +537,27 @@ def _choose(
                 )
                 total += force
             forces[state, i] = total / horizon
+            goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+            missing = max(1.0 - spin / goal, 0.0) if goal > 0.0 else 0.0
+            deep[state, i] = _DEEP_WEIGHT / n * missing * missing
         enable[i] = 1.0
     if n <= _MOST_PATTERNS:
         best, chosen = math.inf, 0
         for pattern in range(1, 1 << n):
             for i in range(n):
                 enable[i] = float((pattern >> i) & 1)
-            cost = _cost(task, wheels, forces, enable)
+            cost = _cost(task, wheels, forces, deep, enable)
             if cost < best:
                 best, chosen = cost, pattern
         for i in range(n):
             enable[i] = float((chosen >> i) & 1)
         return
-    best = _cost(task, wheels, forces, enable)
+    best = _cost(task, wheels, forces, deep, enable)
     for _ in range(2 * n):
         changed = -1
         for i in range(n):
             enable[i] = 1.0 - enable[i]
-            cost = _cost(task, wheels, forces, enable)
+            cost = _cost(task, wheels, forces, deep, enable)
             if cost < best:
                 best, changed = cost, i
             enable[i] = 1.0 - enable[i]
@@ -555,7 +567,9 @@ def _choose(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cost(task: _Task, wheels: _Wheels, forces: FloatArray, enable: FloatArray) -> float:
+def _cost(
+    task: _Task, wheels: _Wheels, forces: FloatArray, deep: FloatArray, enable: FloatArray
+) -> float:
     """Return how badly a pattern of valves does the task; standing wheels should be locked."""
     along, across, turns, cost = 0.0, 0.0, 0.0, 0.0
     for i in range(enable.size):
@@ -565,6 +579,7 @@ def _cost(task: _Task, wheels: _Wheels, forces: FloatArray, enable: FloatArray) 
             continue
         along += task.along[i] * forces[state, i]
         across += task.across[i] * forces[state, i]
+        cost += deep[state, i]
         turns += task.turns[i] * forces[state, i]
     turned = max(task.least - turns, turns - task.most, 0.0)
     pushed = max(task.left - across, across - task.right, 0.0)
