@@ -31,6 +31,9 @@ FloatArray = NDArray[np.float64]
 EDGE_MARGIN = 0.02
 """How near an edge of a patch counts as beyond it [m]."""
 
+KEPT = math.radians(0.5)
+"""By how much a stop that keeps its heading may turn, and its motion leave the line [rad]."""
+
 _TIME_STEP = 2e-3  # of the torque that builds up [s]
 _PLACES = 200  # along the way over patches
 _LEAST = 1e-6  # deceleration that is none [m/s^2]
@@ -61,7 +64,9 @@ class Bound:
     Attributes:
         distance: [m], NaN where there is none.
         gap: by how much the bound may be below what forces that exist can do [1].
-        tolerance: by how much the lag of the loads may let a run go below it [m].
+        tolerance: by how much a run may go below it because of what is left out [m]: loads lag
+            behind, tires give back their deflection once the vehicle stands, and heading and
+            direction of motion may each be off by `KEPT`.
         reason: why there is none, else empty.
     """
 
@@ -191,7 +196,10 @@ class _Way:
         gap = best.bound / best.feasible - 1.0
         lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
         gain = max(lagging / best.bound - 1.0, 0.0)
-        return Bound(distance, gap, speed * self._transfer_time * gain)
+        turned = max(cases.turned(side * 2.0 * KEPT) for side in (-1.0, 1.0))
+        leeway = distance * (1.0 - best.bound / max(turned, best.bound))
+        give = self._limit.give(maneuver.twist[:2] / speed, best.bound)
+        return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
 
     def any_heading(self, maneuver: Maneuver) -> Bound:
         """Bound every stop."""
@@ -278,6 +286,14 @@ class _Straight(_Cases):
         """Likewise, without the wheels that the motion does not drag."""
         case = Case(self.friction(0.0, 0.0), True, standing=False)
         return self._limit.strongest(self._direction, case)
+
+    def turned(self, angle: float) -> float:
+        """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
+        cos, sin = math.cos(angle), math.sin(angle)
+        direction = np.array([[cos, -sin], [sin, cos]]) @ self._direction
+        case = Case(self.friction(0.0, 0.0), True, self._cap)
+        found = self._limit.strongest(direction, case)
+        return 0.0 if found is None else found.bound
 
     def lagging(self, lag: float) -> float:
         """Return the strongest deceleration while the loads lag behind [m/s^2]."""

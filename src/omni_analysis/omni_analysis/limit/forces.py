@@ -188,6 +188,17 @@ class LimitVehicle:
         stays = self._plane[:, 0] > reach * np.hypot(self._plane[:, 1], self._plane[:, 2])
         return [(PLANE, None), *((BALANCE, int(j)) for j in np.flatnonzero(~stays))]
 
+    def give(self, direction: FloatArray, deceleration: float) -> float:
+        """Return by how much the tires' springs push a vehicle that has stopped back [m].
+
+        Args:
+            direction: of the motion, unit vector, shape (2,).
+            deceleration: along it when the vehicle comes to stand [m/s^2].
+        """
+        force = self.masses.mass * deceleration * direction
+        stiffness = self._tire.stiffness * self.active.T @ self.active
+        return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
+
     def loose(self, friction: FloatArray) -> float:
         """Return a bound of the deceleration [m/s^2] whatever the loads of the moment may be."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))

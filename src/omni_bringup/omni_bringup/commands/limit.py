@@ -147,7 +147,7 @@ def _print(
     from rich.table import Table
 
     console = Console()
-    table = Table("no stop is shorter", "m", "gap", "lag of the loads [m]", pad_edge=False)
+    table = Table("no stop is shorter", "m", "gap", "tolerance [m]", pad_edge=False)
     for case, bound in bounds.items():
         if math.isnan(bound.distance):
             table.add_row(_WORDS[case], "-", "", "")
