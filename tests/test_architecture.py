@@ -12,7 +12,7 @@ from pathlib import Path
 from omni_process import WORKSPACE
 
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
-PLUG_INS = {"omni_analysis/studies"}  # a file each, found by its name
+PLUG_INS = {"omni_analysis/studies", "omni_bringup/commands"}  # a file each, found by its name
 # Packages whose modules may use ROS beside the nodes; `cost` measures, which takes a clock.
 OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
 

@@ -28,16 +28,18 @@ class End(NamedTuple):
         rest_speed: below which the vehicle stands still [m/s].
         settling_time: for which it must [s].
         duration_limit: time at which a run ends at the latest [s].
+        earliest: time before which standing still ends none [s].
     """
 
     rest_speed: float
     settling_time: float
     duration_limit: float
+    earliest: float
 
 
-def run_end(simulation: SimulationConfiguration) -> End:
-    """Lay out a configuration for the kernel."""
-    return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit)
+def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
+    """Lay out a configuration for the kernel; `earliest` is that of the maneuver [s]."""
+    return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
 def rest_memory() -> NDArray[np.void]:
@@ -69,7 +71,7 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
     elif not rest.still:
         rest.still = True
         rest.since = time
-    if rest.still and time - rest.since >= end.settling_time:
+    if rest.still and time - rest.since >= end.settling_time and time >= end.earliest:
         return STOPPED
     return TIME_LIMIT if time >= end.duration_limit else RUNNING
 
@@ -82,9 +84,10 @@ class RunProgress:
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:
-        self._end = run_end(configuration.simulation)
+        maneuver = configuration.maneuver
+        self._end = run_end(configuration.simulation, maneuver.earliest_end)
         self._rest = rest_memory()
-        self._brake_time = configuration.maneuver.brake_time
+        self._brake_time = maneuver.earliest_end or maneuver.brake_time
         self._time = 0.0
         self._initial_speed = 0.0
         self._speed = 0.0

@@ -158,7 +158,8 @@ class SimulatorConfiguration(Configuration):
     def check_consistency(self) -> None:
         """Refuse a camera that is too slow to deliver a pair of lines in every control period.
 
-        Nor may a line be exposed for longer than there is time.
+        Nor may a line be exposed for longer than there is time, nor may a run end before the
+        driver's demands do.
 
         Raises:
             ConfigurationError: names the sensor.
@@ -171,6 +172,13 @@ class SimulatorConfiguration(Configuration):
                     f"{self.simulation.control_period:g} s",
                 )
         check_exposure(self.sensors, self.camera)
+        last = self.maneuver.earliest_end
+        if last > self.simulation.duration_limit:
+            raise ConfigurationError(
+                "simulation.duration_limit",
+                f"{self.simulation.duration_limit:g} s end before the driver's demands, at "
+                f"{last:g} s; set it higher",
+            )
 
 
 @dataclasses.dataclass(frozen=True)

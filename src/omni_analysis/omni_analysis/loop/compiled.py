@@ -279,7 +279,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,
-        end=run_end(simulation),
+        end=run_end(simulation, configuration.maneuver.earliest_end),
     )
 
 

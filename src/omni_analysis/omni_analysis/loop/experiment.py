@@ -19,6 +19,7 @@ import yaml
 from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.registry import ODOMETRY_GROUP
 from linescan_odometry.twist import check_placement
+from omni_analysis.loop.demands import read_demands
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_platform.configuration import (
     Configuration,
@@ -34,6 +35,7 @@ from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
 _DEEPEST = 20  # parts of a key
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 _EXPERIMENTS = "experiments"
@@ -205,6 +207,10 @@ class ExperimentLibrary:
         resolved: dict[str, Any] = {}
         for key, value in tree.items():
             path = join_key(prefix, str(key))
+            if path == _DEMANDS and isinstance(value, str):
+                file = (near or Path()) / value
+                resolved[key] = _Part(read_demands(file if file.exists() else Path(value), path))
+                continue
             kind = _PARTS.get(path)
             if kind is not None and isinstance(value, str):
                 named = _nearest(value, near)

@@ -1,4 +1,4 @@
-"""The scripted driver: sets off at a constant velocity and brakes at a given time."""
+"""The scripted driver: sets off at a constant velocity and brakes at a given time, or as tabled."""
 
 from __future__ import annotations
 
@@ -9,10 +9,44 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_sim.vehicle.dynamics import in_turned_frame
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DemandConfiguration(Configuration):
+    """What a driver asks for over time, a row after the other; straight lines between them.
+
+    After the last row the drive's velocity is zero and the pedal stays as it is. Where the pedal
+    opens the clutch, the velocities do not count.
+    """
+
+    time: tuple[float, ...] = parameter((), description="Times of the rows, increasing", unit="s")
+    forward: tuple[float, ...] = parameter((), description="Velocity forward", unit="m/s")
+    left: tuple[float, ...] = parameter((), description="Velocity to the left", unit="m/s")
+    turn: tuple[float, ...] = parameter((), description="Yaw rate", unit="rad/s")
+    pedal: tuple[float, ...] = parameter((), description="Position of the pedal, 0..1")
+
+    def check_consistency(self) -> None:
+        """Refuse a table that is none.
+
+        Raises:
+            ConfigurationError: names the column.
+        """
+        for name in ("forward", "left", "turn", "pedal"):
+            column = getattr(self, name)
+            if len(column) != len(self.time):
+                raise ConfigurationError(
+                    name, f"has {len(column)} rows, must have {len(self.time)} as time has"
+                )
+        if np.any(np.diff(self.time) <= 0.0):
+            raise ConfigurationError("time", "must increase from row to row")
+        if self.time and self.time[0] < 0.0:
+            raise ConfigurationError("time", "must not begin before 0")
+        if any(not 0.0 <= pedal <= 1.0 for pedal in self.pedal):
+            raise ConfigurationError("pedal", "must lie in 0..1")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,6 +101,27 @@ class ManeuverConfiguration(Configuration):
         minimum=0.0,
         maximum=60.0,
     )
+    demands: DemandConfiguration = parameter(
+        default_factory=DemandConfiguration,
+        description="Table in place of speed, direction, yaw rate, pedal and their times; in an "
+        "experiment or --set it may be the name of a CSV file or of a recording",
+    )
+
+    @property
+    def earliest_end(self) -> float:
+        """Time before which a run is not over, though the vehicle may stand still [s]."""
+        return self.demands.time[-1] if self.demands.time else 0.0
+
+    def check_consistency(self) -> None:
+        """Refuse a table of body velocities that are to keep their direction in the world.
+
+        Raises:
+            ConfigurationError: names the key.
+        """
+        if self.demands.time and self.hold_world_direction:
+            raise ConfigurationError(
+                "hold_world_direction", "does not go with demands, which turn with the body"
+            )
 
 
 class Driver(Protocol):
@@ -98,6 +153,14 @@ class ScriptedDriver:
         self.configuration = configuration
         self._brake_ns = round(configuration.brake_time * 1e9)
         self._ramp_ns = round(configuration.pedal_ramp_time * 1e9)
+        demands = configuration.demands
+        self._times = np.array(demands.time)
+        self._rows = np.array((demands.forward, demands.left, demands.turn, demands.pedal))
+
+    def _row(self, stamp_ns: int) -> FloatArray:
+        """Return velocities and pedal of the table at a stamp, shape (4,)."""
+        time = stamp_ns * 1e-9
+        return np.array([np.interp(time, self._times, column) for column in self._rows])
 
     @property
     def start_pose(self) -> FloatArray:
@@ -108,6 +171,8 @@ class ScriptedDriver:
     @property
     def start_twist(self) -> FloatArray:
         """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
+        if self._times.size:
+            return self._row(0)[:3]
         c = self.configuration
         direction = math.radians(c.direction_deg)
         return np.array(
@@ -121,6 +186,8 @@ class ScriptedDriver:
     @property
     def settled_ns(self) -> int:
         """Time from which on pedal and command stay as they are [ns]."""
+        if self._times.size:
+            return round(float(self._times[-1]) * 1e9)
         return self._brake_ns + self._ramp_ns
 
     def pedal(self, stamp_ns: int) -> float:
@@ -129,6 +196,8 @@ class ScriptedDriver:
         Args:
             stamp_ns: time since the start of the run [ns].
         """
+        if self._times.size:
+            return float(self._row(stamp_ns)[3])
         elapsed = stamp_ns - self._brake_ns
         if elapsed < 0:
             return 0.0
@@ -147,7 +216,9 @@ class ScriptedDriver:
         Returns:
             In the body frame [m/s, m/s, rad/s], shape (3,).
         """
-        if stamp_ns - self._brake_ns >= self._ramp_ns:
+        if self._times.size and stamp_ns < self.settled_ns:
+            return self._row(stamp_ns)[:3]
+        if self._times.size or stamp_ns - self._brake_ns >= self._ramp_ns:
             return np.zeros(3)
         twist = self.start_twist
         if self.configuration.hold_world_direction:
