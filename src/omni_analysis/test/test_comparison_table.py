@@ -68,3 +68,13 @@ def test_numbers_stay_whole_on_any_width(names: list[str], width: int) -> None:
 
 def test_markup_in_names_is_printed_as_it_is() -> None:
     assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))
+
+
+def test_a_stop_of_eight_centimetres_is_told_in_millimetres() -> None:
+    short, shorter, long = (
+        {"stopping_distance": Metric(distance, "m")} for distance in (0.112, 0.0803, 9.87)
+    )
+    (row,) = (line for line in printed({"a": short, "b": shorter}) if "distance" in line)
+    assert row.split() == ["stopping", "distance", "mm", "112", "80"]
+    (row,) = (line for line in printed({"a": shorter, "b": long}) if "distance" in line)
+    assert row.split() == ["stopping", "distance", "m", "0.08", "9.87"]

@@ -192,7 +192,12 @@ def test_document_names_cases_and_is_strict_json() -> None:
                 "reference": 26.3,
                 "limit": 30.0,
             },
-            "brake_switchings.k7_rear_left": {"value": 3.0, "unit": "1"},
+            "brake_switchings.k7_rear_left": {
+                "value": 3.0,
+                "unit": "1",
+                "variant": "k7",
+                "wheel": "rear_left",
+            },
             "stopping_time.k7": {"value": None, "unit": "s", "note": "why"},
             "path_length.k7": {"value": None, "unit": "m"},
         },

@@ -153,6 +153,16 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
         raise ConfigurationError(option_of(cls, error.key), error.problem) from None
 
 
+def flags_of(cls: type[Configuration]) -> list[str]:
+    """Return the flags of a command's options, such as ``--peak-recovery``."""
+    fields = {field.name: _spelling(field) for field in dataclasses.fields(cls)}
+    return [
+        _flag(name, fields[name])
+        for name, _, _ in declared_parameters(cls)
+        if not fields[name].positional
+    ]
+
+
 def option_of(cls: type[Configuration], key: str) -> str:
     """Return the option that a person gives for a field, such as ``--peak-recovery``."""
     name = re.split(r"[.\[]", key)[0]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich import box
 from rich.console import Console, ConsoleOptions
@@ -14,7 +15,8 @@ from rich.text import Text
 
 from omni_analysis.loop.metrics import Metric
 
-_DECIMALS = {"m": 2, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
+_SMALL = 0.2  # [m] below which lengths are told in millimetres
+_DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 _ANY_WIDTH = 10_000  # more than any table needs
 
@@ -80,13 +82,18 @@ def _table(
     table.add_column("", min_width=max(map(len, words), default=1))
     table.add_column("unit", no_wrap=True)
     for variant, metrics in metrics_by_variant.items():
-        cells = [_cell(entry).plain for entry in metrics.values()]
+        cells = [
+            _cell(entry).plain
+            for quantity in quantities
+            if quantity in metrics
+            for entry in _in_row(quantity, metrics_by_variant, metrics[quantity])
+        ]
         parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
         width = max(map(len, parts if folded else (variant, *cells)), default=1)
         table.add_column(Text(variant), justify="right", overflow="fold", width=width)
     for quantity in quantities:
         entries = [metrics.get(quantity) for metrics in metrics_by_variant.values()]
-        unit = next((entry.unit for entry in entries if entry is not None), "")
+        unit, entries = in_small_units(entries)
         table.add_row(Text(labels[quantity]), "" if unit == "1" else unit, *map(_cell, entries))
     notes = {
         f"{variant}: {metric.note}": None
@@ -97,6 +104,36 @@ def _table(
     if notes:
         table.caption = Text("\n".join(notes))
     return table
+
+
+def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
+    """Return the unit of a row and its entries in it: lengths of millimetres are told as such.
+
+    Args:
+        entries: of one quantity, None where a column lacks it.
+    """
+    known = [entry for entry in entries if entry is not None]
+    unit = known[0].unit if known else ""
+    lengths = [abs(entry.value) for entry in known if math.isfinite(entry.value)]
+    if unit != "m" or not lengths or not 0.0 < max(lengths) < _SMALL:
+        return unit, list(entries)
+    return "mm", [None if entry is None else _times(entry, 1000.0, "mm") for entry in entries]
+
+
+def _in_row(
+    quantity: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]], metric: Metric
+) -> list[Metric]:
+    """Return a metric as its row tells it."""
+    unit, _ = in_small_units([metrics.get(quantity) for metrics in metrics_by_variant.values()])
+    return [_times(metric, 1000.0, unit) if unit != metric.unit else metric]
+
+
+def _times(metric: Metric, factor: float, unit: str) -> Metric:
+    reference = None if metric.reference is None else metric.reference * factor
+    limit = None if metric.limit is None else metric.limit * factor
+    return dataclasses.replace(
+        metric, value=metric.value * factor, unit=unit, reference=reference, limit=limit
+    )
 
 
 def metric_label(quantity: str) -> str:

@@ -149,7 +149,8 @@ def results_document(
 ) -> dict[str, Any]:
     """Return the one document that every measuring command prints, ready for strict JSON.
 
-    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``.
+    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``,
+    which says both apart too.
     Values that are not finite become None, and `note` says why where that is known.
 
     Args:
@@ -161,7 +162,8 @@ def results_document(
         for key, metric in metrics.items():
             quantity, _, wheel = key.partition(".")
             case = f"{variant}_{wheel}" if wheel else variant
-            entries[f"{quantity}.{case}"] = results_entry(metric)
+            apart = {"variant": variant, "wheel": wheel} if wheel else {}
+            entries[f"{quantity}.{case}"] = results_entry(metric) | apart
     return {"name": name, "metrics": entries}
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_analysis.figures.comparison_table import metric_label, metric_number
+from omni_analysis.figures.comparison_table import in_small_units, metric_label, metric_number
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.scene import Scene
 from omni_analysis.figures.style import time_label
@@ -155,8 +155,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
 def _metrics(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
     rows = []
     for quantity in dict.fromkeys(key for run in runs for key in run.metrics):
-        entries = [run.metrics.get(quantity) for run in runs]
-        unit = next(entry.unit for entry in entries if entry is not None)
+        unit, entries = in_small_units([run.metrics.get(quantity) for run in runs])
         values = [
             metric_number(entry.value, entry.unit) if entry and math.isfinite(entry.value) else None
             for entry in entries

@@ -1,0 +1,73 @@
+"""``./omni completion``: print what lets bash complete commands, options and names.
+
+Put it into effect with: eval "$(./omni completion)"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omni_bringup import commands
+from omni_bringup.commands.list import KINDS
+from omni_bringup.exit_codes import EXIT_OK
+from omni_platform.command_options import flags_of
+from omni_platform.configuration import Configuration
+
+_SCRIPT = """\
+_omni() {{
+  local word="${{COMP_WORDS[COMP_CWORD]}}" path="${{COMP_WORDS[*]:1:COMP_CWORD-1}}" choices=""
+  case "$path" in
+{cases}
+    *) choices="" ;;
+  esac
+  case "${{COMP_WORDS[COMP_CWORD-1]}}" in
+{values}
+  esac
+  COMPREPLY=($(compgen -W "$choices" -- "$word"))
+  [[ ${{#COMPREPLY[@]}} -gt 0 || $word == -* ]] || COMPREPLY=($(compgen -f -- "$word"))
+}}
+complete -o filenames -F _omni ./omni omni
+"""
+_VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
+_NAMED = {"run": "experiments", "limit": "experiments"}  # commands whose first word is a name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni completion``: none."""
+
+
+def run(_options: Options, workspace: Path) -> int:
+    """Print the script and return the exit code."""
+    names = {
+        kind: sorted(path.stem for path in (workspace / "config" / kind).glob("*.yaml"))
+        for kind in KINDS
+    }
+    cases = list(_cases(commands, "", names))
+    values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]
+    # The longest first, as "study" is the beginning of "study table2".
+    cases.sort(key=lambda case: -len(case[0]))
+    lines = [f'    "{path}"{"*" if path else ""}) choices="{words}" ;;' for path, words in cases]
+    print(_SCRIPT.format(cases="\n".join(lines), values="\n".join(values)), end="")
+    return EXIT_OK
+
+
+def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
+    """Yield the words typed so far and those that may follow."""
+    known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
+    yield path, " ".join(known)
+    for name in known:
+        if not path and name == "test":
+            continue
+        command = commands.load_command(group, name)
+        words = f"{path} {name}".strip()
+        if hasattr(command, "PACKAGE"):
+            yield from _cases(command, words, names)
+        else:
+            first = names[_NAMED[name]] if name in _NAMED else []
+            if name == "show":
+                first = sorted({one for some in names.values() for one in some})
+            yield words, " ".join([*flags_of(command.Options), "--help", *first])
