@@ -73,7 +73,7 @@ INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = ra
 
 # Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
 # vehicle rolling, and in the last of its speed there is next to no energy [1].
-_RECKONED_SHARE = 0.15
+_RECKONED_SHARE = 0.25
 
 _STEP = np.dtype(
     [
@@ -135,7 +135,7 @@ class Memory(NamedTuple):
         valves: see `valve_dwell`, shape (N, 2).
         laws: of the control laws.
         observer: see `observer`.
-        effect: ledger of `effect_monitor`, shape (16,).
+        effect: ledger of `effect_monitor`, shape (17,).
         told: enables of the last step, shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
     """

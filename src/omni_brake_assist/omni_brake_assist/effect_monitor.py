@@ -13,8 +13,9 @@ low-passed ``v`` is ahead of ``v``. What the vehicle could do, ``c``, is the bes
 in this stop, with less pedal proportionally less, and at least `floor`. No law, observer or twist
 has a say in it, and an honest law that releases most wheels but stops the vehicle is left alone.
 
-Nor may brakes be released for longer than a stop with a modest deceleration lasts. Once either
-bound is exceeded all brakes act until the pedal is released.
+Nor may brakes be released for longer than a stop with a modest deceleration lasts, or for `stall`
+at the end of a stop without much loss of speed: two brakes may hold a vehicle on a course along
+which no roller is braked. Once a bound is exceeded all brakes act until the pedal is released.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ FloatArray = NDArray[np.float64]
 # speed of the fastest rim when the pedal went down [m/s], time since, weighted by the pedal [s],
 # time since [s], speed of the fastest rim [m/s], the same low-passed [m/s], how often it has been
 # seen lately [1], specific force, low-passed [m/s^2], for how long there has been one [s], the best
-# loss of speed that it has shown [m/s^2] at which pedal [1], that wheels have shown at which pedal.
+# loss of speed that it has shown [m/s^2] at which pedal [1], that wheels have shown at which pedal,
+# for how long little speed has been lost at the end of the stop [s].
 (
     MISSED,
     BRAKED,
@@ -52,10 +54,13 @@ FloatArray = NDArray[np.float64]
     FORCE_PEDAL,
     BEST_LOSS,
     LOSS_PEDAL,
-) = range(16)
-LEDGER_SIZE = 16
+    STALLED,
+) = range(17)
+LEDGER_SIZE = 17
 
 _SETTLED = 0.6  # share of a step that a low pass must have followed to be believed [1]
+_END = 0.3  # share of the speed at the start from which on a stop is at its end [1]
+_LITTLE = 0.3  # share of the possible loss of speed that is little [1]
 _FASTEST_RIM = 200.0  # [m/s]
 _LARGEST_FORCE = 100.0  # [m/s^2]
 
@@ -75,6 +80,7 @@ class EffectConstants(NamedTuple):
         wheel_time: over which the loss of speed is taken from the wheels [s].
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
+        stall: time without much loss of speed at the end of a stop [s].
     """
 
     roll: FloatArray
@@ -88,6 +94,7 @@ class EffectConstants(NamedTuple):
     wheel_time: float
     least: float
     grace: float
+    stall: float
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -104,11 +111,12 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
         wheel_time=0.6,
         least=1.0,
         grace=1.0,
+        stall=0.2,
     )
 
 
 def effect_memory() -> FloatArray:
-    """Return a ledger in which nothing is booked, shape (16,)."""
+    """Return a ledger in which nothing is booked, shape (17,)."""
     return np.zeros(LEDGER_SIZE)
 
 
@@ -155,9 +163,12 @@ def watch_effect(
     if released:
         ledger[MISSED] += ledger[SPEED] * (1.0 - achieved) * dt
     ledger[BRAKED] += ledger[SPEED] * achieved * dt
+    stalls = released and achieved < _LITTLE and ledger[SPEED] < _END * ledger[START]
+    ledger[STALLED] = ledger[STALLED] + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger[START] + share * ledger[BRAKED]
     due = constants.grace + ledger[START] / constants.least
-    if released and (ledger[DEMANDED] > due or ledger[MISSED] > bound):
+    overdue = ledger[DEMANDED] > due or ledger[STALLED] > constants.stall
+    if released and (overdue or ledger[MISSED] > bound):
         ledger[TRIPPED] = 1.0
     return bool(ledger[TRIPPED] != 0.0)
 

@@ -82,6 +82,14 @@ def test_one_wheel_that_rolls_is_enough_to_tell_it(constants: EffectConstants) -
     assert trip_time(constants, 4.0, 0.3, rolls=1) < 3.0
 
 
+@pytest.mark.parametrize("imu", [True, False])
+def test_a_vehicle_that_rolls_on_at_the_end_of_a_stop_is_braked(
+    constants: EffectConstants, imu: bool
+) -> None:
+    # It loses speed from 5 to 0.5 m/s within half a second, and rolls on from there.
+    assert trip_time(constants, 9.0, 0.05, imu=imu) < 1.6
+
+
 def test_brakes_that_act_are_never_told_to_act(constants: EffectConstants) -> None:
     assert trip_time(constants, 4.0, 0.05, released=False) == np.inf
 
