@@ -89,7 +89,7 @@ class OdometryConfiguration(Configuration):
         maximum=1.0,
     )
     maximum_acceleration: float = parameter(
-        0.0,
+        50.0,
         description="Along a sensor's axis, beyond which a displacement is not plausible; 0 for "
         "no such limit",
         unit="m/s^2",

@@ -15,10 +15,10 @@ import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import Image, JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.messages import line_batch_of
+from linescan_odometry.messages import contradiction_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.pose import PoseIntegrator
 from linescan_odometry.registry import make_odometry
@@ -35,7 +35,7 @@ from omni_ros.messages import (
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
-from omni_ros.qos import BEST_EFFORT, RELIABLE, advertise, listen
+from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, listen
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
 from omni_ros.transforms import MISSING, TransformPublisher
@@ -102,13 +102,18 @@ class OdometryNode(Node):
         self.outputs = (self._twist,)
         self.further_outputs = (self._odom, *(() if self._angles is None else (self._angles,)))
         qos = BEST_EFFORT if inputs.best_effort_cameras else RELIABLE
-        for sensor in configuration.sensors:
-            take = partial(self._on_lines, sensor)
-            listen(self, Image, f"line_scan/{sensor}/lines", take, qos)
+        self._contradictions: dict[str, str] = {}
+        for name, sensor in configuration.sensors.items():
+            listen(self, Image, f"line_scan/{name}/lines", partial(self._on_lines, name), qos)
+            told = partial(self._on_camera_info, name, sensor)
+            listen(self, CameraInfo, f"line_scan/{name}/camera_info", told, LATCHED)
 
     def _on_lines(self, sensor: str, message: Image) -> None:
         for batches in self._collector.add(sensor, line_batch_of(message)):
             self._publish(self._odometry.update(batches))
+
+    def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
+        self._contradictions[name] = contradiction_of(message, sensor)
 
     def _publish(self, estimate: TwistEstimate) -> None:
         sideslip = self._sideslip.measure(estimate)
@@ -151,6 +156,7 @@ class OdometryNode(Node):
             estimate.assumed,
             bool(estimate.skid),
             *(wheel.measured for wheel in sideslip.values()),
+            *self._contradictions.values(),
         )
         values = {
             name: reading.reason or reading.remark or f"correlation {reading.correlation:.3f}"
@@ -163,10 +169,14 @@ class OdometryNode(Node):
         blind = [name for name, reading in estimate.readings.items() if not reading.measured]
         if estimate.assumed or estimate.skid:
             values["kinematics"] = estimate.skid or _ASSUMED
+        unlike = {name: words for name, words in self._contradictions.items() if words}
+        values |= {f"camera_info {name}": words for name, words in unlike.items()}
         words = "measuring" if estimate.measured else "the twist cannot be measured"
         if estimate.skid:
             words += ", the platform skids"
-        level = WARN if blind or estimate.skid else OK
+        if unlike:
+            words += f", camera_info contradicts the configuration of {', '.join(unlike)}"
+        level = WARN if blind or estimate.skid or unlike else OK
         words += f", without {', '.join(blind)}" if blind else ""
         status = Status(level if estimate.measured else ERROR, words, values)
         self._status.update(estimate.stamp_ns, key, status)

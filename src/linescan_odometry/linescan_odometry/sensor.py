@@ -16,14 +16,18 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
-from linescan_odometry.matching.subpixel import SubpixelRefiner
+from linescan_odometry.matching.subpixel import FEWEST_PIXELS, SubpixelRefiner
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
+from linescan_odometry.view.sharp import sharp_pixels, sharpened, steps
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
+_SHARP_PAIRS = 6  # of a batch that are compared by their detail
+_FEWEST_MOVES = 2
+_ALIKE = 0.3  # correlation of the detail of lines that show the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
 _QUICK = 6.0  # px per line, beyond which what stands still cannot pull
@@ -73,6 +77,11 @@ class SensorOdometry:
         self._moving_matcher = self._make_matcher(
             METRICS[configuration.metric](sensor.pixels, limit)
         )
+        self._sharp_matchers = {
+            step: self._make_sharp_matcher(sharp_pixels(sensor.pixels, step), limit)
+            for step in steps(sensor.pixels)
+            if sharp_pixels(sensor.pixels, step) >= 2 * FEWEST_PIXELS
+        }
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
         self._keyframe = Keyframe(sensor.pixels)
         self._plausibility = Plausibility(
@@ -84,6 +93,11 @@ class SensorOdometry:
         refiner = SubpixelRefiner(self._sensor.pixels, settings.peak_recovery)
         return PairMatcher(search, refiner, settings.minimum_correlation)
 
+    def _make_sharp_matcher(self, pixels: int, limit: int) -> PairMatcher:
+        search = METRICS["pearson"](pixels, min(limit, pixels - FEWEST_PIXELS))
+        refiner = SubpixelRefiner(pixels, self._configuration.peak_recovery)
+        return PairMatcher(search, refiner, _ALIKE)
+
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
         try:
@@ -92,7 +106,8 @@ class SensorOdometry:
             frozen = self._mark_frozen(lines, pairs)
             implausible = self._plausibility.mark(batch.stamp_ns, pairs)
             mean = self._average(lines, pairs, frozen, implausible)
-            mean = self._span(lines, mean)
+            finer = self._finer(lines, mean)
+            mean = finer or self._span(lines, mean)
             mean = self._doubt_still(lines, mean)
             self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
             return self._reading(batch.stamp_ns, lines, mean)
@@ -150,6 +165,40 @@ class SensorOdometry:
         displacement = average(pairs.displacement, inlier, weight)
         variance = self._matcher.mean_variance(pairs.displacement, weight)
         correlation = float(np.mean(pairs.similarity, where=inlier))
+        return _Mean(displacement, variance, correlation, share)
+
+    def _finer(self, lines: Lines, mean: _Mean) -> _Mean | None:
+        """Return the mean of the fine detail, if that moves otherwise than the lines as a whole.
+
+        Raises:
+            Unmeasured: it does, and does not agree with itself either.
+        """
+        tolerance = self._configuration.median_tolerance
+        for step, matcher in self._sharp_matchers.items():
+            few = matcher.match(sharpened(lines[-_SHARP_PAIRS - 1 :], step))
+            moves = few.displacement[few.usable]
+            if 2 * len(moves) <= len(few.usable) or len(moves) < _FEWEST_MOVES:
+                continue
+            middle = float(np.median(moves))
+            if 2 * np.count_nonzero(np.abs(moves - middle) <= tolerance) > len(few.usable):
+                break
+        else:
+            return None
+        if abs(middle - mean.displacement) <= tolerance or abs(middle) <= tolerance:
+            return None  # detail that stands still is that of the pixels, not of the ground
+        whole = matcher.match(sharpened(lines, step))
+        inlier = whole.usable & (np.abs(whole.displacement - middle) <= tolerance)
+        share = float(np.mean(inlier))
+        if share < self._configuration.minimum_inlier_share:
+            raise Unmeasured(
+                f"two things move in the view: the lines by {mean.displacement:.3g} px, their "
+                f"detail by {middle:.3g} px",
+                share,
+            )
+        weight = np.empty(len(inlier))
+        displacement = average(whole.displacement, inlier, weight)
+        variance = matcher.mean_variance(whole.displacement, weight)
+        correlation = float(np.mean(whole.similarity, where=inlier))
         return _Mean(displacement, variance, correlation, share)
 
     def _span(self, lines: Lines, mean: _Mean) -> _Mean:

@@ -50,7 +50,8 @@ def batch(lines: Any, newest: int) -> LineBatch:
 
 
 def one_sensor(pixels: int = 256, **changes: Any) -> SensorOdometry:
-    settings = configuration(pixels, **changes)
+    # These motions jump as no vehicle can, which `test_plausibility` is about.
+    settings = configuration(pixels, **{"maximum_acceleration": 0.0, **changes})
     return SensorOdometry(settings.sensors["front"], settings)
 
 

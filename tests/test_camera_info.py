@@ -1,0 +1,30 @@
+"""A camera that describes itself otherwise than the configuration does is named."""
+
+from __future__ import annotations
+
+import pytest
+from sensor_msgs.msg import CameraInfo
+
+from linescan_odometry.messages import contradiction_of
+from omni_platform.sensors import LineSensor
+
+CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "scale", "words"),
+    [
+        (1000, 1, 20_000.0, ""),
+        (1000, 1, 20_050.0, ""),
+        (1000, 1, 0.0, ""),
+        (0, 0, 0.0, ""),  # a driver that does not know its calibration
+        (1000, 480, 800.0, ""),  # an area camera's focal length
+        (500, 1, 20_000.0, "says 500 px a line, the configuration 1000 px"),
+        (1000, 1, 19_000.0, "says 19000 px/m, the configuration 20000 px/m"),
+    ],
+)
+def test_width_and_scale_are_compared(width: int, height: int, scale: float, words: str) -> None:
+    info = CameraInfo(width=width, height=height)
+    info.k[0] = scale
+    found = contradiction_of(info, CAMERA)
+    assert (words in found) if words else found == ""
