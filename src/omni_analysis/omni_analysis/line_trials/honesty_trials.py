@@ -31,6 +31,7 @@ LEAST_ERROR = 0.05  # m/s
 DEVIATIONS = 4.0
 
 _SIZE, _TEXELS = 0.2, 8192  # two texels a pixel of 1024 px on 50 mm
+_COARSE = 16
 _REPEAT = 0.0256  # period of the ground that repeats itself [m]
 
 SENSORS: Mapping[str, LineSensor] = {
@@ -217,8 +218,13 @@ def drive_over(
         return LineCameraArray(sensors, over, camera, key, threads=1)
 
     plain = CameraConfiguration()
-    clean = {False: array(plain, texture), True: array(plain, repeating)}
-    faulty = {name: array(fault.camera, texture) for name, fault in faults.items()}
+    clean = {False: array(plain, texture)}
+    if repeating is not texture:
+        clean[True] = array(plain, repeating)
+    # They only develop what the others have seen: a coarse ground is laid out sooner.
+    grey = np.ascontiguousarray(texture.grey[::_COARSE, ::_COARSE])
+    coarse = GroundTexture(grey, texture.size)
+    faulty = {name: array(fault.camera, coarse) for name, fault in faults.items()}
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
     generator = np.random.default_rng((seed, 7))
     for number in range(drives):
