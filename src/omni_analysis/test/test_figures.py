@@ -142,11 +142,14 @@ def test_time_series_rows_share_one_scale(
 def test_released_brakes_leave_gaps_in_the_strip(make_history: MakeHistory) -> None:
     enable = np.ones((301, 4))
     enable[100:150, 1] = 0.0  # released from 1.0 to 1.5 s
+    enable[:, 2] = 0.5
     figure = time_series({"a": make_history(enable=enable)})
     strips = [collection.get_paths() for collection in figure.axes[3].collections]
     spans = [[(path.get_extents().x0, path.get_extents().x1) for path in strip] for strip in strips]
     assert [len(span) for span in spans] == [1, 2, 1, 1]
     np.testing.assert_allclose(spans[1], [(0.0, 0.5), (1.0, 2.5)], atol=1e-9)  # pedal at 0.5 s
+    heights = [strip[0].get_extents().height for strip in strips]
+    np.testing.assert_allclose(heights, [0.7, 0.7, 0.35, 0.7], atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.3, 0.03], ids=["same", "smaller", "tiny"])

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from omni_analysis.limit.bounds import Maneuver, any_heading_bound, maneuver_of, straight_bound
 from omni_analysis.limit.forces import Case, LimitVehicle, farthest
+from omni_analysis.limit.share import limit_share
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_platform.geometry import cross
@@ -193,3 +194,22 @@ def test_forces_of_the_bound_neither_turn_nor_push(forklift: VehicleConfiguratio
     arm = limit.position - limit.masses.centre
     assert np.sum(cross(arm, found.force[:, None] * limit.active)) == pytest.approx(0.0, abs=1e-6)
     assert np.sum(found.load) == pytest.approx(limit.masses.mass * GRAVITY)
+
+
+def test_a_run_says_how_near_it_comes_to_the_limit(library: ExperimentLibrary) -> None:
+    shares = {}
+    for variant in ("unassisted", "allocation"):
+        experiment = library.load("straight_line", variant, ["feedback=velocity_sensor"])
+        run = run_fast_loop(experiment)
+        shares[variant] = limit_share(run.history(), experiment, run.stopping_distance)
+        assert not shares[variant].note
+    assert shares["unassisted"].value < 0.9
+    assert 0.97 < shares["allocation"].value < 1.02
+
+
+def test_a_turn_is_held_against_stops_with_any_heading(library: ExperimentLibrary) -> None:
+    experiment = library.load("turn_while_translate", "k7")
+    run = run_fast_loop(experiment)
+    share = limit_share(run.history(), experiment, run.stopping_distance)
+    assert "any heading" in share.note
+    assert 0.3 < share.value < 1.0

@@ -121,7 +121,7 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    """Draw one strip per wheel, filled from the stamps at which its brake was on."""
+    """Draw one strip per wheel, as high as the share of the pressure that its brake had."""
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
@@ -131,10 +131,18 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     for column, name in enumerate(history.wheel_names):
         row = wheels.index(name)
         # A missing enable means that the brake is on, as on a vehicle.
-        on = pressed & ~(history.enable[:, column] < 0.5)
-        changes = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
-        spans = [(edges[a], edges[b] - edges[a]) for a, b in changes.reshape(-1, 2).tolist()]
-        axes.broken_barh(spans, (row - 0.35, 0.7), facecolors=style.wheel_colour(row))
+        share = np.where(pressed, np.nan_to_num(history.enable[:, column], nan=1.0), 0.0)
+        share = np.append(share, share[-1])
+        drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # to the end of a period
+        axes.fill_between(
+            edges,
+            row + 0.35,
+            row + 0.35 - 0.7 * share,
+            where=drawn,
+            step="post",
+            color=style.wheel_colour(row),
+            linewidth=0.0,
+        )
 
 
 def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:

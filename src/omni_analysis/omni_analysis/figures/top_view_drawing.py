@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,7 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels in their colours, filled while braking, with the active direction across."""
+    """Draw wheels in their colours, as full as they brake, with the active direction across."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
@@ -105,7 +106,7 @@ def _draw_wheels(
         axes.add_patch(
             Polygon(
                 placed(outline, pose),
-                facecolor=colour if _is_braking(history, index, name) else "white",
+                facecolor=_tinted(colour, _share(history, index, name)),
                 edgecolor=colour,
                 linewidth=1.4,
                 alpha=faint,
@@ -124,11 +125,18 @@ def _draw_wheels(
         )
 
 
-def _is_braking(history: RunHistory, index: int, wheel: str) -> bool:
+def _share(history: RunHistory, index: int, wheel: str) -> float:
+    """Return the share of its pressure with which a wheel brakes [1]."""
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
-        return False
+        return 0.0
+    share = float(history.enable[index, history.wheel_names.index(wheel)])
     # A missing enable means that the brake is on, as on a vehicle.
-    return not history.enable[index, history.wheel_names.index(wheel)] < 0.5
+    return 1.0 if math.isnan(share) else share
+
+
+def _tinted(colour: str, share: float) -> tuple[float, ...]:
+    """Return white with a share of a colour [1]."""
+    return tuple(1.0 - share * (1.0 - part) for part in to_rgb(colour))
 
 
 def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from omni_analysis.limit.share import limit_share
 from omni_analysis.loop.drift import drift_metrics
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
@@ -99,7 +100,9 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     return compared
 
 
-def _measured(history: RunHistory) -> dict[str, Metric]:
+def _measured(
+    history: RunHistory, configuration: ExperimentConfiguration | None = None
+) -> dict[str, Metric]:
     # No clock ran along with what is read back.
     metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
     start = history.brake_start
@@ -108,6 +111,9 @@ def _measured(history: RunHistory) -> dict[str, Metric]:
         braking = history.assist_state[start : None if rest is None else rest + 1]
         assisting = sum(state in _ASSISTING for state in braking) / len(braking)
         metrics["assisting_share"] = Metric(assisting, "1")
+    if configuration is not None:
+        distance = metrics["stopping_distance"].value
+        metrics["limit_share"] = limit_share(history, configuration, distance)
     return metrics
 
 
@@ -128,7 +134,11 @@ def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
         shown = (stamps >= history.stamp_ns[0]) & (stamps <= history.stamp_ns[-1])
         forces = WheelForces(stamps[shown], forces.force[shown]) if np.any(shown) else None
     return dataclasses.replace(
-        whole, name=name, history=history, metrics=_measured(history), forces=forces
+        whole,
+        name=name,
+        history=history,
+        metrics=_measured(history, whole.configuration),
+        forces=forces,
     )
 
 
@@ -151,7 +161,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     return ReportedRun(
         name=name,
         history=history,
-        metrics=_measured(history),
+        metrics=_measured(history, configuration),
         forces=forces,
         configuration=configuration,
         values=values,

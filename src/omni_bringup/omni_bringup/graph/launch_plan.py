@@ -72,7 +72,7 @@ class LaunchPlan:
         report = self._last_report("simulator")
         check_report(report)
         check_counts(self._last_report("recorder"), report)
-        result = measured(report, self.variant, self.folder)
+        result = measured(report, self.variant, self.folder, self.configuration)
         metrics = {self.variant: result.metrics}
         write_summary(results_document(self.experiment, metrics), self.folder)
         return _printed(comparison_table(metrics))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from omni_analysis.limit.share import limit_share
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import Metric, run_metrics
@@ -92,16 +93,19 @@ def run_variant(
             recording=recording,
             external=external,
         )
-    return measured(report, variant, folder)
+    return measured(report, variant, folder, configuration)
 
 
-def measured(report: Mapping[str, Any], variant: str, folder: Path) -> VariantResult:
+def measured(
+    report: Mapping[str, Any], variant: str, folder: Path, configuration: ExperimentConfiguration
+) -> VariantResult:
     """Return the results of a run that has come to its end.
 
     Args:
         report: the last one of the simulator.
         variant: name of the case.
         folder: rosbag2 folder of the run.
+        configuration: of the whole loop.
     """
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
@@ -109,6 +113,8 @@ def measured(report: Mapping[str, Any], variant: str, folder: Path) -> VariantRe
     metrics = run_metrics(history) | {
         f"{limit}_time": _time_beyond(limit, report) for limit in ("overload", "tipping")
     }
+    distance = metrics["stopping_distance"].value
+    metrics["limit_share"] = limit_share(history, configuration, distance)
     return VariantResult(variant, folder, history, metrics)
 
 
