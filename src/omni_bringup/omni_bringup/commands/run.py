@@ -96,7 +96,6 @@ def run(options: Options, workspace: Path) -> int:
 
     if any(map(is_swept, options.changes)):
         return run_sweep(options, workspace)
-    from omni_analysis.figures.run_figures import draw_run_figures
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.recorded_run import BagError
     from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
@@ -143,6 +142,9 @@ def run(options: Options, workspace: Path) -> int:
     except OSError as error:
         print(f"omni run: cannot write to {folder}: {error.strerror}", file=sys.stderr)
         return EXIT_FAILED
+    # Not before the run, which would begin a second later.
+    from omni_analysis.figures.run_figures import draw_run_figures
+
     histories = {result.variant: result.history for result in results}
     try:
         pictures = draw_run_figures(configurations, histories, folder)
