@@ -53,7 +53,7 @@ def star(wheels: int) -> dict[str, WheelMount]:
 def scene(wheels: int = 4) -> Scene:
     patches = (
         GroundPatch.rectangle(8.0, 1.0, 3.0, 1.0, 20.0, 0.3),
-        GroundPatch.disc(11.0, -1.0, 0.5, 0.6),
+        GroundPatch.ellipse(11.0, -1.0, 1.0, 1.0, 0.0, 0.6),
     )
     return Scene(1.6, 1.2, star(wheels), (0.1, 0.1), (0.4, 0.3), patches)
 
@@ -346,7 +346,7 @@ def test_files_are_readable_and_repeat_to_the_byte(
 def test_patches_are_where_they_are_said_to_be() -> None:
     corners = np.array(GroundPatch.rectangle(2.0, 3.0, 4.0, 1.0, 90.0, 0.5).outline)
     np.testing.assert_allclose(sorted(corners.tolist()), [(1.5, 1), (1.5, 5), (2.5, 1), (2.5, 5)])
-    ring = np.array(GroundPatch.disc(1.0, -1.0, 2.0, 0.5).outline)
+    ring = np.array(GroundPatch.ellipse(1.0, -1.0, 4.0, 4.0, 0.0, 0.5).outline)
     np.testing.assert_allclose(np.hypot(ring[:, 0] - 1.0, ring[:, 1] + 1.0), 2.0)
 
 

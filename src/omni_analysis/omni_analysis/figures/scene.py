@@ -47,13 +47,6 @@ class GroundPatch:
         placed_ring = placed(ring, (x, y, math.radians(heading_deg)))
         return cls(tuple((cx, cy) for cx, cy in placed_ring.tolist()), friction)
 
-    @classmethod
-    def disc(cls, x: float, y: float, radius: float, friction: float) -> GroundPatch:
-        """Return a round patch about (x, y) [m]."""
-        angles = [math.tau * index / 72 for index in range(72)]
-        ring = ((x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles)
-        return cls(tuple(ring), friction)
-
 
 @dataclasses.dataclass(frozen=True)
 class Scene:

@@ -89,6 +89,8 @@ class RestCriterion:
     comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
     that from then on it never again exceeds the larger `rocking` limits. A vehicle that slows down
     at a reaches this `speed` / a early (20 ms at 5 m/s^2).
+    A run ends by another rule, `omni_sim.run_progress.run_outcome`: while it goes on nobody knows
+    whether the vehicle will rock once more, so it must have stood still for a while.
 
     Attributes:
         speed: of `base_link` [m/s].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from typing import Protocol
@@ -13,6 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from omni_analysis.wheels.mujoco_vehicle import MujocoVehicle
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
 from omni_platform.signals import Twist
+from omni_sim.run_progress import (
+    RUNNING,
+    STOPPED,
+    rest_memory,
+    rim_speed,
+    run_end,
+    run_outcome,
+)
+from omni_sim.simulator import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 
@@ -22,12 +32,13 @@ PERIOD = 0.01
 """Control period [s]."""
 
 _LONGEST = 10.0  # [s]
-_REST = 0.02  # largest speed, and yaw rate on a lever of 1 m, that counts as rest [m/s]
-_SETTLING = 0.2  # time at rest that ends a run [s]
+_END = run_end(SimulationConfiguration(duration_limit=_LONGEST))
 
 
 class Machine(Protocol):
     """A vehicle in any engine."""
+
+    physics_step: float
 
     @property
     def pose(self) -> FloatArray:
@@ -98,9 +109,7 @@ class Stop:
         return math.hypot(*(self.path[-1, :2] - self.path[0, :2]))
 
 
-def brake_to_rest(
-    machine: PlanarMachine | MujocoVehicle, assistant: BrakeAssistConfiguration
-) -> Stop:
+def brake_to_rest(machine: Machine, assistant: BrakeAssistConfiguration) -> Stop:
     """Brake fully until the vehicle stands; the assistant is told the true twist.
 
     Args:
@@ -109,17 +118,18 @@ def brake_to_rest(
     """
     assist = BrakeAssist(assistant)
     steps = round(PERIOD / machine.physics_step)
-    path, still = [machine.pose], 0
-    for index in range(round(_LONGEST / PERIOD)):
+    path, rest = [machine.pose], rest_memory()
+    for index in itertools.count():
         stamp = round(index * PERIOD * 1e9)
         twist = machine.twist
         feedback = Twist(stamp, twist, np.eye(3) * 1e-6)
         machine.advance(steps, 1.0, assist.update(BrakeDemand(stamp, 1.0, feedback)).enable)
         path.append(machine.pose)
-        x, y, rate = machine.twist
-        still = still + 1 if math.hypot(x, y) + abs(rate) < _REST else 0
-        if still * PERIOD >= _SETTLING:
+        outcome = run_outcome(
+            _END, rest, round(stamp + PERIOD * 1e9), 1.0, rim_speed(machine.twist)
+        )
+        if outcome != RUNNING:
             break
     pose = np.array(path)
     pose[:, 2] = np.unwrap(pose[:, 2])
-    return Stop(pose, still * PERIOD >= _SETTLING)
+    return Stop(pose, outcome == STOPPED)
