@@ -108,10 +108,10 @@ def test_noisy_velocity_sensor_gives_the_same_bits_too(
 def test_repeated_runs_give_the_same_bits(
     straight_line: FinishedRun, run_experiment: RunExperiment
 ) -> None:
+    # A third of these bits is the run in one process, above.
     first = read_run(straight_line.folder / "assisted")
-    for _ in range(2):
-        again = run_experiment("straight_line", "--variant", "assisted")
-        assert first_difference(first, read_run(again.folder / "assisted")) is None
+    again = run_experiment("straight_line", "--variant", "assisted")
+    assert first_difference(first, read_run(again.folder / "assisted")) is None
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
