@@ -73,7 +73,7 @@ INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = ra
 
 # Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
 # vehicle rolling, and in the last of its speed there is next to no energy [1].
-_RECKONED_SHARE = 0.25
+_RECKONED_SHARE = 0.15
 
 _STEP = np.dtype(
     [
