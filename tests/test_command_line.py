@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from omni_process import (
     RUN_TIMEOUT,
+    WORKSPACE,
     node_processes,
     omni,
     omni_command,
@@ -20,6 +21,8 @@ from omni_process import (
     wait_until,
 )
 from rosbags.highlevel import AnyReader
+
+from omni_bringup.cli import main
 
 
 @pytest.mark.parametrize(
@@ -49,14 +52,23 @@ from rosbags.highlevel import AnyReader
         (["--out", "/proc/omni"], "--out: cannot make /proc/omni"),
     ],
 )
-def test_bad_input_is_refused_by_name(arguments: list[str], words: str, tmp_path: Path) -> None:
+def test_bad_input_is_refused_by_name(
+    arguments: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     out = tmp_path / "out"
     chosen = [] if "--out" in arguments else ["--out", str(out)]
-    finished = omni(["run", *arguments, *chosen])
-    assert finished.returncode == 2
-    assert words in finished.stderr
-    assert len(finished.stderr.strip().splitlines()) == 1
-    assert not finished.stdout
+    with pytest.raises(SystemExit) as ended:
+        main(["run", *arguments, *chosen])
+    assert ended.value.code == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not printed.out
     assert not out.exists()
 
 
