@@ -1,6 +1,6 @@
 """The reference of every command and study, made from their declarations.
 
-``python -m omni_bringup.command_reference > docs/commands.md`` writes it for the documentation
+``python -m omni_bringup.command_reference > docs/options.md`` writes it for the documentation
 site; it is not kept.
 """
 
@@ -13,29 +13,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from omni_analysis.loop import metrics
 from omni_bringup import commands
 from omni_platform.command_options import option_of
 from omni_platform.configuration import declared_parameters
 
 _HEAD = """\
-# Commands
+# All options
 
-Every command that measures takes `--json` and then prints one document on standard output:
-`{"name": ..., "metrics": {"<quantity>.<case>": {"value": ..., "unit": ..., ...}}}`, where `limit`
-is a target that the value must not exceed and `reference` the dissertation's figure. A value that
-has no meaning is `null` and says why in its `note`. Exit codes: 0 done, 1 failed, 2 refused before
-anything started, 130 ended by Ctrl-C (143 by SIGTERM).
+Made from the declarations in the code. What each command is for, with examples, and what `--json`
+says: [Commands](commands.md). Exit codes: 0 done, 1 failed, 2 refused before anything started,
+130 ended by Ctrl-C (143 by SIGTERM).
 
 """
 
 
 def reference() -> str:
     """Return the reference as Markdown."""
-    parts = [_HEAD, *_sections(commands, "./omni", 2)]
-    table = inspect.cleandoc(metrics.__doc__ or "")
-    parts.append(f"## Metrics of a run\n\n```text\n{table}\n```\n")
-    return "\n".join(parts)
+    return "\n".join((_HEAD, *_sections(commands, "./omni", 2)))
 
 
 def _sections(group: Any, above: str, level: int) -> Iterator[str]:
