@@ -103,7 +103,12 @@ class Vehicle(Bystander):
 @pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
 def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
     """A vehicle with a real brake assistant process, in a ROS domain of its own."""
-    configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+        # There are no wheel speeds to have a second opinion from.
+        "straight_line",
+        "assisted",
+        ["brake_assist.second_opinion=false"],
+    )
     process = graph.brake_assist(configuration, tmp_path, lockstep=request.param)
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         group.start(process)

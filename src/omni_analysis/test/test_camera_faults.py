@@ -115,7 +115,9 @@ def test_a_fault_is_told_within_20_ms(
         assert not estimate.readings["camera_0"].measured
         assert "camera_0: " in estimate.reason
     if fault is mud:
-        assert "covered: its view stands still" in estimates[-1].reason
+        # Its motion ends where no vehicle's can, or stands still while the others move.
+        told = ("covered: its view stands still", "not plausible")
+        assert any(words in estimates[-1].reason for words in told)
 
 
 @pytest.mark.parametrize("fault", [cover, mud, dark, frozen])

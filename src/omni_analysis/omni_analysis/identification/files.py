@@ -37,6 +37,7 @@ ground:
 friction: {patch_friction:g}}}
 sensors: three_generic
 feedback: velocity_sensor
+brake_assist: {{second_opinion: false}} # as the text's assistant, which knows the twist alone
 maneuver:
   y: {start_y:.10g}
   heading_deg: {start_heading:.10g}
