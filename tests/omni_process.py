@@ -35,6 +35,18 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
     )
 
 
+def drive_process(recording: Path) -> subprocess.Popen[str]:
+    """Start ``omni drive`` without cameras, which records into a folder and prints its address."""
+    plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+    return subprocess.Popen(
+        omni_command(["drive", *plain, "--out", str(recording)]),
+        env=omni_environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
 def node_processes(session_of: int) -> list[int]:
     """Return the processes that carry the mark of a bring-up process."""
     mark = f"OMNI_PARENT_PID={session_of}".encode()

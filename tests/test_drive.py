@@ -18,7 +18,7 @@ import pytest
 from bystander import Bystander
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from omni_process import omni, omni_command, omni_environment, processes_of
+from omni_process import drive_process, omni, processes_of
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
@@ -34,7 +34,6 @@ HEARTBEAT = 0.05  # [s]
 REST = (0.0, 0.0, 0.0)
 FORWARD = (1.0, 0.0, 0.0)
 # Without pictures, so that a busy machine keeps up with the wall clock.
-PLAIN = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
 
 
 class Drive:
@@ -104,13 +103,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def drive(recording: Path) -> Iterator[Drive]:
-    process = subprocess.Popen(
-        omni_command(["drive", *PLAIN, "--out", str(recording)]),
-        env=omni_environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = drive_process(recording)
     try:
         yield Drive(process)
     finally:

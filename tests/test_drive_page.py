@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
 from chromium import Chromium, chromium
-from omni_process import omni, omni_command, omni_environment
+from omni_process import drive_process, omni
 
 PATIENCE = 60.0  # [s] only ends a test that hangs
 # Without pictures, so that a busy machine keeps up with the wall clock.
-PLAIN = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
 CARDS = "document.querySelectorAll('#stops li').length"
 
 
@@ -36,13 +34,7 @@ def stop_from(browser: Chromium, speed: float, number: int) -> str:
 
 def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path) -> None:
     recording = tmp_path / "drive"
-    process = subprocess.Popen(
-        omni_command(["drive", *PLAIN, "--out", str(recording)]),
-        env=omni_environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = drive_process(recording)
     try:
         assert process.stdout is not None
         url = process.stdout.readline().strip()

@@ -10,6 +10,7 @@ import dataclasses
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
@@ -54,6 +55,17 @@ class _Mean:
     variance: float
     correlation: float
     share: float
+
+
+def _mean_of(
+    matcher: PairMatcher, pairs: PairDisplacements, inlier: NDArray[np.bool_], share: float
+) -> _Mean:
+    """Average the pairs that agree, which are a share of all."""
+    weight = np.empty(len(inlier))
+    displacement = average(pairs.displacement, inlier, weight)
+    variance = matcher.mean_variance(pairs.displacement, weight)
+    correlation = float(np.mean(pairs.similarity, where=inlier))
+    return _Mean(displacement, variance, correlation, share)
 
 
 class SensorOdometry:
@@ -161,11 +173,7 @@ class SensorOdometry:
             unlike = frozen == implausible == 0 and int(lines.min()) < int(lines.max())
             reason = self._describe(lines, pairs, frozen, implausible)
             raise Unmeasured(reason, share, unlike=unlike)
-        weight = np.empty(len(inlier))
-        displacement = average(pairs.displacement, inlier, weight)
-        variance = self._matcher.mean_variance(pairs.displacement, weight)
-        correlation = float(np.mean(pairs.similarity, where=inlier))
-        return _Mean(displacement, variance, correlation, share)
+        return _mean_of(self._matcher, pairs, inlier, share)
 
     def _finer(self, lines: Lines, mean: _Mean) -> _Mean | None:
         """Return the mean of the fine detail, if that moves otherwise than the lines as a whole.
@@ -195,11 +203,7 @@ class SensorOdometry:
                 f"detail by {middle:.3g} px",
                 share,
             )
-        weight = np.empty(len(inlier))
-        displacement = average(whole.displacement, inlier, weight)
-        variance = matcher.mean_variance(whole.displacement, weight)
-        correlation = float(np.mean(whole.similarity, where=inlier))
-        return _Mean(displacement, variance, correlation, share)
+        return _mean_of(matcher, whole, inlier, share)
 
     def _span(self, lines: Lines, mean: _Mean) -> _Mean:
         """Compare the newest line with the oldest, if that tells the mean displacement better.

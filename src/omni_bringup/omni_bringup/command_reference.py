@@ -10,7 +10,6 @@ import dataclasses
 import inspect
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from omni_bringup import commands
@@ -63,8 +62,6 @@ def _rows(cls: Any) -> Iterator[str]:
         else:
             values = default if isinstance(default, tuple) else (default,)
             shown = f"`{', '.join(str(value) for value in values)}`"
-        if isinstance(default, Path):
-            shown = f"`{default}`"
         meaning = info.description.replace("|", "\\|").replace("<", "&lt;")
         yield f"| `{option_of(cls, name)}` | {shown} | {info.unit} | {meaning} |"
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from omni_analysis.loop.experiment import ExperimentConfiguration
     from omni_analysis.loop.sweep import SweptRun
 
-_SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
-
 
 def run_sweep(options: Any, workspace: Path) -> int:
     """Run every combination in one process and return the exit code.
@@ -108,15 +106,16 @@ def _print(runs: Sequence[SweptRun]) -> None:
     from rich.table import Table
 
     from omni_analysis.figures.comparison_table import metric_label, metric_number
+    from omni_analysis.loop.sweep import SHOWN
 
     table = Table(pad_edge=False, box=box.SIMPLE_HEAD)
     for key in runs[0].values:
         table.add_column(key.replace(".", ".\n"), justify="right")
     table.add_column("variant")
-    for quantity in _SHOWN:
+    for quantity in SHOWN:
         unit = runs[0].metrics[quantity].unit
         table.add_column(f"{metric_label(quantity)}\n[{unit}]", justify="right")
     for run in runs:
-        numbers = (metric_number(m.value, m.unit) for m in (run.metrics[q] for q in _SHOWN))
+        numbers = (metric_number(m.value, m.unit) for m in (run.metrics[q] for q in SHOWN))
         table.add_row(*run.values.values(), run.variant, *numbers)
     Console().print(table)

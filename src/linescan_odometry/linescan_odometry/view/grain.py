@@ -18,6 +18,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.measurements import FloatArray, Lines, SensorReading
+from linescan_odometry.view.sharp import steps
 from omni_platform.sensors import LineSensor, velocity_row
 
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared
@@ -45,7 +46,7 @@ class Keyframe:
         Args:
             pixels: n of a line.
         """
-        self._step = 4 if pixels > 512 else 2
+        self._step, _ = steps(pixels)
         self._line: FloatArray | None = None
         self._stamp_ns = 0
         self._shift = 0.0

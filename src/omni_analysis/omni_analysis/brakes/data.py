@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +77,7 @@ def read_brake_data(
         except ValueError as error:
             raise BrakeDataError(f"{error}; is it a recording of this vehicle?") from None
 
-    moved = np.array([planar_twist(_twist(message)) for message in twists.messages])
+    moved = np.array([planar_twist(message.twist.twist) for message in twists.messages])
     measured = np.all(np.isfinite(moved), axis=1)
     time = seconds(wheels)
     inside = (time >= seconds(twists)[measured][0]) & (time <= seconds(twists)[measured][-1])
@@ -100,7 +99,3 @@ def read_brake_data(
         command_time=command_time,
         command=np.clip(command, 0.0, 1.0)[:, np.newaxis] * shares,
     )
-
-
-def _twist(message: Any) -> Any:
-    return message.twist.twist

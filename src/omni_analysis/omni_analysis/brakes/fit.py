@@ -33,7 +33,6 @@ from omni_sim.vehicle.loads import MassProperties
 
 IntArray = NDArray[np.int64]
 
-KEYS = ("max_torque", "dead_time", "time_constant")
 _LARGEST_DEFLECTION = 0.2  # of a tire, as a share of the radius
 _SLOWEST = 0.5  # wheel speed below which a wheel counts as standing [rad/s]
 _LONGEST = 0.1  # between two samples that belong together [s]
@@ -173,7 +172,7 @@ def _equations(stop: BrakeData, vehicle: VehicleConfiguration) -> StopEquations:
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.centre
-    lever = _rolling_radius(stop, vehicle) * np.cos(geometry.roller_angle)
+    lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
     length = np.sqrt(masses.yaw_inertia / masses.mass)  # makes a moment comparable with a force
     wrench = np.column_stack((geometry.active, cross(arm, geometry.active) / length))
     wrench /= masses.mass
@@ -246,16 +245,15 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
     return np.concatenate(sums)
 
 
-def _rolling_radius(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray:
-    """Return the radius that each wheel rolls on [m], shape (N,): nominal where it is not seen."""
+def _rolling_share(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray:
+    """Return the radius that each wheel rolls on over its own, (N,); 1 where it is not seen."""
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
     found = np.sum(expected * stop.wheel_speed[rolling], axis=0)
     square = np.sum(stop.wheel_speed[rolling] ** 2, axis=0)
     share = np.divide(found, square, out=np.ones_like(found), where=square > _SLOWEST**2)
     plausible = abs(share - 1.0) < _LARGEST_DEFLECTION
-    radius = np.array([mount.radius for mount in vehicle.wheels.values()])
-    return np.asarray(np.where(plausible, share, 1.0) * radius)
+    return np.asarray(np.where(plausible, share, 1.0))
 
 
 def _search(equations: Sequence[StopEquations]) -> Any:

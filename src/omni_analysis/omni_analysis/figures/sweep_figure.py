@@ -9,14 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_analysis.figures import style
-from omni_analysis.loop.sweep import SweptRun, number
-
-_PANELS = {
-    "stopping_distance": "stopping distance [m]",
-    "orientation_change": "orientation change [deg]",
-    "lateral_deviation": "lateral deviation [m]",
-    "stopping_time": "stopping time [s]",
-}
+from omni_analysis.figures.comparison_table import metric_label
+from omni_analysis.loop.sweep import SHOWN, SweptRun, number
 
 
 def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
@@ -41,8 +35,9 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     style.draw_title(figure, title)
     grid = figure.subplots(2, 2, sharex=True)
-    for axes, (quantity, label) in zip(grid.flat, _PANELS.items(), strict=True):
+    for axes, quantity in zip(grid.flat, SHOWN, strict=True):
         _draw(axes, quantity, lines, key, place)
+        label = f"{metric_label(quantity)} [{runs[0].metrics[quantity].unit}]"
         axes.set_ylabel(label, fontsize=style.LABEL_SIZE)
         axes.set_ylim(bottom=0.0)
         if words:

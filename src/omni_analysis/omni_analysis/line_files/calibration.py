@@ -40,7 +40,7 @@ from omni_analysis.figures.style import (
     style_axes,
 )
 from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, velocity_row
 
 FloatArray = NDArray[np.float64]
 
@@ -167,7 +167,7 @@ def calibrate(told: LineSensor, drives: Sequence[Drive]) -> Calibration:
             "DRIVE", f"{len(pixels)} batches of a camera were measured, {_FEWEST} are needed"
         )
     phi, pitch = told.heading, told.pixel_pitch
-    start = np.array([math.cos(phi), math.sin(phi), _lever(told, phi)]) / pitch
+    start = np.array(velocity_row(told.x, told.y, phi)) / pitch
     prior = np.array(_PRIOR) / pitch
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < _KNOWN * prior
@@ -196,7 +196,7 @@ def calibrate(told: LineSensor, drives: Sequence[Drive]) -> Calibration:
     scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
     rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
     # The nearest place on the new line of sight, whose distance from base_link is the lever.
-    off = lever - _lever(told, heading)
+    off = lever - velocity_row(told.x, told.y, heading)[2]
     sensor = dataclasses.replace(
         told,
         x=float(told.x + off * math.sin(heading)),
@@ -217,10 +217,6 @@ def calibrate(told: LineSensor, drives: Sequence[Drive]) -> Calibration:
         tuple((d.pixels - d.twist @ coefficients) * found_pitch for d in drives),
         tuple((d.pixels - d.twist @ start) * pitch for d in drives),
     )
-
-
-def _lever(sensor: LineSensor, heading: float) -> float:
-    return sensor.x * math.sin(heading) - sensor.y * math.cos(heading)
 
 
 def _fit(

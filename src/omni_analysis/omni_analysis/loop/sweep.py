@@ -20,6 +20,9 @@ from omni_platform.configuration import ConfigurationError
 MOST = 1000
 """Runs of a sweep at most."""
 
+SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
+"""What table and picture of a sweep tell."""
+
 
 @dataclasses.dataclass(frozen=True)
 class SweptRun:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.sensors import velocity_row
 
 if TYPE_CHECKING:
     from omni_analysis.line_files.calibration import Calibration
@@ -108,13 +109,14 @@ def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
         sensor, error = one.sensor, one.error
         residual = math.sqrt(sum(float(r @ r) for r in one.residual) / sum(map(len, one.residual)))
         side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
+        _, _, lever = velocity_row(sensor.x, sensor.y, sensor.heading)
         for quantity, value, unit, uncertain in (
             ("pitch", sensor.pixel_pitch, "m", error["pitch"]),
             ("length", sensor.length, "m", error["pitch"] * sensor.pixels),
             ("heading", sensor.heading_deg, "deg", math.degrees(error["heading"])),
             ("x", sensor.x, "m", error["lever"] * side),
             ("y", sensor.y, "m", error["lever"] * ahead),
-            ("lever", _lever(one), "m", error["lever"]),
+            ("lever", lever, "m", error["lever"]),
             ("line_rate", sensor.line_rate, "1/s", error["line_rate"]),
             ("mirrored", float(one.mirrored), "1", 0.0),
             ("residual", residual, "m/s", 0.0),
@@ -125,11 +127,6 @@ def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
                 "standard_error": uncertain,
             }
     return metrics
-
-
-def _lever(one: Calibration) -> float:
-    sensor = one.sensor
-    return sensor.x * math.sin(sensor.heading) - sensor.y * math.cos(sensor.heading)
 
 
 def _yaml(found: Mapping[str, Calibration]) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, parameter
 
 if TYPE_CHECKING:
     from omni_analysis.brakes.fit import BrakeFit
@@ -54,7 +54,7 @@ class Options(Configuration):
 
 def run(options: Options, workspace: Path) -> int:
     """Fit brakes as the command line asks and return the exit code."""
-    from omni_analysis.brakes.data import BrakeDataError, read_brake_data
+    from omni_analysis.brakes.data import read_brake_data
     from omni_analysis.brakes.figure import brake_figure
     from omni_analysis.brakes.fit import fit_brakes
     from omni_analysis.figures.style import save_figure
@@ -73,7 +73,7 @@ def run(options: Options, workspace: Path) -> int:
             for path in options.recordings
         ]
         fit = fit_brakes(stops, vehicle)
-    except (BagError, BrakeDataError, ConfigurationError, ValueError) as error:
+    except (BagError, ValueError) as error:  # a configuration or data that do not fit, too
         print(f"omni fit-brakes: {error}", file=sys.stderr)
         return EXIT_REFUSED
     entries = _entries(fit, wheels)
@@ -98,19 +98,14 @@ def run(options: Options, workspace: Path) -> int:
 
 
 def _vehicle(options: Options, workspace: Path) -> VehicleConfiguration:
-    from omni_analysis.loop.experiment import ExperimentLibrary, recorded_experiment
-    from omni_analysis.report.recording import CONFIGURATION
+    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_bringup.replay.plan import recorded_configuration
+    from omni_recording.folder import open_bag
 
     if options.vehicle is not None:
         return ExperimentLibrary(workspace / "config").vehicle(options.vehicle)
-    path = options.recordings[0] / CONFIGURATION
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError:
-        raise ConfigurationError(
-            "", f"there is no {path}: name the vehicle with --vehicle"
-        ) from None
-    return recorded_experiment(text).vehicle
+    bag = open_bag(options.recordings[0])
+    return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
 
 
 def _entries(fit: BrakeFit, wheels: tuple[str, ...]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from linescan_odometry.measurements import LineBatch, Lines
 from linescan_odometry.messages import line_batch_of
+from omni_bringup.replay.plan import lines_topic
 from omni_platform.sensors import LineSensor
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
@@ -21,11 +22,6 @@ from omni_ros.messages import line_image
 
 _IMAGE = "sensor_msgs/msg/Image"
 _DEPTH = 200
-
-
-def topic_of(sensor: str) -> str:
-    """Return the topic of a camera's lines."""
-    return f"/line_scan/{sensor}/lines"
 
 
 def write_lines(
@@ -61,7 +57,7 @@ def write_lines(
     messages.sort(key=lambda message: message[0])
     definition, qos = find_message_definition(_IMAGE), RecordedQos(_DEPTH)
     writer = Rosbag2Writer(
-        folder, [RecordedTopic(topic_of(n), definition, qos) for n in lines], compression="zstd"
+        folder, [RecordedTopic(lines_topic(n), definition, qos) for n in lines], compression="zstd"
     )
     try:
         for stamp_ns, name, part in messages:
@@ -69,7 +65,7 @@ def write_lines(
             fields = {f: getattr(image, f) for f in image.get_fields_and_field_types()}
             fields["data"] = np.frombuffer(fields["data"], np.uint8)
             data = bytes(store.serialize_cdr(SimpleNamespace(**fields), _IMAGE))
-            writer.write(topic_of(name), stamp_ns, data)
+            writer.write(lines_topic(name), stamp_ns, data)
     finally:
         writer.close()
     return {name: sum(own == name for _, own, _ in messages) for name in lines}
@@ -89,7 +85,7 @@ def read_batches(
     Raises:
         BagError: a message cannot be read, or there is none of a camera.
     """
-    topics = {topic_of(name): name for name in sensors}
+    topics = {lines_topic(name): name for name in sensors}
     decoder = MessageDecoder()
     batches: dict[str, list[LineBatch]] = {name: [] for name in topics.values()}
     begin: int | None = None
@@ -105,7 +101,7 @@ def read_batches(
             break
         if elapsed >= start:
             batches[topics[topic]].append(batch)
-    silent = [topic_of(name) for name, own in batches.items() if not any(len(b.lines) for b in own)]
+    silent = [name for name, own in batches.items() if not any(len(b.lines) for b in own)]
     if silent:
-        raise BagError(bag.path, f"holds no lines then on {', '.join(silent)}")
+        raise BagError(bag.path, f"holds no lines then on {', '.join(map(lines_topic, silent))}")
     return batches

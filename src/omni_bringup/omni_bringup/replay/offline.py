@@ -17,7 +17,13 @@ from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
-from omni_bringup.replay.plan import BRAKE_ASSIST, ODOMETRY, ReplayPlan, feedback_topic
+from omni_bringup.replay.plan import (
+    BRAKE_ASSIST,
+    ODOMETRY,
+    ReplayPlan,
+    feedback_topic,
+    lines_topic,
+)
 from omni_platform.signals import Twist
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
@@ -89,7 +95,7 @@ class _Cores:
         if ODOMETRY in plan.nodes:
             odometry = _Odometry(configuration)
             for sensor in configuration.odometry.sensors:
-                self._takers[f"/line_scan/{sensor}/lines"] = odometry.taker(sensor)
+                self._takers[lines_topic(sensor)] = odometry.taker(sensor)
 
     def take(self, bag: Bag, recorded: RecordedMessage, decoder: MessageDecoder) -> list[Result]:
         topic = recorded.channel.topic

@@ -55,7 +55,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     outputs: dict[str, str] = {}
     if ODOMETRY in nodes:
         for sensor in configuration.odometry.sensors:
-            inputs[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
+            inputs[lines_topic(sensor)] = "sensor_msgs/msg/Image"
         outputs["/odometry/twist"] = _TWIST
         if configuration.odometry.sideslip:
             outputs["/odometry/sideslip"] = _JOINTS
@@ -68,6 +68,11 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     # What one node answers, the other hears from it and not from the recording.
     inputs = {topic: kind for topic, kind in inputs.items() if topic not in outputs}
     return ReplayPlan(configuration, tuple(nodes), inputs, outputs)
+
+
+def lines_topic(sensor: str) -> str:
+    """Return the topic of a camera's lines."""
+    return f"/line_scan/{sensor}/lines"
 
 
 def feedback_topic(configuration: ExperimentConfiguration) -> str:
@@ -112,13 +117,28 @@ def replay_configuration(
     """
     if experiment is not None:
         return library.load(experiment, library.variants(experiment)[-1], overrides)
+    remedy = "name an experiment whose sensors and wheels are those of the recording"
+    return recorded_configuration(bag, overrides, "--experiment", remedy)
+
+
+def recorded_configuration(
+    bag: Bag, overrides: Sequence[str], option: str, remedy: str
+) -> ExperimentConfiguration:
+    """Return the configuration that lies beside a recording.
+
+    Args:
+        bag: the recording.
+        overrides: ``dotted.key=value`` texts.
+        option: that stands in for it where there is none.
+        remedy: what to do with the option, in words.
+
+    Raises:
+        ConfigurationError: there is none, or a key or value does not fit.
+    """
     path = (bag.path if bag.path.is_dir() else bag.path.parent) / CONFIGURATION
     if not path.is_file():
-        raise ConfigurationError(
-            "--experiment",
-            f"there is no {CONFIGURATION} beside the recording; name an experiment whose sensors "
-            "and wheels are those of the recording",
-        )
+        words = f"there is no {CONFIGURATION} beside the recording; {remedy}"
+        raise ConfigurationError(option, words)
     try:
         if path.stat().st_size > _LARGEST_CONFIGURATION:
             raise ConfigurationError(str(path), f"is larger than {_LARGEST_CONFIGURATION} bytes")

@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_analysis.loop.recorded_run import read_streams
 from omni_platform.kinematics import PlatformKinematics
-from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
 from omni_recording.error import BagError
-from omni_recording.folder import Bag, bag_messages, bag_summary
+from omni_recording.folder import Bag
 
 FloatArray = NDArray[np.float64]
 
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
-_TOPICS = {TRUTH: "/ground_truth/odom", WHEELS: "/wheel_states"}
+_TOPICS = {TRUTH: "ground_truth/odom", WHEELS: "wheel_states"}
+_TYPES = {_TOPICS[TRUTH]: "nav_msgs/msg/Odometry", _TOPICS[WHEELS]: "sensor_msgs/msg/JointState"}
 _STEADY = 1.0  # m/s^2, beyond which wheels slip on the ground
 _SPREAD = 3  # samples to either side over which the acceleration is taken
 
@@ -38,22 +39,14 @@ def read_reference(
     Raises:
         BagError: the recording lacks it.
     """
-    counts = bag_summary(bag).counts
+    streams = read_streams(bag.path, _TYPES, ())
     if kind == AUTO:
-        kind = TRUTH if counts.get(_TOPICS[TRUTH]) else WHEELS
-    topic = _TOPICS[kind]
-    decoder = MessageDecoder()
+        kind = TRUTH if _TOPICS[TRUTH] in streams else WHEELS
+    stream = streams.get(_TOPICS[kind])
     wheels = list(configuration.vehicle.wheels)
     stamps: list[float] = []
     values: list[list[float]] = []
-    for recorded in bag_messages(bag):
-        if recorded.channel.topic != topic:
-            continue
-        try:
-            message = decoder.decode(recorded)
-        except DecodeError as error:
-            raise BagError(bag.path, f"{topic}: {error}") from None
-        stamp_ns = header_stamp_ns(message)
+    for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
         if kind == TRUTH:
             place, turn = message.pose.pose.position, message.pose.pose.orientation
             values.append([place.x, place.y, 2.0 * math.atan2(turn.z, turn.w)])
@@ -62,11 +55,10 @@ def read_reference(
             if any(name not in speed for name in wheels):
                 continue
             values.append([float(speed[name]) for name in wheels])
-        stamps.append(1e-9 * float(stamp_ns or 0))
+        stamps.append(1e-9 * float(stamp_ns))
     if len(stamps) < 2 * _SPREAD + 1:
-        raise BagError(bag.path, f"holds no motion to compare with on {topic}")
-    order = np.argsort(stamps)
-    time, known = np.array(stamps)[order], np.array(values)[order]
+        raise BagError(bag.path, f"holds no motion to compare with on /{_TOPICS[kind]}")
+    time, known = np.array(stamps), np.array(values)
     if kind == TRUTH:
         time, known = _means(time, known)
     else:

@@ -42,8 +42,8 @@ def run(options: Options, workspace: Path) -> int:
     from omni_analysis.figures.style import save_figure
     from omni_analysis.line_files.kymograph import draw_sights, see
     from omni_analysis.loop.experiment import ExperimentLibrary
-    from omni_bringup.replay.lines import read_batches, topic_of
-    from omni_bringup.replay.plan import replay_configuration
+    from omni_bringup.replay.lines import read_batches
+    from omni_bringup.replay.plan import lines_topic, replay_configuration
     from omni_recording.error import BagError
     from omni_recording.folder import bag_summary, open_bag
 
@@ -60,7 +60,7 @@ def run(options: Options, workspace: Path) -> int:
                 hint = did_you_mean(name, odometry.sensors)
                 raise ConfigurationError("--sensor", f"{name!r} is none of {known}{hint}")
         counts = bag_summary(bag).counts
-        names = options.sensor or [n for n in odometry.sensors if counts.get(topic_of(n))]
+        names = options.sensor or [n for n in odometry.sensors if counts.get(lines_topic(n))]
         if not names:
             raise BagError(bag.path, "holds no lines of a camera of its configuration")
         batches = read_batches(bag, names, options.start, options.duration)
