@@ -10,7 +10,7 @@ from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.sideslip import SideslipWheel, check_axis
 from linescan_odometry.twist import check_placement
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.sensors import LineSensor
 
 
@@ -130,12 +130,12 @@ class OdometryConfiguration(Configuration):
         above=0.0,
         maximum=10.0,
     )
-    kinematics: KinematicsConfiguration = parameter(
-        default_factory=KinematicsConfiguration,
+    kinematics: KinematicsConfiguration = section(
+        KinematicsConfiguration,
         description="Degree of freedom that the vehicle does not have while its wheels grip",
     )
-    sideslip: Mapping[str, SideslipWheel] = parameter(
-        default_factory=dict, description="Wheels whose sideslip angle is measured"
+    sideslip: Mapping[str, SideslipWheel] = section(
+        dict, description="Wheels whose sideslip angle is measured"
     )
 
     def shift_limit(self, sensor: LineSensor) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
 from omni_platform.brakes import BrakeConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.plugins import check_name
@@ -69,9 +69,8 @@ class BrakeAssistConfiguration(Configuration):
         above=0.0,
         maximum=1.0e4,
     )
-    brake: BrakeConfiguration = parameter(
-        description="Nominal brake of each wheel, for the law allocation",
-        default_factory=BrakeConfiguration,
+    brake: BrakeConfiguration = section(
+        BrakeConfiguration, description="Nominal brake of each wheel, for the law allocation"
     )
     minimum_dwell_time: float = parameter(
         0.0,

@@ -21,7 +21,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 _METADATA = "omni_parameter"
@@ -83,7 +83,6 @@ def parameter(
     maximum: float | None = None,
     above: float | None = None,
     choices: tuple[str, ...] | None = None,
-    default_factory: Any = dataclasses.MISSING,
 ) -> Any:
     """Declare a configuration field.
 
@@ -95,15 +94,23 @@ def parameter(
         maximum: largest permitted value.
         above: bound that the value must exceed.
         choices: permitted words of a str.
-        default_factory: as in `dataclasses.field`, for nested configurations.
     """
     info = ParameterInfo(description, unit, minimum, maximum, above, choices)
     keywords: dict[str, Any] = {"metadata": {_METADATA: info}, "kw_only": True}
     if default is not dataclasses.MISSING:
         keywords["default"] = default
-    if default_factory is not dataclasses.MISSING:
-        keywords["default_factory"] = default_factory
     return dataclasses.field(**keywords)
+
+
+def section(make: Callable[[], Any], *, description: str) -> Any:
+    """Declare a field that is a configuration itself, or a mapping of names to some.
+
+    Args:
+        make: returns what stands where nothing is given: the class, or ``dict``.
+        description: one line for people.
+    """
+    metadata = {_METADATA: ParameterInfo(description, "", None, None, None, None)}
+    return dataclasses.field(default_factory=make, metadata=metadata, kw_only=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from omni_platform.configuration import (
     ConfigurationError,
     from_mapping,
     parameter,
+    section,
     to_mapping,
 )
 
@@ -32,7 +33,7 @@ class Spring(Configuration):
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Machine(Configuration):
     main: Spring = parameter(description="Main spring")
-    spares: Mapping[str, Spring] = parameter(default_factory=dict, description="Spares")
+    spares: Mapping[str, Spring] = section(dict, description="Spares")
     locked: bool = parameter(False, description="Locked")
 
 

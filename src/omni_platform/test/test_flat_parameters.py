@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.flat_parameters import flatten, unflatten
 from omni_platform.geometry import WheelMount
 
@@ -20,8 +20,8 @@ class Brake(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cart(Configuration):
-    brake: Brake = parameter(default_factory=Brake, description="Brake")
-    wheels: Mapping[str, WheelMount] = parameter(default_factory=dict, description="Wheels")
+    brake: Brake = section(Brake, description="Brake")
+    wheels: Mapping[str, WheelMount] = section(dict, description="Wheels")
     ratios: tuple[float, ...] = parameter((1.0, 2.0), description="Gears")
     seed: int = parameter(3, description="Seed")
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Twist
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
@@ -56,20 +56,18 @@ _SECOND = 1_000_000_000
 class GroundConfiguration(Configuration):
     """What the vehicle drives on and what its line cameras look at."""
 
-    texture: TextureConfiguration = parameter(
-        default_factory=TextureConfiguration, description="Look of the ground"
-    )
+    texture: TextureConfiguration = section(TextureConfiguration, description="Look of the ground")
     friction: float = parameter(
         1.0,
         description="Friction factor mu/mu_0 of the ground, relative to the tire's own data",
         minimum=0.0,
         maximum=2.0,
     )
-    patches: Mapping[str, FrictionPatch] = parameter(
-        default_factory=dict, description="Patches with another friction"
+    patches: Mapping[str, FrictionPatch] = section(
+        dict, description="Patches with another friction"
     )
-    elevation: ElevationConfiguration = parameter(
-        default_factory=ElevationConfiguration, description="Height of the ground, flat by default"
+    elevation: ElevationConfiguration = section(
+        ElevationConfiguration, description="Height of the ground, flat by default"
     )
 
 
@@ -129,30 +127,24 @@ class SimulatorConfiguration(Configuration):
 
     seed: int = parameter(1, description="Seed of every random draw", minimum=0)
     vehicle: VehicleConfiguration = parameter(description="Vehicle")
-    ground: GroundConfiguration = parameter(
-        default_factory=GroundConfiguration, description="Ground"
-    )
+    ground: GroundConfiguration = section(GroundConfiguration, description="Ground")
     sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
-    camera: CameraConfiguration = parameter(
-        default_factory=CameraConfiguration, description="Exposure common to the line cameras"
+    camera: CameraConfiguration = section(
+        CameraConfiguration, description="Exposure common to the line cameras"
     )
-    maneuver: ManeuverConfiguration = parameter(
-        default_factory=ManeuverConfiguration, description="What the scripted driver does"
+    maneuver: ManeuverConfiguration = section(
+        ManeuverConfiguration, description="What the scripted driver does"
     )
-    velocity_sensor: VelocitySensorConfiguration = parameter(
-        default_factory=VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    velocity_sensor: VelocitySensorConfiguration = section(
+        VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
     )
-    imu: ImuConfiguration = parameter(
-        default_factory=ImuConfiguration, description="Inertial measurement unit"
+    imu: ImuConfiguration = section(ImuConfiguration, description="Inertial measurement unit")
+    encoders: EncoderConfiguration = section(EncoderConfiguration, description="Wheel encoders")
+    faults: Mapping[str, FaultConfiguration] = section(
+        dict, description="Faults of velocity sensor, IMU and encoders by name"
     )
-    encoders: EncoderConfiguration = parameter(
-        default_factory=EncoderConfiguration, description="Wheel encoders"
-    )
-    faults: Mapping[str, FaultConfiguration] = parameter(
-        default_factory=dict, description="Faults of velocity sensor, IMU and encoders by name"
-    )
-    simulation: SimulationConfiguration = parameter(
-        default_factory=SimulationConfiguration, description="Steps and end of the simulation"
+    simulation: SimulationConfiguration = section(
+        SimulationConfiguration, description="Steps and end of the simulation"
     )
 
     def check_consistency(self) -> None:

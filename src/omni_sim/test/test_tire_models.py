@@ -143,8 +143,7 @@ def tire_of_random_shape(name: str, shape: float, curvature: float) -> TireConfi
     st.floats(1.0, 5.0),
     st.booleans(),
     st.floats(0.0, 6000.0),
-    st.floats(1.05, 1.95),
-    st.floats(-20.0, 0.95),
+    st.tuples(st.floats(1.05, 1.95), st.floats(-20.0, 0.95)),
 )
 def test_patch_speed_solves_the_balance_of_forces(
     name: str,
@@ -153,11 +152,10 @@ def test_patch_speed_solves_the_balance_of_forces(
     gain: float,
     sliding: bool,
     load: float,
-    shape: float,
-    curvature: float,
+    shape: tuple[float, float],
 ) -> None:
     speed = 10.0**exponent
-    parameters = tire_of_random_shape(name, shape, curvature).kernel_parameters
+    parameters = tire_of_random_shape(name, *shape).kernel_parameters
     curve = curve_at(parameters, load, 1.0)
     force, w, now = contact_friction(demand, D, gain, speed, curve, sliding)
     assert 0.0 <= force <= curve.peak_force * (1.0 + 1e-12)

@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 
 from omni_bringup.drive.seat import DriverSeat
 from omni_bringup.drive.server import DriveServer
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
 from omni_ros.environment import REPORT_VARIABLE
 from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
@@ -50,8 +50,8 @@ class DriverConfiguration(Configuration):
     wheels: Mapping[str, WheelMount] = parameter(description="Wheels of the platform by name")
     chassis_length: float = parameter(description="Length of the platform", unit="m", above=0.0)
     chassis_width: float = parameter(description="Width of the platform", unit="m", above=0.0)
-    patches: Mapping[str, FrictionPatch] = parameter(
-        default_factory=dict, description="Patches of the ground to draw, by name"
+    patches: Mapping[str, FrictionPatch] = section(
+        dict, description="Patches of the ground to draw, by name"
     )
     assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
     max_speed: float = parameter(

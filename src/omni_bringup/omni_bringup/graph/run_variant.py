@@ -6,7 +6,7 @@ import dataclasses
 import math
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from omni_analysis.loop.recorded_run import read_run
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import (
+    NodeProcess,
     ProcessError,
     ProcessGroup,
     RunningProcess,
@@ -83,16 +84,11 @@ def run_variant(
         RunError: a node ended, fell silent or lost data; the message says which.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
-        report = _run_graph(
-            configuration,
-            folder,
-            Path(scratch),
-            domain,
-            lockstep=lockstep,
-            on_progress=on_progress,
-            recording=recording,
-            external=external,
+        nodes = graph.run_nodes(
+            configuration, folder, Path(scratch), lockstep=lockstep, recording=recording
         )
+        nodes = [node for node in nodes if node.name not in external]
+        report = _run_graph(nodes, configuration, folder, domain, on_progress)
     return measured(report, variant, folder, configuration)
 
 
@@ -125,19 +121,13 @@ def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
 
 
 def _run_graph(
+    nodes: Sequence[NodeProcess],
     configuration: ExperimentConfiguration,
     folder: Path,
-    scratch: Path,
     domain: int,
-    *,
-    lockstep: bool,
     on_progress: Progress,
-    recording: graph.RecordingOptions,
-    external: Collection[str],
 ) -> dict[str, Any]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
-    nodes = graph.run_nodes(configuration, folder, scratch, lockstep=lockstep, recording=recording)
-    nodes = [node for node in nodes if node.name not in external]
     try:
         with process_group(node_environment(domain)) as group:
             recorder, *_, simulator = [group.start(node) for node in nodes]

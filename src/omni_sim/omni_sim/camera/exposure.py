@@ -13,12 +13,28 @@ from __future__ import annotations
 import functools
 import math
 import statistics
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 _TABLE_BITS = 12
+
+
+class _Response(NamedTuple):
+    """How a grey level on the ground becomes one of a pixel [levels of a pixel]."""
+
+    gain: np.float32
+    offset: np.float32
+    white: np.float32
+
+
+class _Noise(NamedTuple):
+    """What noise is drawn from: normal quantiles [levels of a pixel], and the sensor's key."""
+
+    quantiles: NDArray[np.float32]
+    key: np.uint64
 
 
 def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
@@ -53,16 +69,11 @@ def expose(
         lines: uint8 for 0..255 or uint16 for the same range as 0..65535, shape (m, pixels).
     """
     scale = 1.0 if lines.dtype == np.uint8 else 257.0
-    _expose(
-        greys,
-        np.float32(gain * scale),
-        np.float32(offset * scale),
-        _quantiles() * np.float32(noise * scale),
-        np.float32(255.0 * scale),
-        key,
-        np.uint64(first_line),
-        lines,
+    response = _Response(
+        np.float32(gain * scale), np.float32(offset * scale), np.float32(255.0 * scale)
     )
+    drawn = _Noise(_quantiles() * np.float32(noise * scale), key)
+    _expose(greys, response, drawn, np.uint64(first_line), lines)
 
 
 @functools.cache
@@ -79,14 +90,13 @@ def _quantiles() -> NDArray[np.float32]:
 @njit(cache=True, nogil=True)
 def _expose(
     greys: NDArray[np.float32],
-    gain: np.float32,
-    offset: np.float32,
-    table: NDArray[np.float32],
-    white: np.float32,
-    key: np.uint64,
+    response: _Response,
+    noise: _Noise,
     first_line: np.uint64,
     lines: NDArray[np.uint8] | NDArray[np.uint16],
 ) -> None:
+    gain, offset, white = response
+    table, key = noise
     pixels = greys.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)
     pairs = np.uint64((pixels + 1) // 2)

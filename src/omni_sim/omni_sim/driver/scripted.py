@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_sim.vehicle.dynamics import in_turned_frame
 
 FloatArray = NDArray[np.float64]
@@ -101,8 +101,8 @@ class ManeuverConfiguration(Configuration):
         minimum=0.0,
         maximum=60.0,
     )
-    demands: DemandConfiguration = parameter(
-        default_factory=DemandConfiguration,
+    demands: DemandConfiguration = section(
+        DemandConfiguration,
         description="Table in place of speed, direction, yaw rate, pedal and their times; in an "
         "experiment or --set it may be the name of a CSV file or of a recording",
     )

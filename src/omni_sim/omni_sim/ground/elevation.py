@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 
 FloatArray = NDArray[np.float64]
 
@@ -105,12 +105,8 @@ class ElevationConfiguration(Configuration):
         minimum=-360.0,
         maximum=360.0,
     )
-    waves: Mapping[str, WaveConfiguration] = parameter(
-        default_factory=dict, description="Waves by name"
-    )
-    bumps: Mapping[str, BumpConfiguration] = parameter(
-        default_factory=dict, description="Bumps and hollows by name"
-    )
+    waves: Mapping[str, WaveConfiguration] = section(dict, description="Waves by name")
+    bumps: Mapping[str, BumpConfiguration] = section(dict, description="Bumps and hollows by name")
     sampling_distance: float = parameter(
         0.05,
         description="Distance from the wheel of the four points that span its road plane (5)",

@@ -9,13 +9,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
+
+
+class _Mosaic(NamedTuple):
+    """Cells as the kernel draws them; see `Cells`."""
+
+    points: Floats
+    grey: Floats
+    border_grey: np.float32
+    border: np.float32
 
 
 class Pattern(Protocol):
@@ -73,8 +82,8 @@ class Cells:
             Noise(self.warp[0]).draw(shift[0], first_row)
             Noise(self.warp[1]).draw(shift[1], first_row)
         target = np.empty_like(band) if self.darken else band
-        border_grey, border = np.float32(self.border_grey), np.float32(self.border)
-        _voronoi(target, first_row, self.points, self.grey, border_grey, border, warped, shift)
+        borders = np.float32(self.border_grey), np.float32(self.border)
+        _voronoi(target, first_row, _Mosaic(self.points, self.grey, *borders), warped, shift)
         if self.darken:
             np.minimum(band, target, out=band)
 
@@ -233,16 +242,8 @@ def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Floats]:
 
 
 @njit(cache=True, nogil=True)
-def _voronoi(
-    band: Floats,
-    first_row: int,
-    points: Floats,
-    grey: Floats,
-    border_grey: np.float32,
-    border: np.float32,
-    warped: bool,
-    shift: Floats,
-) -> None:
+def _voronoi(band: Floats, first_row: int, mosaic: _Mosaic, warped: bool, shift: Floats) -> None:
+    points, grey, border_grey, border = mosaic
     texels = band.shape[1]
     cells = len(points)
     scale = np.float32(cells) / np.float32(texels)

@@ -14,6 +14,7 @@ it is the curve of that direction exactly; a friction factor scales both curves 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,6 +31,15 @@ from omni_sim.tire.tmeasy import (
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
+
+
+class _Contacts(NamedTuple):
+    """Wheels on the ground: slips (1), (2) [1], loads [N] and ``mu/mu_0`` [1], shape (n,)."""
+
+    slip_x: FloatArray
+    slip_y: FloatArray
+    load: FloatArray
+    friction: FloatArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -94,20 +104,12 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _combined_forces(
-    x: FloatArray,
-    y: FloatArray,
-    largest_load: float,
-    slip_x: FloatArray,
-    slip_y: FloatArray,
-    load: FloatArray,
-    friction: FloatArray,
-    force: FloatArray,
+    x: FloatArray, y: FloatArray, largest_load: float, contacts: _Contacts, force: FloatArray
 ) -> None:
-    for i in range(load.size):
-        clamped = min(max(load[i], 0.0), largest_load)
-        at_x = curve_at_load(x, clamped, friction[i])
-        at_y = curve_at_load(y, clamped, friction[i])
-        force[i] = combined_force(at_x, at_y, slip_x[i], slip_y[i])
+    for i in range(contacts.load.size):
+        load, friction = min(max(contacts.load[i], 0.0), largest_load), contacts.friction[i]
+        at_x, at_y = curve_at_load(x, load, friction), curve_at_load(y, load, friction)
+        force[i] = combined_force(at_x, at_y, contacts.slip_x[i], contacts.slip_y[i])
 
 
 def combined_forces(
@@ -133,5 +135,5 @@ def combined_forces(
     shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
     coefficients = direction_coefficients(tire, "x"), direction_coefficients(tire, "y")
-    _combined_forces(*coefficients, tire.nominal_load_2, *flat, force)
+    _combined_forces(*coefficients, tire.nominal_load_2, _Contacts(*flat), force)
     return force.reshape((*shape, 2))

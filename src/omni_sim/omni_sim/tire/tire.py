@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.configuration import Configuration, parameter, section
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 
@@ -28,7 +28,7 @@ _ModelFields: Any = dataclasses.make_dataclass(
         (
             name,
             model.configuration,
-            parameter(description=model.description, default_factory=model.configuration),
+            section(model.configuration, description=model.description),
         )
         for name, model in MODELS.items()
     ],

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 
 FloatArray = NDArray[np.float64]
 
@@ -125,8 +125,8 @@ class TMeasyConfiguration(Configuration):
     nominal_load_2: float = parameter(
         6000.0, description="Largest permissible wheel load F_z2", unit="N", above=0.0
     )
-    x: TMeasyCurve = parameter(description="Longitudinal curve", default_factory=_table_1_x)
-    y: TMeasyCurve = parameter(description="Lateral curve", default_factory=_table_1_y)
+    x: TMeasyCurve = section(_table_1_x, description="Longitudinal curve")
+    y: TMeasyCurve = section(_table_1_y, description="Lateral curve")
 
     def check_consistency(self) -> None:
         """Refuse curves that turn negative or cross between zero load and the largest."""

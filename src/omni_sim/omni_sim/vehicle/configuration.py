@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform.brakes import BrakeConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.tire.tire import TireConfiguration
@@ -70,13 +70,10 @@ class VehicleConfiguration(Configuration):
         above=0.0,
     )
     body: MassConfiguration = parameter(description="Chassis with its wheels and drives")
-    load: MassConfiguration = parameter(
-        description="Movable load",
-        default_factory=lambda: MassConfiguration(mass=0.0, height=0.0),
+    load: MassConfiguration = section(
+        lambda: MassConfiguration(mass=0.0, height=0.0), description="Movable load"
     )
-    tire: TireConfiguration = parameter(
-        description="Tire of every wheel", default_factory=TireConfiguration
-    )
+    tire: TireConfiguration = section(TireConfiguration, description="Tire of every wheel")
     wheel_model: str = parameter(
         "single",
         description="Model of every wheel: 'single' with one idealised roller (section 2.4.2), or "
@@ -89,18 +86,14 @@ class VehicleConfiguration(Configuration):
         "'roller', which moves along the roller on the ground and jumps to the next (8)-(10)",
         choices=("ideal", "roller"),
     )
-    rollers: RollerConfiguration = parameter(
+    rollers: RollerConfiguration = section(
+        RollerConfiguration,
         description="Rollers of every wheel; count where the wheel model or its contact has them",
-        default_factory=RollerConfiguration,
     )
-    brake: BrakeConfiguration = parameter(
-        description="Brake of every wheel", default_factory=BrakeConfiguration
-    )
-    drive: DriveConfiguration = parameter(
-        description="Drive of every wheel", default_factory=DriveConfiguration
-    )
-    passive_losses: PassiveLossConfiguration = parameter(
-        description="Losses of every wheel's rollers", default_factory=PassiveLossConfiguration
+    brake: BrakeConfiguration = section(BrakeConfiguration, description="Brake of every wheel")
+    drive: DriveConfiguration = section(DriveConfiguration, description="Drive of every wheel")
+    passive_losses: PassiveLossConfiguration = section(
+        PassiveLossConfiguration, description="Losses of every wheel's rollers"
     )
     wheel_inertia: float = parameter(
         1.0,

@@ -24,6 +24,7 @@ texels wide on the shipped grounds, and the more, the fewer rows are averaged: 0
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -60,6 +61,86 @@ _NARROW_ROWS = 640  # whose sums, times the weights of `_refine`, fit 32 bits
 _1, _2, _3, _4, _5, _6, _7, _8, _9, _10, _11 = (np.uint64(i) for i in range(1, 12))
 
 
+class _Ground(NamedTuple):
+    """Texels as the kernel reads them; see `PaddedTexture`."""
+
+    rows: Int8s
+    columns: Int8s
+    texels: int
+    stride: int
+    averaged: bool
+
+
+class _Placement(NamedTuple):
+    """Where the rows of texels lie under a line.
+
+    Attributes:
+        first: the first row, in the texture or in its mirror image.
+        downwards: whether it is the mirror image.
+        column: that the columns count from.
+        ahead: by which the first row lies ahead of the middle one [quarter texels, fixed point].
+        ahead_per_row: by which each row lies ahead of the one before.
+    """
+
+    first: int
+    downwards: bool
+    column: int
+    ahead: int
+    ahead_per_row: int
+
+
+class _Cover(NamedTuple):
+    """Column c covers rows ``low + c climb .. low + c climb + height`` [rows, fixed point]."""
+
+    low: int
+    climb: int
+    height: int
+
+
+class _RowLists(NamedTuple):
+    """Rows of texels, by the class of their fractional shift.
+
+    Attributes:
+        offsets: for each row where in the texture column 0 lies.
+        classes: of each row.
+        listed: a quarter for each class, which holds offset, first and end column of its rows.
+        end: of what each quarter holds.
+    """
+
+    offsets: Int64s
+    classes: Int64s
+    listed: Int64s
+    end: Int64s
+
+
+class _Integral(NamedTuple):
+    """Integral of a line along its columns.
+
+    Attributes:
+        cells: sums of quarter texels, shape (4, columns).
+        inner: sums of each column's cells to the end of each, likewise.
+        prefix: sum of all columns before each.
+    """
+
+    cells: Int32s
+    inner: Int32s
+    prefix: Int64s
+
+
+class _Edges(NamedTuple):
+    """Edges of the pixels on the integral [cells].
+
+    Attributes:
+        start: the first one.
+        step: from one to the next.
+        slant: standard deviation of each, by its slant against a row of texels.
+    """
+
+    start: float
+    step: float
+    slant: float
+
+
 def integrate_lines(
     texture: PaddedTexture,
     centres: NDArray[np.float64],
@@ -91,28 +172,17 @@ def integrate_lines(
     scaled = np.array(centres, dtype=np.float64)  # a copy, C-contiguous
     scaled[:, :2] /= texture.texel
     lines = np.empty((len(scaled), pixels), dtype=np.float32)
-    _integrate(
-        texture.rows,
-        texture.columns,
-        texture.texels,
-        texture.stride,
-        texture.averaged,
-        scaled,
-        0.5 * length / texture.texel,
-        0.5 * width / texture.texel,
-        lines,
+    ground = _Ground(
+        texture.rows, texture.columns, texture.texels, texture.stride, texture.averaged
     )
+    _integrate(ground, scaled, 0.5 * length / texture.texel, 0.5 * width / texture.texel, lines)
     lines += np.float32(texture.middle)
     return lines
 
 
 @njit(cache=True, nogil=True)
 def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called apart
-    rows: Int8s,
-    columns: Int8s,
-    texels: int,
-    stride: int,
-    averaged: bool,
+    ground: _Ground,
     centres: NDArray[np.float64],
     half_length: float,
     half_width: float,
@@ -132,14 +202,15 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     classes = np.empty(most_rows, np.int64)
     listed = np.empty(_CLASSES * 3 * (most_rows + 3), np.int64)
     listed_end = np.empty(_CLASSES, np.int64)
+    texels = ground.texels
     for line in range(len(centres)):
         x = centres[line, 0] % texels
         y = centres[line, 1] % texels
         a_x = math.cos(centres[line, 2])
         a_y = math.sin(centres[line, 2])
-        texture = rows
+        texture = ground.rows
         if abs(a_x) < abs(a_y):
-            texture = columns
+            texture = ground.columns
             x, y, a_x, a_y = y, x, a_y, a_x
         backwards = a_x < 0.0
         if backwards:
@@ -162,26 +233,28 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         row_0 = math.floor(y - reach - half_length * a_y) - 2
         row_count = math.ceil(y + reach + half_length * a_y) + 3 - int(row_0)
 
-        # Column c covers rows low + c climb .. low + c climb + height, counted from row_0.
+        # Rows counted from row_0.
         low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * _ONE + 0.5)
-        climb = math.floor(slope * _ONE + 0.5)
         height = math.floor(2.0 * reach * _ONE + 0.5)
+        cover = _Cover(low, math.floor(slope * _ONE + 0.5), height)
 
         # Quarter texels by which the texels of row_0 lie ahead of those of the middle row.
         ahead = (row_0 - middle) * tangent * _CLASSES + _HALF
-        _list_rows(
-            texture, texels, stride, int(row_0), downwards, int(origin + whole),
+        placement = _Placement(
+            int(row_0), downwards, int(origin + whole),
             math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
-            low, climb, height, count, offsets[:row_count], classes, listed, listed_end,
         )  # fmt: skip
+        rows = _RowLists(offsets[:row_count], classes, listed, listed_end)
+        _place_rows(texels, ground.stride, placement, rows)
+        _list_rows(texture, cover, count, rows)
         for cls in range(_CLASSES):
             begin = cls * len(listed) // _CLASSES
             used = listed_end[cls] - begin
             _add_rows(texture, listed[begin:], used, sums, totals[cls, :count])
-        _add_edges(texture, low, climb, height, offsets, totals[_HALF, :count])
+        _add_edges(texture, cover, offsets, totals[_HALF, :count])
         _merge(totals, cells, count)
         seen = cells
-        if averaged:
+        if ground.averaged:
             spare = 0
             while height >> (_POINT + spare) > _NARROW_ROWS:
                 spare += 1
@@ -197,38 +270,19 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         start = (-half - (origin + 0.5 - rest)) * _CLASSES
         weight = _CLASSES * step * (height >> (_POINT - _WEIGHT_BITS))
         slant = tangent * _CLASSES / math.sqrt(12.0)
-        _read_pixels(seen, inner, prefix, start, step * _CLASSES, slant, 1.0 / weight, lines[line])
+        edges = _Edges(start, step * _CLASSES, slant)
+        _read_pixels(_Integral(seen, inner, prefix), edges, 1.0 / weight, lines[line])
         if backwards:
             _reverse(lines[line])
 
 
 @njit(cache=True, nogil=True)
-def _list_rows(
-    texture: Int8s,
-    texels: int,
-    stride: int,
-    row_0: int,
-    downwards: bool,
-    origin: int,
-    ahead: int,
-    ahead_per_row: int,
-    low: int,
-    climb: int,
-    height: int,
-    count: int,
-    offsets: Int64s,
-    classes: Int64s,
-    listed: Int64s,
-    listed_end: Int64s,
-) -> None:
-    """List by the class of their fractional shift the rows that cover columns in full.
-
-    `offsets` receives for each row where in `texture` column 0 lies. `listed` has a quarter for
-    each class and receives there the offset, first and end column of its rows, up to `listed_end`.
-    """
+def _list_rows(texture: Int8s, cover: _Cover, count: int, rows: _RowLists) -> None:
+    """List by class the rows that cover any of `count` columns in full, once they are placed."""
+    low, climb, height = cover
+    offsets, classes, listed, listed_end = rows
     for cls in range(_CLASSES):
         listed_end[cls] = cls * len(listed) // _CLASSES
-    _place_rows(texels, stride, row_0, downwards, origin, ahead, ahead_per_row, offsets, classes)
     # Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
     # The quotients that solve this grow from row to row by whole numbers and a carry.
     above = -low
@@ -266,18 +320,10 @@ def _list_rows(
 
 
 @njit(cache=True, nogil=True)
-def _place_rows(
-    texels: int,
-    stride: int,
-    row_0: int,
-    downwards: bool,
-    origin: int,
-    ahead: int,
-    ahead_per_row: int,
-    offsets: Int64s,
-    classes: Int64s,
-) -> None:
+def _place_rows(texels: int, stride: int, placement: _Placement, rows: _RowLists) -> None:
     """Set where in the texture column 0 of each row lies, and the class of its fractional shift."""
+    row_0, downwards, origin, ahead, ahead_per_row = placement
+    offsets, classes = rows.offsets, rows.classes
     row = row_0 % texels
     if downwards:
         row = texels - 1 - row
@@ -356,19 +402,13 @@ def _add_four_rows(texture: Int8s, rows: Int64s, at: int, sums: Int16s) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _add_edges(
-    texture: Int8s,
-    low: int,
-    climb: int,
-    height: int,
-    offsets: Int64s,
-    totals: Int32s,
-) -> None:
+def _add_edges(texture: Int8s, cover: _Cover, offsets: Int64s, totals: Int32s) -> None:
     """Add the two rows that each column covers in part, to the class without a fraction.
 
     All weights of a column add up to `height`, whatever the rounding: a uniform ground must not
     show where rows begin and end.
     """
+    low, climb, height = cover
     height_weight = height >> (_POINT - _WEIGHT_BITS)
     y = low - 1
     for c in range(len(totals)):
@@ -458,20 +498,14 @@ def _sum_cells(cells: Int32s, inner: Int32s, prefix: Int64s, n: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _read_pixels(
-    cells: Int32s,
-    inner: Int32s,
-    prefix: Int64s,
-    start: float,
-    step: float,
-    slant: float,
-    scale: float,
-    line: NDArray[np.float32],
+    integral: _Integral, edges: _Edges, scale: float, line: NDArray[np.float32]
 ) -> None:
-    """Set each pixel to the difference of the integral at its two edges, all in cells.
+    """Set each pixel to the difference of the integral at its two edges, times `scale`.
 
     An edge is slanted against a row of texels, which smooths the integral by a box as wide as
     the slant. Two readings one standard deviation either side have the same second moment.
     """
+    start, step, slant = edges
     before = math.floor((start - slant) * _ONE + 0.5)
     behind = math.floor((start + slant) * _ONE + 0.5)
     advance = math.floor(step * _ONE * 256.0 + 0.5)
@@ -479,22 +513,21 @@ def _read_pixels(
     previous = 0.0
     for edge in range(len(line) + 1):
         moved = (advance * edge) >> 8
-        value = _integral(cells, inner, prefix, before + moved)
-        value += _integral(cells, inner, prefix, behind + moved)
+        value = _up_to(integral, before + moved) + _up_to(integral, behind + moved)
         if edge > 0:
             line[edge - 1] = (value - previous) * scale
         previous = value
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _integral(cells: Int32s, inner: Int32s, prefix: Int64s, at: int) -> float:
+def _up_to(integral: _Integral, at: int) -> float:
     """Return the integral from the first column to a fixed-point position in cells."""
     cell = at >> _POINT
     fraction = (at & (_ONE - 1)) * (1.0 / _ONE)
     column = np.uint64(cell >> 2)
     quarter = np.uint64(cell & (_CLASSES - 1))
-    value = np.float64(prefix[column] + inner[quarter, column])
-    return float(value - (1.0 - fraction) * cells[quarter, column])
+    value = np.float64(integral.prefix[column] + integral.inner[quarter, column])
+    return float(value - (1.0 - fraction) * integral.cells[quarter, column])
 
 
 @njit(cache=True, nogil=True)
