@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
+
 Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 UNMEASURED_VARIANCE = 1e6

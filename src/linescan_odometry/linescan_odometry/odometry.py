@@ -19,7 +19,6 @@ import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
-    FloatArray,
     LineBatch,
     LineBatchError,
     SensorReading,
@@ -29,6 +28,7 @@ from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist import TwistSolver
 from linescan_odometry.view.grain import Grain
 from linescan_odometry.view.occlusion import Covers
+from omni_platform.quantities import FloatArray
 
 __all__ = [
     "LineBatch",

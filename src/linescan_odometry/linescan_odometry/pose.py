@@ -6,9 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

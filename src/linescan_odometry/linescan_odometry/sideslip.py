@@ -27,13 +27,11 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
-
-FloatArray = NDArray[np.float64]
 
 _SKEWEST = 30.0  # [deg] between camera and axis of rotation
 _ROUNDING = 1e-6  # [deg] that sine and arcsine may add to it

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import FloatArray, LineBatch, TwistEstimate
+from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -15,12 +15,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, sensor_matrix
-
-FloatArray = NDArray[np.float64]
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
 _CHECKED = 1e-6  # of its variance must be left for the others to check a sensor

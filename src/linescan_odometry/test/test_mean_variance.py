@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from linescan_odometry.matching.mean_variance import mean_variance
 from linescan_odometry.matching.subpixel import SubpixelRefiner
+from omni_platform.quantities import FloatArray
 
 Expose = Callable[..., Any]
-FloatArray = NDArray[np.float64]
 
 PAIRS, BLOCKS, LENGTH = 25, 32, 1024
 

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.median import average, mark_inliers
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 def inliers(

@@ -20,7 +20,6 @@ from matplotlib.image import imread
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.path import Path
 from matplotlib.text import Text
-from numpy.typing import NDArray
 
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.scene import GroundPatch, Scene, overlap, placed, rectangle
@@ -30,8 +29,8 @@ from omni_analysis.figures.top_view import top_view
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
 from omni_platform.geometry import WheelMount
+from omni_platform.quantities import FloatArray
 
-FloatArray = NDArray[np.float64]
 MakeHistory = Callable[..., RunHistory]
 NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")
 

@@ -23,10 +23,11 @@ from omni_analysis.placement.error import (
     poses_of,
 )
 from omni_analysis.placement.judged import judge, singularity
-from omni_analysis.placement.mounting_area import BoolArray, FloatArray, MountingArea
+from omni_analysis.placement.mounting_area import BoolArray, MountingArea
 from omni_analysis.placement.search import NoRoomError, search
 from omni_analysis.placement.sensor_error import SensorError
 from omni_analysis.placement.sensors import named
+from omni_platform.quantities import FloatArray
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 VIEW = View()

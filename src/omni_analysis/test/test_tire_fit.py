@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_analysis.tires.data import FloatArray, TireData, TireDataError, read_tire_data
+from omni_analysis.tires.data import TireData, TireDataError, read_tire_data
 from omni_analysis.tires.fit import fit_tire
 from omni_analysis.tires.fit_figure import fit_figure
 from omni_platform.configuration import from_mapping
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import Tire, TireConfiguration
 
 MODELS = ("linear", "magic_formula", "tmeasy")

@@ -34,7 +34,6 @@ from omni_brake_assist.fail_safe import (
     INTERNAL_ERROR,
     INVALID_STAMP,
     LAW_ERROR,
-    NANOSECONDS,
     SILENCE,
     Heard,
     Limits,
@@ -65,8 +64,7 @@ from omni_brake_assist.observer import (
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import SECOND_NS, FloatArray
 
 # What a step comes to. In all but ASSISTING every brake is on.
 INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = range(7)
@@ -219,7 +217,7 @@ def make_constants(
         configuration.maximum_time_step,
         configuration.speed_threshold,
         configuration.speed_hysteresis,
-        float(round(configuration.minimum_dwell_time * NANOSECONDS)),
+        float(round(configuration.minimum_dwell_time * SECOND_NS)),
     )
 
 

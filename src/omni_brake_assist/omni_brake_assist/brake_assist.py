@@ -23,7 +23,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_brake_assist.assist_step import (
     ASSISTING,
@@ -67,6 +66,7 @@ from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.valve_dwell import open_valves
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 
 __all__ = [
@@ -77,8 +77,6 @@ __all__ = [
     "Decision",
     "Fault",
 ]
-
-FloatArray = NDArray[np.float64]
 
 
 class BrakeAssist:

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # Entries of the line: whether the start of braking has been seen; whether it had a direction, and
 # the unit vector across it in the body axes of that moment [1]; the yaw angle turned since [rad];

@@ -5,12 +5,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import ImuReading, Twist, WheelSpeeds
-
-FloatArray = NDArray[np.float64]
 
 
 class AssistState(enum.Enum):

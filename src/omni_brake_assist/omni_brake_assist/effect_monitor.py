@@ -25,11 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.geometry import PlatformGeometry
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # Entries of the ledger: path missed [m], path braked [m], whether a bound has been exceeded, the
 # speed of the fastest rim when the pedal went down [m/s], time since, weighted by the pedal [s],

@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import AssistState, Fault
+from omni_platform.quantities import SECOND_NS, FloatArray
 
-FloatArray = NDArray[np.float64]
-
-NANOSECONDS = 1_000_000_000
 _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
 
 # What can be wrong; what is missing in `CHECKS` gets its words from who finds it.
@@ -210,8 +208,8 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
         if hasattr(configuration, name)
     }
     return Limits(
-        maximum_step_ns=round(configuration.maximum_time_step * NANOSECONDS),
-        timeout_ns=round(configuration.feedback_timeout * NANOSECONDS),
+        maximum_step_ns=round(configuration.maximum_time_step * SECOND_NS),
+        timeout_ns=round(configuration.feedback_timeout * SECOND_NS),
         reach=reach,
         **same,
     )

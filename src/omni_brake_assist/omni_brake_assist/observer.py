@@ -42,8 +42,8 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Entries of the scores behind those of the filters: the twist against the wheels by itself, how

@@ -28,12 +28,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_brake_assist.weighting import ZERO, Weighting, psi
 from omni_platform.geometry import PlatformGeometry, cross
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 class Manifold(NamedTuple):

@@ -8,11 +8,9 @@ valve does at every step what it is told.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # Columns of the valves: whether it is shut, so that its wheel rolls free; for how long it must
 # still stay as it is [ns]. Zeros are valves that have been open for long.

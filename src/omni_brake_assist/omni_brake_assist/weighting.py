@@ -12,9 +12,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 WEIGHTINGS = ("zero", "cosine", "enhanced")
 ZERO, COSINE, ENHANCED = range(3)  # their places

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -21,7 +20,6 @@ from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import UnusablePlatformError
 from omni_platform.signals import Twist
 
-FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
 

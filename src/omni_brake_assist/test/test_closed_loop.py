@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -23,9 +22,9 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
 )
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import Twist
 
-FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
 STEPS_A_PERIOD = 20

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -24,7 +23,6 @@ from omni_brake_assist.brake_assist import (
 from omni_platform.geometry import WheelMount
 from omni_platform.signals import Twist
 
-FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
 MS = 1_000_000

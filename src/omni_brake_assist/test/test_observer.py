@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.observer import (
@@ -20,8 +19,7 @@ from omni_brake_assist.observer import (
 )
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 PERIOD_NS = 10_000_000
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]

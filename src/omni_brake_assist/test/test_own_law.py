@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -22,7 +21,6 @@ from omni_platform.geometry import WheelMount
 from omni_platform.signals import Twist
 
 Wheels = dict[str, WheelMount]
-FloatArray = NDArray[np.float64]
 
 LAWS = """
 import numpy as np

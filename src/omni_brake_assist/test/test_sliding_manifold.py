@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 
-FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
 ROOT = math.sqrt(0.5)
 LEFT = np.array([0.0, 1.0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -15,9 +14,9 @@ from omni_brake_assist.brake_assist import (
     Fault,
 )
 from omni_platform.geometry import WheelMount
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import Twist
 
-FloatArray = NDArray[np.float64]
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
 LEFT, RIGHT = (5.0, 0.0, 0.3), (5.0, 0.0, -0.3)  # the wheels of the other side must brake

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import PlatformGeometry, WheelMount
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # A roller axis within 0.06 deg of the wheel axis transmits no usable drive force.
 _MINIMUM_COS_GAMMA = 1e-3

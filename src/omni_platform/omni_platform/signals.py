@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from omni_platform.quantities import SECOND_NS
 from omni_recording.mcap import RecordedChannel, RecordedMessage
 
 _LARGEST_DEFINITION = 1 << 17  # [B]; the largest of ROS 2's own have some 20 KiB
 _ENCODING = "cdr"
-_SECOND = 1_000_000_000
 
 
 class DecodeError(ValueError):
@@ -89,4 +89,4 @@ class MessageDecoder:
 def header_stamp_ns(message: Any) -> int | None:
     """Return the stamp [ns] in a decoded message's header; None if it has none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
-    return None if stamp is None else int(stamp.sec) * _SECOND + int(stamp.nanosec)
+    return None if stamp is None else int(stamp.sec) * SECOND_NS + int(stamp.nanosec)

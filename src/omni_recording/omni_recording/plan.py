@@ -8,17 +8,17 @@ import struct
 from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import SECOND_NS
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 
 RELIABILITIES = ("reliable", "best_effort")
 # Topics on which any number of nodes may speak, each with stamps of its own.
 SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
-_SECOND = 1_000_000_000  # [ns]
 _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
-_HELD_BACK_NS = _SECOND  # of a shared topic, until it is told in the order of the stamps
+_HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is told in the order of the stamps
 _SHORTEST_STAMPED = _STAMP_OFFSET + _LITTLE_ENDIAN_STAMP.size
 
 
@@ -125,7 +125,7 @@ def leading_stamp(data: bytes) -> int | None:
     # The second byte of the encapsulation header is odd for little endian, in every version.
     layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
     seconds, nanoseconds = layout.unpack_from(data, _STAMP_OFFSET)
-    return seconds * _SECOND + nanoseconds if seconds >= 0 else None
+    return seconds * SECOND_NS + nanoseconds if seconds >= 0 else None
 
 
 class StampedRecording:
@@ -192,8 +192,8 @@ class StampedRecording:
             self.problem = f"{topic} has a message with a stamp before zero, or with none"
         elif stamp_ns < newest_ns:
             self.problem = (
-                f"the stamps of {topic} run back from {newest_ns / _SECOND:g} s to "
-                f"{stamp_ns / _SECOND:g} s: something else speaks there"
+                f"the stamps of {topic} run back from {newest_ns / SECOND_NS:g} s to "
+                f"{stamp_ns / SECOND_NS:g} s: something else speaks there"
             )
         else:
             self._newest_ns[topic] = stamp_ns

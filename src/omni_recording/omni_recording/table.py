@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from omni_platform.quantities import SECOND_NS
 from omni_recording.decode import MessageDecoder
 
 MOST_COLUMNS = 256
@@ -20,7 +21,6 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = ("position", "velocity", "effort")
 _LONGEST_LABEL = 60
-_SECOND = 1_000_000_000
 
 Value = bool | int | float | str
 Cell = tuple[str, str, Value]
@@ -70,7 +70,7 @@ def _cells(decoder: MessageDecoder, type_name: str, message: Any, prefix: str) -
 
 def _nested(decoder: MessageDecoder, type_name: str, value: Any, path: str) -> Iterator[Cell]:
     if type_name in _TIMES:
-        yield f"{path}_ns", "int64", int(value.sec) * _SECOND + int(value.nanosec)
+        yield f"{path}_ns", "int64", int(value.sec) * SECOND_NS + int(value.nanosec)
     else:
         yield from _cells(decoder, type_name, value, f"{path}.")
 

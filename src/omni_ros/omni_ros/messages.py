@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Header
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import SECOND_NS, FloatArray
+
 LineArray = NDArray[Any]  # uint8 or uint16
 
 BASE_FRAME = "base_link"
@@ -31,7 +32,6 @@ WORLD_FRAME = "odom"
 # A status is said again after this time even if nothing has changed, for whoever came late.
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
-_SECOND = 1_000_000_000
 _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
@@ -39,12 +39,12 @@ _PLANAR = (0, 1, 5)
 
 def to_time(stamp_ns: int) -> Time:
     """Return the message form of a stamp [ns]."""
-    return Time(sec=stamp_ns // _SECOND, nanosec=stamp_ns % _SECOND)
+    return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
 
 
 def to_nanoseconds(stamp: Time) -> int:
     """Return a message stamp in [ns]."""
-    return int(stamp.sec) * _SECOND + int(stamp.nanosec)
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
 def header(stamp_ns: int, frame: str = "") -> Header:

@@ -12,11 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

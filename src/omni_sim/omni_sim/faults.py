@@ -24,11 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 """What may fail: the velocity sensor, either half of the IMU, the wheel encoders."""

@@ -19,12 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.loads import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 IMU_DRAWS = 3
 """Standard normal draws that a reading needs."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
 from omni_sim.faults import (
     ACCELEROMETER,
@@ -25,8 +24,6 @@ from omni_sim.faults import (
     corrupt,
 )
 from omni_sim.imu import IMU_DRAWS, Imu, ImuConfiguration, build_imu, read_imu
-
-FloatArray = NDArray[np.float64]
 
 
 class Instruments(NamedTuple):

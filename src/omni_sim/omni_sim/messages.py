@@ -8,11 +8,11 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.imu import ImuConfiguration
@@ -28,7 +28,6 @@ _GREY = (0.6, 0.6, 0.6)
 _METRES_PER_NEWTON = 1e-4
 _SECONDS_PER_ARROW = 0.1
 
-FloatArray = NDArray[np.float64]
 
 IMU_FRAME = "imu"
 """Frame of the unit: axes of `base_link`, at its mounting."""

@@ -14,14 +14,12 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from omni_platform.quantities import FloatArray
 from omni_ros.process import Spinner
 from omni_ros.qos import listen
-
-FloatArray = NDArray[np.float64]
 
 _SCRIPTED = "a scripted run goes from its start to its end; start the node anew, or with driver: "
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Twist
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
@@ -46,10 +47,7 @@ __all__ = [
     "VelocitySensorConfiguration",
 ]
 
-FloatArray = NDArray[np.float64]
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
-
-_SECOND = 1_000_000_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -100,7 +98,7 @@ class SimulationConfiguration(Configuration):
     @property
     def control_period_ns(self) -> int:
         """Control period [ns]."""
-        return round(self.control_period * _SECOND)
+        return round(self.control_period * SECOND_NS)
 
     @property
     def steps_per_period(self) -> int:

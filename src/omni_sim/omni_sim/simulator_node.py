@@ -21,7 +21,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
@@ -30,6 +29,7 @@ from visualization_msgs.msg import MarkerArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import urdf
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
     diagnostics,
@@ -52,9 +52,6 @@ from omni_sim.run_control_node import RunControl
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
 
-FloatArray = NDArray[np.float64]
-
-_SECOND = 1_000_000_000
 _INPUTS = 4  # topics that the node listens to at most
 _LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
@@ -263,7 +260,7 @@ class SimulatorNode(Node):
             self.manual_driver.halt()
         pedal, target = self._inbox.demand(time.monotonic())
         twist = self.simulator.vehicle.twist
-        period = self.simulator.control_period_ns / _SECOND
+        period = self.simulator.control_period_ns / SECOND_NS
         self.manual_driver.steer(pedal, target, twist, period)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
@@ -276,7 +273,7 @@ class SimulatorNode(Node):
             )
             return self._all_on
         # One from the future would release brakes for as long as it takes to come true.
-        if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * _SECOND:
+        if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * SECOND_NS:
             return self._all_on
         return self._enable
 
@@ -368,7 +365,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
         if progress.finished and node.manual_driver is None:
             break
         if node.loop.mode == "real_time":
-            deadline = started + (observation.stamp_ns + simulator.control_period_ns) / _SECOND
+            deadline = started + (observation.stamp_ns + simulator.control_period_ns) / SECOND_NS
             if node.manual_driver is not None:
                 # A person cannot steer through what is made up for in fast motion.
                 late = time.monotonic() - deadline - _LARGEST_LAG
@@ -387,7 +384,7 @@ def _await_reply(node: SimulatorNode, spinner: Spinner, stamp_ns: int) -> None:
     replied = spinner.spin_until(lambda: node.has_reply(stamp_ns), timeout)
     if not replied and not spinner.stop:
         raise NodeError(
-            f"no reply at {stamp_ns / _SECOND:.3f} s within {timeout:g} s: "
+            f"no reply at {stamp_ns / SECOND_NS:.3f} s within {timeout:g} s: "
             f"{node.silent_node(stamp_ns)} is silent"
         )
 

@@ -15,9 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import Twist
-
-FloatArray = NDArray[np.float64]
 
 # A sensor that is read without noise is still not known better than this [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4

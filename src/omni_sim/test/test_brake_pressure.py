@@ -8,14 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, passed
-
-FloatArray = NDArray[np.float64]
 
 LAG, DEAD, STEP = 0.03, 0.007, 0.0005
 SHARES = np.array([1.0, 0.0, 0.4])

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.state import Log
 from omni_sim.vehicle.vehicle import Vehicle
-
-FloatArray = NDArray[np.float64]
 
 
 def stop(vehicle: Vehicle, seconds: float = 4.0) -> FloatArray:

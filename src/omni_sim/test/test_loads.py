@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.loads import (
     MassConfiguration,
     MassProperties,
@@ -18,7 +18,6 @@ from omni_sim.vehicle.loads import (
     wheel_loads,
 )
 
-FloatArray = NDArray[np.float64]
 WEIGHT = 12000.0
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 

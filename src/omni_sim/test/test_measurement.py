@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoders
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
 from omni_sim.imu import ImuConfiguration, build_imu, read_imu
 from omni_sim.vehicle.loads import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 PERIOD = 0.01
 PERFECT = dict.fromkeys(

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.camera.poses import interpolate_poses
 
-FloatArray = NDArray[np.float64]
 STEP_NS = 500_000
 
 

@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.wheel.roller_geometry import AXIS, RollerGeometry, nearest_roller, roller_contact
-
-FloatArray = NDArray[np.float64]
 
 ANGLES_DEG = [-45.0, 20.0, 45.0, 60.0]
 

@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
 from omni_sim.tire.models import MODELS
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.roller_configuration import RollerConfiguration
-
-FloatArray = NDArray[np.float64]
 
 NO_COMMAND = np.zeros(3)
 MINUTE = 120_000

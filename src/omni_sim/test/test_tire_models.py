@@ -13,15 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import omni_sim
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
 from omni_sim.tire.model import contact_friction, curve_at, force_at
 from omni_sim.tire.models import MODELS, magic_formula
 from omni_sim.tire.tire import Tire, TireConfiguration
-
-FloatArray = NDArray[np.float64]
 
 NAMES = tuple(MODELS)
 TIRES = {name: Tire(TireConfiguration(model=name)) for name in NAMES}

@@ -9,16 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 from omni_platform.configuration import from_mapping
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-
-FloatArray = NDArray[np.float64]
 
 TIRES = {
     path.stem: from_mapping(TireConfiguration, yaml.safe_load(path.read_text()))

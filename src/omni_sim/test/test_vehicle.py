@@ -7,17 +7,15 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
 from omni_sim.vehicle.state import Log
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
-
-FloatArray = NDArray[np.float64]
 
 MOTIONS = {
     "forward": (1.5, 0.0, 0.0),

@@ -31,7 +31,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
+
 IntArray = NDArray[np.int64]
 
 _WINDOWS = 5.0  # that the effective number of blocks is divided into

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.measurements import FloatArray, Lines
+from linescan_odometry.measurements import Lines
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import FloatArray, LineBatchError, Lines
+from linescan_odometry.measurements import LineBatchError, Lines
+from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]
 

@@ -17,8 +17,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from linescan_odometry.measurements import FloatArray, Lines, SensorReading
+from linescan_odometry.measurements import Lines, SensorReading
 from linescan_odometry.view.sharp import steps
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared

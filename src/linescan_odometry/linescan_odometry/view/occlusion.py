@@ -12,7 +12,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from linescan_odometry.measurements import FloatArray, SensorReading
+from linescan_odometry.measurements import SensorReading
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
 _STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same

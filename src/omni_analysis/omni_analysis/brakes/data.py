@@ -6,12 +6,10 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.recorded_run import Stream, ordered, planar_twist, read_streams
 from omni_platform.brakes import ON_OFF, BrakeConfiguration
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _JOINTS = "sensor_msgs/msg/JointState"
 _WHEELS, _PEDAL, _ENABLE = "wheel_states", "brake/pedal", "brake/enable"

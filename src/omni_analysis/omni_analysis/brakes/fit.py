@@ -25,9 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.brakes.data import BrakeData, BrakeDataError, FloatArray
+from omni_analysis.brakes.data import BrakeData, BrakeDataError
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassProperties
 

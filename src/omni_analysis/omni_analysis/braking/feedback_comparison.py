@@ -11,15 +11,13 @@ import math
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 EXPERIMENTS = (
     "straight_line",

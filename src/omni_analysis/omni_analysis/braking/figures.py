@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.loop.history import RunHistory
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _WIDTH, _ROW = 9.0, 2.6  # [inch]
 _BEFORE = 0.2  # shown before the start of braking [s]

@@ -31,10 +31,9 @@ from omni_analysis.loop.compiled import FastRun, run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-
-FloatArray = NDArray[np.float64]
 
 DIRECTIONS = 16
 """Directions of the support function: the corners that a polygon may have."""

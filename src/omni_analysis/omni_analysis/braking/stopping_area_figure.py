@@ -9,13 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
 from omni_analysis.braking.stopping_area import SECTORS, Cell, corners, footprint
 from omni_analysis.figures import style
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-
-FloatArray = NDArray[np.float64]
 
 _COLUMNS = 4
 

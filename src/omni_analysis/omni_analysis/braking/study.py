@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_analysis.braking import figures as braking_figures
 from omni_analysis.figures.data_table import history_columns, write_columns
@@ -30,8 +29,7 @@ from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
 from omni_analysis.loop.options import LoopOptions
 from omni_analysis.studies import StudyResult, StudyRun
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _QUANTITIES = (
     "orientation_change",

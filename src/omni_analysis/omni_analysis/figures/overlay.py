@@ -9,15 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.figures.scene import Scene, placed, rectangle
 from omni_analysis.figures.top_view_drawing import draw_ground, patch_handles
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import RestCriterion
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _WIDTH, _GREATEST_HEIGHT, _MARGIN = 14.0, 6.0, 0.5  # [inch], [inch], [m]
 _COLOURS = ("#7A1F1F", style.VERMILLION, style.SKY)  # dark, bright, marked

@@ -7,11 +7,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.geometry import PlatformGeometry, WheelMount
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # The mount of a wheel does not tell its width: drawn this wide, in diameters.
 _WHEEL_WIDTH = 0.45

@@ -12,13 +12,11 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.figures.scene import Scene, overlap, placed
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import RestCriterion
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _MOST_BETWEEN = 5
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]

@@ -17,12 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.loop.history import RunHistory
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _WIDTH = 14.0  # [inch]
 _LEFT, _RIGHT, _GAP, _ROW_GAP, _BOTTOM = 1.15, 1.45, 0.22, 0.18, 0.6  # [inch]

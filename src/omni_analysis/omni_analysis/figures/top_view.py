@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.figures.scene import Scene, overlap, placed, rectangle
@@ -29,8 +28,7 @@ from omni_analysis.figures.top_view_drawing import (
 )
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import RestCriterion, run_metrics
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _WIDTH, _GREATEST_HEIGHT, _LEAST_PANEL = 14.0, 10.0, 1.3  # [inch]
 _LEFT, _RIGHT, _BOTTOM, _GAP, _LEGEND_ROW = 0.75, 0.3, 0.6, 0.25, 0.25  # [inch]

@@ -10,15 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.figures.scene import Scene, placed
 from omni_analysis.figures.snapshots import velocity_arrow
 from omni_analysis.loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry
-
-FloatArray = NDArray[np.float64]
 
 _CHASSIS = "#F2EBDD"
 _LOAD: dict[str, Any] = {"marker": "o", "color": style.GREY, "markeredgecolor": style.BLACK}

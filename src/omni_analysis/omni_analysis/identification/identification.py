@@ -16,17 +16,13 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from omni_analysis.identification import table_2
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.loads import MassConfiguration
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

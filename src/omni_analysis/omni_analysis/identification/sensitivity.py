@@ -13,14 +13,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.identification import table_2
 from omni_analysis.identification.identification import QUANTITIES, Parameters, configure, measure
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _OFFSETS = (-2, -1, 0, 1, 2)  # [steps]
 

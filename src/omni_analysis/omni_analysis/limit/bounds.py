@@ -17,16 +17,14 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.limit.forces import Case, Deceleration, LimitVehicle
+from omni_platform.quantities import FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.simulator import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.dynamics import in_turned_frame
-
-FloatArray = NDArray[np.float64]
 
 EDGE_MARGIN = 0.02
 """How near an edge of a patch counts as beyond it [m]."""

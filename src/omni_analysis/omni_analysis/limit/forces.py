@@ -27,11 +27,10 @@ from scipy.optimize import linprog
 
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon
-
-FloatArray = NDArray[np.float64]
 
 _TANGENTS = 97
 _FIRST = 16  # every so many tangents are in the first program, others when they are needed

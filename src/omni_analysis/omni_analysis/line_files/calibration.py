@@ -26,7 +26,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch
@@ -40,9 +39,8 @@ from omni_analysis.figures.style import (
     style_axes,
 )
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
-
-FloatArray = NDArray[np.float64]
 
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """What of a camera is calibrated."""

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching.pairs import PairMatcher
@@ -25,9 +24,8 @@ from omni_analysis.figures.style import (
     draw_title,
     style_axes,
 )
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-
-FloatArray = NDArray[np.float64]
 
 _MOST_ROWS = 1200  # of a picture
 

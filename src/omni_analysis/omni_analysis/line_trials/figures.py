@@ -9,11 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_analysis.figures.style import BLACK, LABEL_SIZE, TICK_SIZE
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _EDGES = (0.0, 1e-9, 0.5, 2.0, 8.0, 32.0, 128.0, 1024.0)
 _SHADES = ("#FFFFFF", "#FDE7B0", "#F6C15C", "#E69F00", "#D55E00", "#8F2A00", "#3B0A00")

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
 from omni_analysis.line_trials.twist_trials import poses_at
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration
-
-FloatArray = NDArray[np.float64]
 
 BATCH_LINES = 25
 LEAST_ERROR = 0.05  # m/s

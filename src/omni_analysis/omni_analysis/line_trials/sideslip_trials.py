@@ -6,16 +6,14 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.sideslip import SideslipWheel
 from linescan_odometry.sideslip_meter import SideslipConfiguration, SideslipMeter
 from omni_analysis.line_trials.twist_trials import batch_lines, cameras_over
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 _WHEEL, _CAMERA = "wheel", "camera"
 

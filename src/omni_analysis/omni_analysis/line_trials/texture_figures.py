@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import NDArray
 
 from omni_analysis.figures.style import (
     BLACK,
@@ -22,9 +20,8 @@ from omni_analysis.figures.style import (
     wheel_colour,
 )
 from omni_analysis.line_trials.view_grid import LENGTHS, SHAPES
+from omni_platform.quantities import FloatArray
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 _EDGES = (0.0, 0.1, 1.0, 5.0, 20.0, 80.0, 512.0)  # [px]
 _SHADES = ("#FFFFFF", "#FCE9C4", "#F3BE62", "#E07B1F", "#A63A0B", "#3F0C05")

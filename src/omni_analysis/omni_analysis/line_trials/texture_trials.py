@@ -22,11 +22,10 @@ from omni_analysis.line_trials.errors import error_values
 from omni_analysis.line_trials.trials import View
 from omni_analysis.line_trials.twist_trials import batch_lines, cameras_over, poses_at
 from omni_analysis.line_trials.view_grid import LENGTHS, SHAPES, as_map
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.camera import LineCamera
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 _LIMIT_DIVISOR = 2  # k of section 4.4
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from omni_analysis.line_trials.errors import error_values
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration
 
-FloatArray = NDArray[np.float64]
 Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 PERIOD = 0.2

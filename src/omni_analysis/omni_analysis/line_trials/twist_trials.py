@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
 from omni_analysis.line_trials.trials import PERIOD
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 BATCH_TIME = 0.01
 """Time of a batch of lines, one control period [s]."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.line_trials.trials import Matches, Motion, View
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 LENGTHS = tuple(0.01 * i for i in range(1, 8))
 """Of the field of view [m]."""

@@ -35,6 +35,7 @@ from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
 from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
 from omni_brake_assist.laws.registry import own_law
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
@@ -60,7 +61,6 @@ from omni_sim.velocity_sensor import (
     state_covariance,
 )
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 

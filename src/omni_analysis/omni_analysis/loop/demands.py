@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_recording.error import BagError
-
-FloatArray = NDArray[np.float64]
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
 _COMMANDS = ("/driver/command", "/cmd_vel")  # the second in recordings of before

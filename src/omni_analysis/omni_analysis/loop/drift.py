@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.pose import PoseIntegrator
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import Metric
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 DELTA = 1.0
 """Way between the two poses of a relative error [m]."""

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
+
 IntArray = NDArray[np.int64]
 
 # A component that the odometry could not measure carries this variance or more.

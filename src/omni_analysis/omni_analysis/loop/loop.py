@@ -12,18 +12,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.registry import Odometry, make_odometry
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import ImuReading, Twist, WheelSpeeds
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator
-
-FloatArray = NDArray[np.float64]
 
 
 class Plant(Protocol):

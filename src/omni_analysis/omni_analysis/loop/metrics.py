@@ -36,12 +36,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.history import RunHistory
 from omni_brake_assist.decision import AssistState
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_analysis.loop.history import RunHistory
+from omni_platform.quantities import FloatArray
 from omni_recording.error import BagError
 
 __all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
 
-FloatArray = NDArray[np.float64]
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"

@@ -6,12 +6,10 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.placement.mounting_area import MountingArea
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-
-FloatArray = NDArray[np.float64]
 
 _RING_STEP = 0.005  # of the radius [m]
 

@@ -22,13 +22,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.line_trials.trials import View
 from omni_analysis.placement.sensor_error import SensorError
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, sensor_matrix
-
-FloatArray = NDArray[np.float64]
 
 MOTIONS = ("straight", "sideways", "diagonal", "turning")
 

@@ -13,14 +13,12 @@ from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.placement.error import MeanError, poses_of
 from omni_analysis.placement.judged import JudgedPlacement
 from omni_analysis.placement.mounting_area import MountingArea
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _POINTS = 81  # of the map across the chassis
 _LEVELS = 14

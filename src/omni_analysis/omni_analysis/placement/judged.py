@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.twist import check_placement
@@ -20,9 +19,8 @@ from omni_analysis.placement.error import (
 )
 from omni_analysis.placement.mounting_area import MountingArea
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-
-FloatArray = NDArray[np.float64]
 
 MINIMUM_LEVER = OdometryConfiguration.minimum_lever
 """Effective lever below which the odometry refuses a placement by default [m]."""

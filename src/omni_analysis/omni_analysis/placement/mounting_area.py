@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from omni_analysis.figures.scene import Scene, placed, rectangle
 from omni_analysis.line_trials.trials import View
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import FloatArray
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from omni_analysis.placement.error import Criterion
 from omni_analysis.placement.mounting_area import MountingArea
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 LATTICE = (1e-3, math.radians(1.0))
 """What places and headings are rounded to [m], [rad]."""

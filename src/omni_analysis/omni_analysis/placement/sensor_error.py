@@ -25,7 +25,6 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch
@@ -34,9 +33,8 @@ from omni_analysis.line_trials.trials import PERIOD, View, camera
 from omni_analysis.line_trials.twist_trials import batch_lines, poses_at
 from omni_analysis.placement.sensors import placed_sensor
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 MOST_CROSSED = 0.4
 """Largest share of the width that may be crossed between lines: 60 % overlap (section 4.4)."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.line_trials.trials import View
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-
-FloatArray = NDArray[np.float64]
 
 _SECTORS = (
     "front", "front_left", "left", "rear_left", "rear", "rear_right", "right", "front_right",

@@ -7,17 +7,15 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_analysis.line_trials.trials import PERIOD
 from omni_analysis.line_trials.twist_trials import BATCH_TIME, batch_lines, cameras_over, rendered
 from omni_analysis.placement.error import MotionMix
 from omni_analysis.placement.sensor_error import ORIENTATIONS
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -8,15 +8,13 @@ lets move for some milliseconds after a brake changes. The loads are those of a 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.simulator import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
-
-FloatArray = NDArray[np.float64]
 
 _STANDSTILL = 0.05  # [m/s]
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
 from omni_recording.error import BagError
 from omni_recording.folder import bag_messages, open_bag
-
-FloatArray = NDArray[np.float64]
 
 MARKERS = "/markers"
 _TYPE = "visualization_msgs/msg/MarkerArray"

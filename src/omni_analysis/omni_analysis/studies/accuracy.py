@@ -26,7 +26,6 @@ from omni_analysis.figures.style import (
     style_axes,
 )
 from omni_analysis.line_trials.trials import (
-    FloatArray,
     View,
     camera,
     cramer_rao_bound,
@@ -38,6 +37,7 @@ from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
 _VIEWS = {

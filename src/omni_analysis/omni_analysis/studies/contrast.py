@@ -25,7 +25,6 @@ from omni_analysis.figures.style import (
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.options import LineOptions, grounds_option, pairs_option
 from omni_analysis.line_trials.trials import (
-    FloatArray,
     Motion,
     View,
     camera,
@@ -37,6 +36,7 @@ from omni_analysis.line_trials.trials import (
 )
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.quantities import FloatArray
 
 _LENGTH = 0.05  # m
 # The widest is half of the ground's period: a view of all of it would see the same again.

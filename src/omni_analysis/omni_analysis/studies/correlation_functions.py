@@ -32,9 +32,10 @@ from omni_analysis.line_trials.options import (
     noise_option,
     pairs_option,
 )
-from omni_analysis.line_trials.trials import FloatArray, View, camera, ground, path
+from omni_analysis.line_trials.trials import View, camera, ground, path
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.quantities import FloatArray
 
 _VIEW = View()
 _SPEED, _ANGLE = 20.0, math.radians(45.0)

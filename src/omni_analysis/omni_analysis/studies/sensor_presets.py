@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import save_figure
@@ -29,9 +28,8 @@ from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, ove
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-
-FloatArray = NDArray[np.float64]
 
 _PRESETS = {"lis770i": "lis_770i", "s3901": "s3901"}
 _TITLES = {"lis770i": "LIS-770i", "s3901": "S3901"}

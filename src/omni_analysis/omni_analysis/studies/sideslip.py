@@ -20,7 +20,6 @@ from omni_analysis.line_trials.options import noise_option
 from omni_analysis.line_trials.sideslip_figures import draw_sideslip
 from omni_analysis.line_trials.sideslip_trials import (
     Angles,
-    FloatArray,
     RollingWheel,
     camera_at_a_wheel,
     root_mean_square,
@@ -35,6 +34,7 @@ from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 
 _SENSORS = ("generic", "s3901")

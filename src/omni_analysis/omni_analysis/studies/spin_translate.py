@@ -14,7 +14,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.run_figures import scene_of
@@ -24,10 +23,9 @@ from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.wheels.spin_translate_figures import draw_commands, draw_snapshots
 from omni_analysis.wheels.tracking import Tracking
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-
-FloatArray = NDArray[np.float64]
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {

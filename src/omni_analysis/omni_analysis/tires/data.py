@@ -13,9 +13,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _COLUMNS = {"slip": ("slip",), "load": ("load", "load_n"), "force": ("force", "force_n")}
 

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.combined_slip import combined_forces
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, direction_coefficients
-
-FloatArray = NDArray[np.float64]
 
 _SIZE = (8.0, 5.0)  # [inch]
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.tires.data import FloatArray, TireData, TireDataError
+from omni_analysis.tires.data import TireData, TireDataError
 from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces

@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
-
-FloatArray = NDArray[np.float64]
 
 _DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
 _STOPPING_SPEED = 4.0  # [m/s]

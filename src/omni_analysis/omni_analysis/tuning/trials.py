@@ -17,13 +17,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import to_mapping
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # How far a situation deviates at most: speed [1], direction [deg], yaw rate [1], friction [1].
 _SPEED, _DIRECTION_DEG, _YAW_RATE, _FRICTION = 0.03, 3.0, 0.05, 0.05

@@ -9,17 +9,12 @@ import dataclasses
 import math
 from collections.abc import Iterator
 
-import numpy as np
-from numpy.typing import NDArray
-
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import LineSensor
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
-
-FloatArray = NDArray[np.float64]
 
 _OVERLOAD = 1.1  # of the largest load; beyond it the model holds the force
 _IDLE_TIRE = 0.05  # of the largest load, below which a tire is for much heavier vehicles

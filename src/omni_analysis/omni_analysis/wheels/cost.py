@@ -12,12 +12,10 @@ import time
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.wheels.trials import TRIALS, go, start
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-
-FloatArray = NDArray[np.float64]
 
 _TRIALS = (
     dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),

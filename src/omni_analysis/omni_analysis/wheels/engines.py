@@ -9,10 +9,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omni_analysis.wheels.mujoco_vehicle import MujocoVehicle
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import Twist
 from omni_sim.run_progress import (
     RUNNING,
@@ -25,8 +26,6 @@ from omni_sim.run_progress import (
 from omni_sim.simulator import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-
-FloatArray = NDArray[np.float64]
 
 PERIOD = 0.01
 """Control period [s]."""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from omni_analysis.figures.style import (
     BLACK,
@@ -25,9 +24,8 @@ from omni_analysis.figures.style import (
     style_axes,
 )
 from omni_analysis.wheels.trials import ForceTrace, Outcome
+from omni_platform.quantities import FloatArray
 from omni_sim.wheel.roller_geometry import RollerGeometry
-
-FloatArray = NDArray[np.float64]
 
 # The first wheel of a figure is the reference, dashed over the others that may cover it.
 _STYLES: tuple[dict[str, Any], ...] = (

@@ -23,16 +23,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle
-
-FloatArray = NDArray[np.float64]
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
 

@@ -11,14 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
 
 from omni_analysis.figures import style
 from omni_analysis.figures.scene import Scene
 from omni_analysis.figures.top_view_drawing import draw_snapshot, mass_handles
 from omni_analysis.wheels.tracking import Tracking
-
-FloatArray = NDArray[np.float64]
 
 _WIDTH = 14.0  # [inch]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.75, 0.3, 0.5, 1.1  # [inch]

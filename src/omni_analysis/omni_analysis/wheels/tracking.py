@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_analysis.loop.history import RunHistory
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -10,13 +10,11 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
-
-FloatArray = NDArray[np.float64]
 
 SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.box_least_squares import box_least_squares
-from omni_brake_assist.laws.law import ASSIST, NO_HELP, FloatArray, Motion
+from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.wheel_model import (
     QUEUE,
     NominalBrake,
@@ -35,6 +35,7 @@ from omni_brake_assist.laws.wheel_model import (
     turn_on,
 )
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81
 _PERIOD = 0.01  # of control, where no time has passed yet [s]

@@ -8,9 +8,10 @@ from numba import njit
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, sliding_mode
-from omni_brake_assist.laws.law import FloatArray, Motion
+from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import FloatArray
 
 SLIDING_MODE, ALLOCATION = range(2)
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 # What a law answers: brakes as it has written them, or all of them because none would help; FAILED
 # is said for one that could not answer.

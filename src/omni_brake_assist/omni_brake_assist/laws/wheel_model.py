@@ -11,11 +11,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 _SUBSTEPS = 2
 _NEWTON = 3

@@ -20,8 +20,9 @@ from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import ConfigurationError, parameter
 
 if TYPE_CHECKING:
-    from omni_analysis.braking.stopping_area import Cell, FloatArray, StopCampaign, Sweep
+    from omni_analysis.braking.stopping_area import Cell, StopCampaign, Sweep
     from omni_analysis.loop.metrics import Metric
+    from omni_platform.quantities import FloatArray
 
 _ROUNDING = 0.001  # [m] by which an area grows, so that rounded corners cut nothing off
 # Section 3.5 and straight_line: the enhanced weighting with k = 7.

@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import SECOND_NS
 from omni_recording.error import BagError
 from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_bag
 from omni_recording.mcap import RecordedMessage
@@ -36,7 +37,6 @@ _MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
 _MOST_UNHEARD = 20  # rounds before the first result
 _PATIENCE = 0.5  # [s] for the result of a round
 _QUIET = 0.3  # [s] without a result, after which none is on its way
-_SECOND = 1_000_000_000  # [ns]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -144,7 +144,7 @@ def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
             return
         if rate > 0.0:
             # Counted from the first round, so that no delay adds up.
-            recorded = messages[0].log_ns / _SECOND / rate
+            recorded = messages[0].log_ns / SECOND_NS / rate
             start = time.monotonic() - recorded if start is None else start
             _spin_until_time(spinner, start + recorded)
         node.publish_round(messages)

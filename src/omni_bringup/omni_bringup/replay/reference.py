@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.recorded_run import read_streams
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_recording.error import BagError
 from omni_recording.folder import Bag
-
-FloatArray = NDArray[np.float64]
 
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)

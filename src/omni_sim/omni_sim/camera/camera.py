@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
@@ -32,7 +33,6 @@ from omni_sim.texture.texture import GroundTexture
 
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
 
-FloatArray = NDArray[np.float64]
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
 
 

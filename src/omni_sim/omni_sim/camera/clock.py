@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-_SECOND = 1_000_000_000
+from omni_platform.quantities import SECOND_NS
 
 
 class LineClock:
@@ -33,7 +33,7 @@ class LineClock:
         """
         if not (math.isfinite(line_rate) and line_rate > 0.0):
             raise ValueError(f"a line rate must be above 0 1/s, not {line_rate}")
-        self.period_ns = Fraction(_SECOND) / Fraction(line_rate)
+        self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
         """Return the lines with ``after < time <= until`` as (first, end), end not included.

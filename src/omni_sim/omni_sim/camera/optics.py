@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import CameraConfiguration
-
-FloatArray = NDArray[np.float64]
 
 _SAMPLES_PER_PIXEL = 4  # of a blurred line, along the axis
 _SAMPLES_PER_WIDTH = 16  # and across it

@@ -10,12 +10,10 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
-
-FloatArray = NDArray[np.float64]
 
 FULL_BRAKING = 1.0
 

@@ -7,12 +7,10 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

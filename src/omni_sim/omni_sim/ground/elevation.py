@@ -19,11 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
 """Largest rise over run [1] for which the horizontal projection of the motion may stand."""

@@ -8,11 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import flat_together
 from omni_sim.tire.tmeasy import (
     CurvePoint,
@@ -29,7 +30,6 @@ from omni_sim.tire.tmeasy import (
     steady_force,
 )
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 

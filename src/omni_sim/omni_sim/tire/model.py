@@ -20,11 +20,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omni_platform.configuration import Configuration
-
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
 
 
 class Curve(Protocol):

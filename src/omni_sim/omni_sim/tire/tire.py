@@ -15,10 +15,9 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.configuration import Configuration, parameter, section
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
-
-FloatArray = NDArray[np.float64]
 
 # A field for every model in the folder; dataclasses cannot be written down with fields like that.
 _ModelFields: Any = dataclasses.make_dataclass(

@@ -21,8 +21,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.loads import GRAVITY, wheel_loads
@@ -46,8 +46,6 @@ from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import Patch, TireConstants
-
-FloatArray = NDArray[np.float64]
 
 # Load per mass that load transfer is computed with at least, when the ground falls away [m/s^2].
 _LEAST_PRESSING = 0.1

@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from omni_platform.quantities import FloatArray
+
 IntArray = NDArray[np.int64]
 
 _MAXIMUM_ITERATIONS = 100

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import cross
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 GRAVITY = 9.81

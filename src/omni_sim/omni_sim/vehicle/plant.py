@@ -6,18 +6,16 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.roller import passive_parameters
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
 from omni_sim.vehicle.state import CONTACT, LOSS, ROLLER, Losses, Plant, Rollers, Structured
 from omni_sim.wheel.roller_geometry import AXIS
-
-FloatArray = NDArray[np.float64]
 
 
 def build_plant(

@@ -15,11 +15,10 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain, elevation_at
-
-FloatArray = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Structured = NDArray[np.void]
 Record = Any

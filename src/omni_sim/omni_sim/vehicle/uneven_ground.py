@@ -27,12 +27,10 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain
 from omni_sim.vehicle.road_plane import road_plane_at
-
-FloatArray = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics
@@ -30,7 +31,6 @@ from omni_sim.vehicle.uneven_ground import level, orientation
 from omni_sim.wheel.brake_pressure import build_brake_pressure, release
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 DEFAULT_PHYSICS_STEP = 0.0005

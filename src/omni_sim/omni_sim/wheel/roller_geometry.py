@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-
+from omni_platform.quantities import FloatArray
 
 AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
 """Constants of a wheel's rollers: rolling direction ``u`` in the body frame, cosine and sine of the

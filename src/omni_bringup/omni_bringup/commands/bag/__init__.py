@@ -15,7 +15,6 @@ from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
 from omni_platform.command_options import option
 
 PACKAGE = __name__
-SECOND = 1e9  # [ns]
 _LONGEST_WORDS = 1000  # letters of what a recording may say
 
 

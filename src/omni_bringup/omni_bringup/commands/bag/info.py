@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.commands.bag import SECOND, bag_option, document, print_json, printable, refusing
+from omni_bringup.commands.bag import bag_option, document, print_json, printable, refusing
 from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
+from omni_platform.quantities import SECOND_NS
 
 if TYPE_CHECKING:
     from omni_recording.folder import Bag
@@ -50,10 +51,10 @@ def _info(options: Options) -> int:
 
 
 def _info_metrics(summary: McapSummary, size: int) -> dict[str, tuple[float, str]]:
-    duration = (summary.last_ns - summary.first_ns) / SECOND
+    duration = (summary.last_ns - summary.first_ns) / SECOND_NS
     metrics: dict[str, tuple[float, str]] = {
         "size": (size, "B"),
-        "start": (summary.first_ns / SECOND, "s"),
+        "start": (summary.first_ns / SECOND_NS, "s"),
         "duration": (duration, "s"),
         "messages": (sum(summary.counts.values()), "1"),
         "chunks": (summary.chunks, "1"),
@@ -62,7 +63,7 @@ def _info_metrics(summary: McapSummary, size: int) -> dict[str, tuple[float, str
 
 
 def _print_info(found: Bag, summary: McapSummary, size: int) -> None:
-    duration = (summary.last_ns - summary.first_ns) / SECOND
+    duration = (summary.last_ns - summary.first_ns) / SECOND_NS
     rows = [("topic", "type", "messages", "per second")]
     for channel in sorted(summary.channels, key=lambda channel: channel.topic):
         count = summary.counts[channel.topic]
@@ -72,7 +73,7 @@ def _print_info(found: Bag, summary: McapSummary, size: int) -> None:
     for topic, kind, messages, rate in rows:
         print(f"{topic:<{left}}  {kind:<{right}}  {messages:>8}  {rate:>10}".rstrip())
     total = sum(summary.counts.values())
-    print(f"{total} messages in {duration:.3f} s from {summary.first_ns / SECOND:.3f} s on")
+    print(f"{total} messages in {duration:.3f} s from {summary.first_ns / SECOND_NS:.3f} s on")
     packed = ", ".join(printable(word or "uncompressed") for word in summary.compressions)
     print(
         f"{size / _MEGABYTE:.1f} MB in {len(found.files)} file(s), {summary.chunks} chunks, "

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.commands.bag import (
-    SECOND,
     bag_option,
     beside,
     document,
@@ -22,6 +21,7 @@ from omni_bringup.commands.bag import (
 from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
+from omni_platform.quantities import SECOND_NS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +51,8 @@ def _recover(options: Options) -> int:
     total = sum(result.counts.values())
     metrics: dict[str, tuple[float, str]] = {
         "messages": (total, "1"),
-        "start": (result.first_ns / SECOND, "s"),
-        "end": (result.last_ns / SECOND, "s"),
+        "start": (result.first_ns / SECOND_NS, "s"),
+        "end": (result.last_ns / SECOND_NS, "s"),
     }
     metrics |= {f"messages.{topic}": (n, "1") for topic, n in result.counts.items()}
     if options.json:
@@ -64,7 +64,7 @@ def _recover(options: Options) -> int:
     for topic, count in sorted(result.counts.items()):
         print(f"kept {count:>8} {printable(topic)}")
     print(
-        f"kept {total:>8} messages from {result.first_ns / SECOND:.3f} s to "
-        f"{result.last_ns / SECOND:.3f} s in {result.folder}"
+        f"kept {total:>8} messages from {result.first_ns / SECOND_NS:.3f} s to "
+        f"{result.last_ns / SECOND_NS:.3f} s in {result.folder}"
     )
     return EXIT_OK

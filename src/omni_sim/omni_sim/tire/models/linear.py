@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

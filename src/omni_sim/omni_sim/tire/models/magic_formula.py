@@ -23,13 +23,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.contact import solve_contact
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
-
-FloatArray = NDArray[np.float64]
 
 _SHAPE_RANGE = (1.05, 1.95)
 _CURVATURE_RANGE = (-20.0, 0.95)

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 from omni_sim.tire.tmeasy import (
     CurvePoint,
@@ -26,8 +26,6 @@ from omni_sim.tire.tmeasy import (
     falling_force,
     steady_force,
 )
-
-FloatArray = NDArray[np.float64]
 
 _TOLERANCE = 1e-13
 _MAXIMUM_ITERATIONS = 60
