@@ -46,6 +46,31 @@ def test_a_lie_makes_no_stop_worse(
 
 
 @pytest.mark.parametrize(
+    ("case", "kind", "axis", "onset", "amplitude", "period"),
+    [
+        ("table_2", "ramp", 2, 0.43, 0.675, 0.17),  # cost the gyro its word, and 41 deg
+        ("six_wheels", "ramp", 2, -0.11, 0.582, 0.57),
+        ("slippery", "drift", -1, 0.06, 0.189, 0.15),
+        ("turn_while_translate", "stuck", 0, -0.14, 0.0, 0.1),
+        ("straight_line", "offset", 2, 0.84, -0.508, 0.1),
+    ],
+)
+def test_a_twist_that_turns_otherwise_does_not_convict_the_gyro(
+    stops: LyingSensors,
+    case: str,
+    kind: str,
+    axis: int,
+    onset: float,
+    amplitude: float,
+    period: float,
+) -> None:
+    stop = stops.run(0, case, Lie("twist", kind, axis, onset, amplitude, period), imu=True)
+    assert stop.rest
+    assert stop.distance <= DISTANCE_LIMITS[True]
+    assert stop.rotation <= ROTATION_LIMIT
+
+
+@pytest.mark.parametrize(
     ("channel", "kind", "amplitude"),
     [
         ("gyro", "zero", 0.0),

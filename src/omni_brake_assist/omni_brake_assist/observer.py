@@ -21,10 +21,13 @@ now, so the answer is always of now.
 
 Consistency decides whom to believe (parity by leaving one out). The filters without twist and
 without accelerometer must agree on the velocity, those without twist and without gyro on the yaw
-rate. Where they do not, one of two channels lies. Three witnesses say which: the wheels that roll
-contradict the filter that believes it; in a dispute about the yaw rate, the twist's own rate must
-explain its velocity by ``v' = f - Omega k x v``; in one about the velocity, who sees none of the
-loss that braking wheels cause is wrong. What is convicted is left out until it has agreed with
+rate. Where they do not, one of two channels lies. Witnesses say which: the wheels that roll
+contradict the filter that believes it; in a dispute about the velocity, who sees none of the loss
+that braking wheels cause is wrong; in one about the yaw rate, the right one explains how the
+velocity of the twist changes. In axes that turn with the gyro ``U' = f`` if the gyro is right; by
+the twist's own rate it should change by another ``(Omega - gyro) k x U``. Both are added up over
+the last `memory`, so that a rate that is off by little shows too; a twist that neither explains is
+wrong itself. What is convicted is left out until it has agreed with
 the others for a while, the third time until the pedal is released. Until there is a verdict the
 filter that fits better is used; if there is none in time, nobody is believed. A wheel that
 contradicts all filters is not heard. Without an IMU the twist must fit the wheels that roll, and
@@ -47,15 +50,45 @@ from omni_platform.quantities import FloatArray
 IntArray = NDArray[np.int64]
 
 # Entries of the scores behind those of the filters: the twist against the wheels by itself, how
-# many wheels have spoken lately, the twist's velocity against the filter without gyro.
-ALONE, SPOKEN, FIT = 4, 5, 6
-SCORES = 7
+# many wheels have spoken lately.
+ALONE, SPOKEN = 4, 5
+SCORES = 6
 
 # The filters, by who is left out.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
 FILTERS = 4
 _U_X, _U_Y, _RATE, _BIAS_RATE, _BIAS_X, _BIAS_Y = range(6)
 STATES = 6
+
+# A fifth row of states is the path of the IMU alone: its heading by the gyro [rad], what the
+# specific force has added to the velocity since in axes that do not turn [m/s], its last rate.
+PATH = 4
+_HEADING, _GAIN_X, _GAIN_Y, _LAST_RATE = range(4)
+
+# Entries of the course: whether there is an earlier twist, its velocity in the axes of the path
+# [m/s], its yaw rate [rad/s], its time [ns], the path then, and what twists have lately changed by
+# beyond the specific force with the gyro's yaw rate [m/s], what they would have with their own
+# yaw rate [m/s], the variance of both [m^2/s^2], the biases when the pedal went down [rad/s],
+# [m/s^2].
+(
+    MARKED,
+    MARK_X,
+    MARK_Y,
+    MARK_RATE,
+    MARK_NS,
+    MARK_HEADING,
+    MARK_GAIN_X,
+    MARK_GAIN_Y,
+    CHANGE_X,
+    CHANGE_Y,
+    TURN_X,
+    TURN_Y,
+    SPREAD,
+    STILL_RATE,
+    STILL_X,
+    STILL_Y,
+) = range(16)
+COURSE_SIZE = 16
 
 # Who is not believed, beside the filters above: nobody is.
 NOBODY = 4
@@ -123,6 +156,8 @@ class ObserverConstants(NamedTuple):
         rebound_time: for how long, then it fades [s].
         delay: by which a twist is older than its stamp [ns].
         longest: step across which the filters go on [s].
+        memory: time over which changes of the twist are added up [s].
+        proof: by how much two explanations of them must differ, in variances [1].
     """
 
     n_x: FloatArray
@@ -150,20 +185,23 @@ class ObserverConstants(NamedTuple):
     rebound_time: float
     delay: float
     longest: float
+    memory: float
+    proof: float
 
 
 class ObserverMemory(NamedTuple):
     """What it remembers from step to step.
 
     Attributes:
-        state: of each filter, shape (4, 6).
+        state: of each filter and the path, shape (5, 6).
         covariance: likewise, shape (4, 6, 6).
         belief: see the constants of the module, shape (13,).
         released: for how long each wheel's brake has been released [s], shape (N,).
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
         doubt: how often each has contradicted everybody lately [1], shape (N,).
-        score: how badly wheels fit the filters, see the head of the module [1], shape (7,).
-        past: states of the last stamps, a ring, shape (32, 4, 6).
+        score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
+        course: what explains the change of the twist, see the head of the module, shape (16,).
+        past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
     """
@@ -175,6 +213,7 @@ class ObserverMemory(NamedTuple):
     rim: FloatArray
     doubt: FloatArray
     score: FloatArray
+    course: FloatArray
     past: FloatArray
     stamps: IntArray
     newest: IntArray
@@ -218,20 +257,23 @@ def observer_constants(
         rebound_time=0.15,
         delay=float(round(configuration.feedback_delay * 1e9)),
         longest=configuration.maximum_time_step,
+        memory=0.2,
+        proof=9.0,
     )
 
 
 def observer_memory(wheels: int) -> ObserverMemory:
     """Return a memory that has seen nothing."""
     return ObserverMemory(
-        np.zeros((FILTERS, STATES)),
+        np.zeros((FILTERS + 1, STATES)),
         np.zeros((FILTERS, STATES, STATES)),
         np.zeros(BELIEF_SIZE),
         np.zeros(wheels),
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(SCORES),
-        np.zeros((_HISTORY, FILTERS, STATES)),
+        np.zeros(COURSE_SIZE),
+        np.zeros((_HISTORY, FILTERS + 1, STATES)),
         np.full(_HISTORY, -1, np.int64),
         np.zeros(1, np.int64),
     )
@@ -245,6 +287,7 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
     memory.doubt[:] = 0.0
     memory.stamps[:] = -1
     memory.score[:] = 0.0
+    memory.course[:] = 0.0
     belief = memory.belief
     belief[:] = 0.0
     belief[BEGUN] = 1.0
@@ -369,6 +412,7 @@ def _hear_twist(
     own = constants.wheel**2 + (0.3 * speed) ** 2
     p_x, p_y = constants.p_x, constants.p_y
     place_ns = stamp_ns - int(constants.delay)
+    _follow_twist(constants, memory, place_ns, twist, variance)
     for k in range(FILTERS):
         if k == NO_TWIST:
             continue
@@ -387,10 +431,48 @@ def _hear_twist(
             for i in range(STATES):
                 predicted += h[i] * (then[i] + state[i] - shift[i])
             spread = variance[j] + (constants.gyro**2 if j == _RATE else own)
-            if k == NO_GYRO and j != _RATE:
-                misfit = (twist[j] - predicted) ** 2 / (spread + _spread(covariance, h))
-                memory.score[FIT] = 0.9 * memory.score[FIT] + min(misfit, 25.0)
             _correct(state, covariance, h, twist[j] - predicted, spread)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    place_ns: int,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Add up what the twist changes by, and what each yaw rate explains of it.
+
+    In axes that turn with the gyro, ``U' = f`` if the gyro is right. If the twist's rate is, they
+    turn too far by ``d = Omega - gyro``, and the change beyond ``f`` is ``d k x U``.
+    """
+    course, path = memory.course, np.empty(STATES)
+    _of_then(memory, PATH, place_ns, path)
+    u_x = twist[0] - twist[2] * constants.p_y
+    u_y = twist[1] + twist[2] * constants.p_x
+    c, s = math.cos(path[_HEADING]), math.sin(path[_HEADING])
+    x, y = c * u_x - s * u_y, s * u_x + c * u_y
+    dt = (place_ns - course[MARK_NS]) * 1e-9
+    if course[MARKED] != 0.0 and 0.0 < dt <= constants.longest:
+        keep = math.exp(-dt / constants.memory)
+        change_x = x - course[MARK_X] - (path[_GAIN_X] - course[MARK_GAIN_X])
+        change_y = y - course[MARK_Y] - (path[_GAIN_Y] - course[MARK_GAIN_Y])
+        own = 0.5 * (twist[2] + course[MARK_RATE]) * dt
+        turn = path[_HEADING] - course[MARK_HEADING] - own
+        course[CHANGE_X] = keep * course[CHANGE_X] + change_x
+        course[CHANGE_Y] = keep * course[CHANGE_Y] + change_y
+        course[TURN_X] = keep * course[TURN_X] - turn * 0.5 * (y + course[MARK_Y])
+        course[TURN_Y] = keep * course[TURN_Y] + turn * 0.5 * (x + course[MARK_X])
+        spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
+        course[SPREAD] = keep * course[SPREAD] + (1.0 - keep) * spread
+    else:
+        course[CHANGE_X:SPREAD] = 0.0
+        course[SPREAD] = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
+    course[MARKED], course[MARK_X], course[MARK_Y] = 1.0, x, y
+    course[MARK_RATE], course[MARK_NS] = twist[2], place_ns
+    course[MARK_HEADING] = path[_HEADING]
+    course[MARK_GAIN_X], course[MARK_GAIN_Y] = path[_GAIN_X], path[_GAIN_Y]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -509,6 +591,12 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
     if out != ALL:
         own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
         belief[AGREED] = belief[AGREED] + dt if own < 0.6 else 0.0
+        if out in (NO_TWIST, NO_GYRO) and rate > 1.0:
+            right, decided = _explain(constants, memory)
+            if decided and right != out:  # the first verdict was wrong
+                belief[OUT] = right
+                belief[CONVICTIONS] += 1.0
+                return int(right)
         if belief[AGREED] < constants.parole or belief[CONVICTIONS] >= constants.convictions:
             return int(out)
         belief[OUT] = ALL
@@ -530,11 +618,31 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
+    """Return the filter whose yaw rate explains how the twist changes, and whether it is proven.
+
+    A twist that neither rate explains is wrong itself.
+    """
+    course = memory.course
+    with_gyro = course[CHANGE_X] ** 2 + course[CHANGE_Y] ** 2
+    with_own = (course[CHANGE_X] - course[TURN_X]) ** 2 + (course[CHANGE_Y] - course[TURN_Y]) ** 2
+    right = NO_TWIST if with_gyro <= with_own else NO_GYRO
+    proof = constants.proof * course[SPREAD]
+    if min(with_gyro, with_own) > proof:
+        return NO_TWIST, True
+    return right, abs(with_gyro - with_own) > proof
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _verdict(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
     """Return the filter that is right in a dispute, and whether that is proven."""
     score, state = memory.score, memory.state
+    if about_rate:
+        right, decided = _explain(constants, memory)
+        if decided:
+            return right, True
     other = NO_GYRO if about_rate else NO_FORCE
     better = NO_TWIST if score[NO_TWIST] <= score[other] else other
     worse = other if better == NO_TWIST else NO_TWIST
@@ -542,11 +650,7 @@ def _verdict(
         return better, True
     lasted = memory.belief[DISPUTED] >= 0.5 * constants.patience
     if about_rate:
-        # v' = f - Omega k x v: the twist's own yaw rate must explain its velocity.
-        fast = math.hypot(state[NO_GYRO, _U_X], state[NO_GYRO, _U_Y]) > 2.0
-        if score[FIT] > 60.0:
-            return NO_TWIST, fast and lasted
-        return NO_GYRO, fast and lasted
+        return right, False
     # Brakes take energy: who sees none of the loss that the other sees is wrong.
     past = memory.past[(memory.newest[0] - _LOSS) % _HISTORY]
     loss = np.zeros(FILTERS)
@@ -627,6 +731,7 @@ def observe(
     if not braking and belief[PRESSED] != 0.0:
         belief[OUT] = belief[DISPUTED] = belief[AGREED] = belief[CONVICTIONS] = 0.0
     if not braking:
+        memory.course[STILL_RATE:] = memory.state[ALL, _BIAS_RATE:]
         belief[TOP_SPEED] = math.hypot(memory.state[ALL, _U_X], memory.state[ALL, _U_Y])
     belief[PRESSED] = 1.0 if braking else 0.0
     _carry_on(constants, memory, now_ns, dt, inertial)
@@ -657,6 +762,7 @@ def _carry_on(
     force = abs(f_x) < _LARGEST_FORCE and abs(f_y) < _LARGEST_FORCE
     if gyro and force:
         memory.belief[INERTIAL] = 1.0
+    _carry_path(memory, dt, rate if gyro else math.nan, f_x if force else math.nan, f_y)
     product, h = np.empty((2, STATES)), np.zeros(STATES)
     h[_RATE] = h[_BIAS_RATE] = 1.0
     for k in range(FILTERS):
@@ -669,6 +775,23 @@ def _carry_on(
     memory.newest[0] = row
     memory.stamps[row] = now_ns
     memory.past[row] = memory.state
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y: float) -> None:
+    """Turn the path by the gyro and add the specific force to it; no number where there is none."""
+    path, course = memory.state[PATH], memory.course
+    known = memory.state[ALL, _RATE]
+    now = rate - course[STILL_RATE] if math.isfinite(rate) else known
+    turn = 0.5 * dt * (now + path[_LAST_RATE])
+    heading = path[_HEADING] + 0.5 * turn
+    path[_HEADING] += turn
+    path[_LAST_RATE] = now
+    if math.isfinite(f_x):
+        a_x, a_y = f_x - course[STILL_X], f_y - course[STILL_Y]
+        c, s = math.cos(heading), math.sin(heading)
+        path[_GAIN_X] += dt * (c * a_x - s * a_y)
+        path[_GAIN_Y] += dt * (s * a_x + c * a_y)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

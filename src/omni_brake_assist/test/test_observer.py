@@ -79,6 +79,8 @@ class Drive:
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if told and lie == "twist":
                 twist = twist + np.array([0.0, size, 0.0])
+            if told and lie == "rate":
+                twist = twist + np.array([0.0, 0.0, size])
             if told and lie == "gyro":
                 inertial[0] += size
             if told and lie == "force":
@@ -141,7 +143,9 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
     ("lie", "size", "out"),
     [
         ("twist", 1.0, NO_TWIST),
-        ("gyro", 0.5, NO_GYRO),
+        ("rate", 0.3, NO_TWIST),
+        ("rate", -0.5, NO_TWIST),
+        ("gyro", 0.3, NO_GYRO),
         ("gyro", -0.5, NO_GYRO),
         ("force", 4.0, NO_FORCE),
     ],
