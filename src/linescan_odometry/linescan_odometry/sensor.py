@@ -10,6 +10,7 @@ import dataclasses
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.chain import LineChain
@@ -22,7 +23,7 @@ from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unme
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
-from linescan_odometry.view.sharp import sharp_pixels, sharpened, steps
+from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
@@ -57,6 +58,19 @@ class _Mean:
     share: float
 
 
+@njit(cache=True, nogil=True)
+def _count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
+    """Mark the lines that are identical with the one before; return how many are."""
+    count = 0
+    for row in range(1, lines.shape[0]):
+        i = 0
+        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
+            i += 1
+        same[row - 1] = i == lines.shape[1]
+        count += same[row - 1]
+    return count
+
+
 def _mean_of(
     matcher: PairMatcher, pairs: PairDisplacements, inlier: NDArray[np.bool_], share: float
 ) -> _Mean:
@@ -64,7 +78,7 @@ def _mean_of(
     weight = np.empty(len(inlier))
     displacement = average(pairs.displacement, inlier, weight)
     variance = matcher.mean_variance(pairs.displacement, weight)
-    correlation = float(np.mean(pairs.similarity, where=inlier))
+    correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
     return _Mean(displacement, variance, correlation, share)
 
 
@@ -148,8 +162,8 @@ class SensorOdometry:
 
     def _mark_frozen(self, lines: Lines, pairs: PairDisplacements) -> int:
         """Mark pairs of identical lines, which the noise of a live camera rules out."""
-        same = np.all(lines[1:] == lines[:-1], axis=1)
-        frozen = int(np.count_nonzero(same))
+        same = np.empty(len(lines) - 1, np.bool_)
+        frozen: int = _count_identical(lines, same)
         if frozen >= _FROZEN_PAIRS:
             pairs.usable[same] = False
         return frozen
@@ -183,7 +197,10 @@ class SensorOdometry:
         """
         tolerance = self._configuration.median_tolerance
         for step, matcher in self._sharp_matchers.items():
-            few = matcher.match(sharpened(lines[-_SHARP_PAIRS - 1 :], step))
+            sharp = sharpened(lines[-_SHARP_PAIRS - 1 :], step)
+            if follows(sharp, mean.displacement):
+                return None
+            few = matcher.match(sharp)
             moves = few.displacement[few.usable]
             if 2 * len(moves) <= len(few.usable) or len(moves) < _FEWEST_MOVES:
                 continue

@@ -23,7 +23,7 @@ from omni_recording.write import Rosbag2Writer
 WORKSPACE = Path(__file__).resolve().parents[3]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 TWIST = "/odometry/twist"
-STEPS = 226
+STEPS = 228
 
 Change = Callable[[RecordedMessage], bytes | None]
 

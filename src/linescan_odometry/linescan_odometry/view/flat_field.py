@@ -41,11 +41,15 @@ _FAR_PLACES = 30  # that are not all near each other
 _FEWEST_ACTIVE = 12  # before pixels are found to be blind
 _QUICK_PLACES = 48  # until which every line is looked at, later some of each batch
 _LINES_PER_BATCH = 4
+_DECIDED_EVERY = 24  # places, beyond those
 _CLEARLY = 3.0  # times what the texture of the places lets expect
 _STRONGEST = 4.0  # gain
 _BLIND = 0.45  # of the temporal deviation of the other pixels
 _FEW = 6  # blind pixels side by side that are interpolated
 _MOST_BLIND = 0.6  # share of a view; beyond, there is nothing to be saved
+
+# Sums in any order; such a kernel must not be called by another one (see `subpixel`).
+_REORDER = {"reassoc", "contract", "nsz"}
 
 
 class FlatField:
@@ -71,6 +75,8 @@ class FlatField:
         self._dark: FloatArray = np.zeros(pixels)
         self._gain: FloatArray | None = None
         self._blind: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
+        self._relative = np.empty(pixels, np.float32)  # working memory
+        self._difference = np.empty(pixels, np.float32)
 
     @property
     def places(self) -> int:
@@ -165,13 +171,13 @@ class FlatField:
         Returns:
             Whether it was taken.
         """
-        level = line - self._dark
-        mean = float(level.mean())
-        if mean <= 0.0:
+        relative = self._relative
+        if _level(line, self._dark, relative) <= 0.0:
             return False
-        relative = (level / mean).astype(np.float32)
         known = min(self._count, _REMEMBERED)
-        least, greatest, likeness, energy = _structure(relative, self._seen[:known])
+        least, greatest, likeness, energy = _structure(
+            relative, self._seen[:known], self._difference
+        )
         # Pixels of a ground finer than they are share nothing either, but no line is like another.
         unlike = known > 0 and energy > _UNLIKE
         if known and not unlike and likeness < max(_NEIGHBOURS, _SIGMAS / self._pixels**0.5):
@@ -187,10 +193,10 @@ class FlatField:
         self._count += 1
         self._structure *= 1.0 - 0.1 / _REMEMBERED
         share = 1.0 / min(self._count, self._places)
-        self._mean += share * (relative - self._mean)
-        self._square += share * (relative.astype(np.float64) ** 2 - self._square)
-        self._undecided = True
-        self._step += share * (np.diff(relative).astype(np.float64) ** 2 - self._step)
+        _enter(relative, share, self._mean, self._square, self._step)
+        # A mean over many places changes little by one more.
+        if self._count <= _QUICK_PLACES or self._count % _DECIDED_EVERY == 0:
+            self._undecided = True
         return True
 
     def correct(self, lines: Lines) -> Lines:
@@ -206,10 +212,13 @@ class FlatField:
         if self._gain is None:
             return lines
         scale = 64.0 if lines.dtype == np.uint8 else 0.25
-        light = (lines - self._dark) * (scale * self._gain)
+        corrected: Lines = np.empty(lines.shape, np.uint16)
         if self._blind.any():
+            light = (lines - self._dark) * (scale * self._gain)
             _fill(light, self._blind)
-        corrected: Lines = np.rint(light.clip(0.0, 65535.0)).astype(np.uint16)
+            _round(light, np.zeros(self._pixels), np.ones(self._pixels), corrected)
+        else:
+            _round(lines, self._dark, scale * self._gain, corrected)
         return corrected
 
     def _decide(self) -> None:
@@ -241,9 +250,48 @@ class FlatField:
                 self._blind = blind
 
 
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _level(line: Lines, dark: FloatArray, relative: Floats) -> float:
+    """Write a line less its dark signal over its mean; return the mean."""
+    pixels = line.shape[0]
+    total = 0.0
+    for i in range(pixels):
+        total += line[i] - dark[i]
+    mean: float = total / pixels
+    scale = 1.0 / mean if mean > 0.0 else 0.0
+    for i in range(pixels):
+        relative[i] = (line[i] - dark[i]) * scale
+    return mean
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _enter(
+    relative: Floats, share: float, mean: FloatArray, square: FloatArray, step: FloatArray
+) -> None:
+    """Take a line with its share into the mean, the mean square and that of the differences."""
+    for i in range(relative.shape[0]):
+        value = float(relative[i])
+        mean[i] += share * (value - mean[i])
+        square[i] += share * (value * value - square[i])
+    before, behind = relative[:-1], relative[1:]
+    for i in range(step.shape[0]):
+        difference = float(behind[i] - before[i])
+        step[i] += share * (difference * difference - step[i])
+
+
 @njit(cache=True, nogil=True)
-def _structure(line: Floats, seen: Floats) -> tuple[float, float, float, float]:
-    """Compare a line with others by their differences.
+def _round(light: FloatArray | Lines, dark: FloatArray, gain: FloatArray, out: Lines) -> None:
+    """Write lines less the dark signal times the gain, rounded to 16 bit."""
+    for row in range(out.shape[0]):
+        line, into = light[row], out[row]
+        for i in range(out.shape[1]):
+            value = np.rint((line[i] - dark[i]) * gain[i])
+            into[i] = np.uint16(min(max(value, 0.0), 65535.0))
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, float, float]:
+    """Compare a line with others by their differences, each of which `d` receives.
 
     Returns:
         The least and the greatest structure, which is the mean product of neighbouring pixels of
@@ -252,23 +300,30 @@ def _structure(line: Floats, seen: Floats) -> tuple[float, float, float, float]:
     """
     least, greatest, neighbours, energy = 1e30, 0.0, 1.0, 1.0
     pixels = line.shape[0]
-    own = np.var(line)
     for row in range(seen.shape[0]):
-        square, product, before, total = 0.0, 0.0, 0.0, 0.0
+        other = seen[row]
+        own, own_square, its, its_square = 0.0, 0.0, 0.0, 0.0
+        for i in range(pixels):  # both are near 1, where sums of squares lose nothing
+            x, y = float(line[i]) - 1.0, float(other[i]) - 1.0
+            d[i] = x - y
+            own += x
+            own_square += x * x
+            its += y
+            its_square += y * y
+        square, product = 0.0, 0.0
         for i in range(pixels):
-            d = float(line[i]) - float(seen[row, i])
-            square += d * d
-            product += d * before
-            before = d
-            total += d
-        offset = total * total / pixels
+            square += float(d[i]) * float(d[i])
+        before, behind = d[:-1], d[1:]
+        for i in range(pixels - 1):
+            product += float(before[i]) * float(behind[i])
+        offset = (own - its) * (own - its) / pixels
         square -= offset
         product -= offset
         if product < least:
             least = product
             neighbours = product / square if square > 0.0 else 0.0
         greatest = max(greatest, product)
-        both = pixels * (own + np.var(seen[row]))
+        both = own_square + its_square - (own * own + its * its) / pixels
         energy = min(energy, square / both if both > 0.0 else 0.0)
     return least / pixels, greatest / pixels, neighbours, energy
 

@@ -16,11 +16,15 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines, SensorReading
 from linescan_odometry.view.sharp import steps
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
+
+Floats = NDArray[np.float32]
 
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared
 _REMEMBERED = 128  # twists
@@ -29,6 +33,7 @@ _LONGEST = 1.0  # s, that a view is remembered
 _LOST = 0.35  # correlation below which nothing of a view is left
 _SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
 _SEARCHED_SHARE = 0.01
+_FEWEST = 16  # px that are compared
 _STONE = 0.008  # m, that the pieces of a ground without grain outlive the width of a view
 _FAR_ENOUGH = 0.5  # of both, from which it can be told
 _EXCESS = 0.35  # of correlation over that of a ground without grain
@@ -48,13 +53,13 @@ class Keyframe:
             pixels: n of a line.
         """
         self._step, _ = steps(pixels)
-        self._line: FloatArray | None = None
+        self._gradient: Floats | None = None
         self._stamp_ns = 0
         self._shift = 0.0
 
     def reset(self) -> None:
         """Forget the line."""
-        self._line = None
+        self._gradient = None
 
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines, displacement: float
@@ -75,49 +80,98 @@ class Keyframe:
         pixels = lines.shape[1]
         self._shift += span * displacement
         if (
-            self._line is None
+            self._gradient is None
             or abs(self._shift) > _REACH * pixels
             or not 0.0 < 1e-9 * (stamp_ns - self._stamp_ns) < _LONGEST
         ):
             first = 0
             if abs(span * displacement) > _REACH * pixels:
                 first = span - max(1, int(_REACH * pixels / abs(displacement)))
-            self._line = self._gradient(lines[first])
+            self._remember(lines[first])
             self._stamp_ns = stamp_ns - round((span - first) * period_ns)
             self._shift = (span - first) * displacement
-        newest = self._gradient(lines[-1])
-        near = _likeness(self._gradient(lines[-2]), newest, displacement)
         # A ground that repeats itself comes again, grain never goes: lines in between must show it.
-        far = 1.0
-        for back in (0, span // 5, span // 2):
-            line = newest if back == 0 else self._gradient(lines[-1 - back])
-            far = min(far, _likeness(self._line, line, self._shift - back * displacement))
-            if far < _LOST * _EXCESS:
-                break
+        near, far = _compare(
+            lines, self._step, self._shift, displacement, _LOST * _EXCESS, self._gradient
+        )
         likeness = max(0.0, far) / max(near, _EXCESS)
         if likeness < _LOST:
-            self._line = None  # a ground that repeats itself would come again
+            self._gradient = None  # a ground that repeats itself would come again
         return 1e-9 * (stamp_ns - self._stamp_ns), likeness
 
-    def _gradient(self, line: Lines) -> FloatArray:
-        """Return differences of neighbouring means over some pixels."""
-        sums = np.concatenate(([0.0], np.cumsum(line, dtype=np.float64)))
-        step = self._step
-        gradient: FloatArray = sums[2 * step :] - 2.0 * sums[step:-step] + sums[: -2 * step]
-        return gradient
+    def _remember(self, line: Lines) -> None:
+        gradient: Floats = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
+        _differentiate(line, self._step, gradient[0])
+        self._gradient = gradient
 
 
-def _likeness(old: FloatArray, new: FloatArray, shift: float) -> float:
-    """Return the largest correlation near a shift [px]."""
-    reach = _SEARCHED + int(_SEARCHED_SHARE * abs(shift))
-    best = -1.0
-    for s in range(round(shift) - reach, round(shift) + reach + 1):
-        x, y = new[max(0, -s) : len(new) - max(0, s)], old[max(0, s) : len(old) - max(0, -s)]
-        if len(x) < 16:
-            continue
-        norm = math.sqrt(float(x @ x) * float(y @ y))
-        best = max(best, float(x @ y) / norm if norm > 0.0 else 0.0)
-    return best
+@njit(cache=True, nogil=True)
+def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
+    """Write differences of neighbouring sums of `step` pixels, which are whole numbers."""
+    ahead, behind = np.int32(0), np.int32(0)
+    for i in range(step):
+        behind += np.int32(line[i])
+        ahead += np.int32(line[i + step])
+    gradient[0] = ahead - behind
+    for i in range(1, gradient.shape[0]):
+        middle = np.int32(line[i + step - 1])
+        behind += middle - np.int32(line[i - 1])
+        ahead += np.int32(line[i + 2 * step - 1]) - middle
+        gradient[i] = ahead - behind
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _compare(
+    lines: Lines, step: int, shift: float, displacement: float, hopeless: float, gradient: Floats
+) -> tuple[float, float]:
+    """Compare gradients of the newest lines with each other and with an earlier one.
+
+    Args:
+        lines: that follow each other, oldest first, shape (m + 1, n).
+        step: number of pixels of the means.
+        shift: of the newest line against the earlier one [px].
+        displacement: per line [px].
+        hopeless: correlation below which no further line is compared.
+        gradient: of the earlier line, and working memory for two more, shape (3, n').
+
+    Returns:
+        The largest correlation near the shift of the two newest lines; the least of those of three
+        lines of the batch with the earlier one.
+    """
+    span = len(lines) - 1
+    backs = (1, 0, span // 5, span // 2)
+    near, far = 0.0, 1.0
+    for case in range(4):
+        if case == 0:
+            _differentiate(lines[span], step, gradient[1])
+            _differentiate(lines[span - 1], step, gradient[2])
+            old, new, expected = gradient[2], gradient[1], displacement
+        else:
+            if case > 1:
+                _differentiate(lines[span - backs[case]], step, gradient[2])
+            old, new = gradient[0], gradient[1 if case == 1 else 2]
+            expected = shift - backs[case] * displacement
+        reach = _SEARCHED + int(_SEARCHED_SHARE * abs(expected))
+        best = -1.0
+        for s in range(round(expected) - reach, round(expected) + reach + 1):
+            count = len(new) - abs(s)
+            if count < _FEWEST:
+                continue
+            x, y = new[max(0, -s) :][:count], old[max(0, s) :][:count]
+            xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
+            for i in range(count):
+                xx += x[i] * x[i]
+                yy += y[i] * y[i]
+                xy += x[i] * y[i]
+            norm = math.sqrt(float(xx) * float(yy))
+            best = max(best, float(xy) / norm if norm > 0.0 else 0.0)
+        if case == 0:
+            near = best
+        else:
+            far = min(far, best)
+            if far < hopeless:
+                break
+    return near, far
 
 
 class Grain:

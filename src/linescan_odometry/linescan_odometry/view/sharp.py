@@ -8,12 +8,23 @@ otherwise than the lines as a whole, two things move in the view, and the ground
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.measurements import Lines
 
 _RANGE = 30000.0  # of 16 bit to either side
 _CLIPPED = 4.0  # standard deviations: single pixels and edges do not rule a line
+_MIDDLE = 32768.0
+_BESIDE = 1  # px beside the expected shift
+_MOST = 0.5  # correlation from which nothing else can hold more of the detail
+
+# Sums in any order; such a kernel must not be called by another one (see `matching.subpixel`).
+_REORDER = {"reassoc", "contract", "nsz"}
 
 
 def steps(pixels: int) -> tuple[int, int]:
@@ -34,14 +45,80 @@ def sharpened(lines: Lines, step: int) -> Lines:
         lines: shape (m, n).
         step: number of pixels of the means that are compared.
     """
-    s = step
-    sums = np.zeros((len(lines), lines.shape[1] + 1), np.float32)
-    np.cumsum(lines, axis=1, dtype=np.float32, out=sums[:, 1:])
-    detail = sums[:, 3 * s :] - sums[:, : -3 * s]
-    detail -= 3.0 * (sums[:, 2 * s : -s] - sums[:, s : -2 * s])
-    limit = _CLIPPED * max(float(np.sqrt(np.mean(detail * detail))), 1e-3)
-    np.clip(detail, -limit, limit, out=detail)
-    detail *= _RANGE / limit
-    detail += 32768.0
-    sharp: Lines = np.rint(detail).astype(np.uint16)
+    sharp: Lines = np.empty((len(lines), sharp_pixels(lines.shape[1], step)), np.uint16)
+    _sharpen(lines, step, np.empty(sharp.shape, np.float32), sharp)
     return sharp
+
+
+def follows(sharp: Lines, displacement: float) -> bool:
+    """Return whether detail that was sharpened surely moves with the lines.
+
+    If two things move in the view, they share the energy of the detail: what holds more than half
+    of it in most pairs is what a full search would find.
+
+    Args:
+        sharp: detail of m + 1 lines, oldest first.
+        displacement: of the lines from one to the next [px].
+    """
+    alike: int = _count_alike(sharp, round(displacement))
+    return 2 * alike > len(sharp) - 1
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _sharpen(lines: Lines, step: int, detail: NDArray[np.float32], sharp: Lines) -> None:
+    """Write the second difference of sums of `step` pixels, clipped, as 16 bit."""
+    rows, pixels = detail.shape
+    squares = 0.0
+    for row in range(rows):
+        line, out = lines[row], detail[row]
+        first, middle, last = np.int64(0), np.int64(0), np.int64(0)
+        for i in range(step):
+            first += np.int64(line[i])
+            middle += np.int64(line[i + step])
+            last += np.int64(line[i + 2 * step])
+        out[0] = first - 2 * middle + last
+        # The sums move on by what enters and what leaves; whole numbers, so nothing drifts.
+        value = first - 2 * middle + last
+        enters, thrice = line[3 * step :], line[2 * step :]
+        thrice_less, leaves = line[step:], line
+        for i in range(pixels - 1):
+            value += (
+                np.int64(enters[i]) - np.int64(leaves[i])
+                - 3 * (np.int64(thrice[i]) - np.int64(thrice_less[i]))
+            )  # fmt: skip
+            out[i + 1] = value
+        for i in range(pixels):
+            squares += float(out[i]) * float(out[i])
+    limit = max(_CLIPPED * math.sqrt(squares / (rows * pixels)), 1e-3)
+    scale = np.float32(_RANGE / limit)
+    for row in range(rows):
+        source, into = detail[row], sharp[row]
+        for i in range(pixels):
+            value_f = min(max(source[i] * scale, np.float32(-_RANGE)), np.float32(_RANGE))
+            into[i] = np.uint16(np.int32(value_f + np.float32(_MIDDLE + 0.5)))
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _count_alike(sharp: Lines, shift: int) -> int:
+    """Count the pairs of consecutive lines that are alike at a shift or beside it."""
+    count = 0
+    for pair in range(len(sharp) - 1):
+        old, new = sharp[pair], sharp[pair + 1]
+        for s in range(shift - _BESIDE, shift + _BESIDE + 1):
+            overlap = len(new) - abs(s)
+            if overlap < FEWEST_PIXELS:
+                continue
+            x, y = new[max(0, -s) :][:overlap], old[max(0, s) :][:overlap]
+            xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
+            for i in range(overlap):
+                a, b = (
+                    np.float32(x[i]) - np.float32(_MIDDLE),
+                    np.float32(y[i]) - np.float32(_MIDDLE),
+                )
+                xx += a * a
+                yy += b * b
+                xy += a * b
+            if xy > _MOST * math.sqrt(float(xx) * float(yy)):
+                count += 1
+                break
+    return count
