@@ -9,7 +9,7 @@ from pathlib import Path
 
 from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, open_bag
+from omni_recording.folder import bag_messages, open_vehicle
 from omni_recording.mcap import RecordedMessage
 from omni_recording.table import Cell, TooWideError, flatten
 
@@ -91,7 +91,7 @@ _Stamped = tuple[int, RecordedMessage, list[Cell]]
 
 
 def _stamped(decoder: MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
-    for message in bag_messages(open_bag(path)):
+    for message in bag_messages(open_vehicle(path)):
         if message.channel.topic != topic:
             continue
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
+import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
@@ -29,6 +30,11 @@ METADATA = "metadata.yaml"
 
 _LARGEST_METADATA = 1 << 22  # [B]
 _NEWEST_VERSION = 9
+# What one vehicle publishes; what stands before it is the vehicle's namespace.
+_VEHICLE_TOPIC = re.compile(
+    r"(?P<namespace>.*?)/(wheel_states|brake/(pedal|enable)|odometry/twist|ground_truth/odom"
+    r"|line_scan/[^/]+/lines)"
+)
 _INFORMATION = "rosbag2_bagfile_information"
 _WINDOW_NS = 1_000_000_000  # [ns] by which a message may lie too late in the file
 _MOST_WAITING = 1 << 27  # [B] of messages held back at a time
@@ -44,6 +50,7 @@ class Bag:
         message_count: that the metadata claim; None without metadata.
         counts: messages by topic that the metadata claim; empty without metadata.
         ros_distro: of the recorder; empty if not told.
+        namespace: that messages and summary leave out of their topics, such as ``/robot1``.
     """
 
     path: Path
@@ -51,6 +58,7 @@ class Bag:
     message_count: int | None = None
     counts: Mapping[str, int] = dataclasses.field(default_factory=dict)
     ros_distro: str = ""
+    namespace: str = ""
 
 
 def open_bag(path: Path | str) -> Bag:
@@ -73,6 +81,30 @@ def open_bag(path: Path | str) -> Bag:
         raise BagError(path, "not a folder, and not an .mcap file")
     _require_regular(path, path)
     return Bag(path, (path,))
+
+
+def open_vehicle(path: Path | str) -> Bag:
+    """Find the recording of one vehicle; its topics read as below its namespace, whatever that is.
+
+    Args:
+        path: a rosbag2 folder or a single ``.mcap`` file.
+
+    Raises:
+        BagError: there is none that can be read here, or it holds several vehicles.
+    """
+    bag = open_bag(path)
+    found = {
+        match["namespace"]
+        for topic in bag_summary(bag).counts
+        if (match := _VEHICLE_TOPIC.fullmatch(topic))
+    }
+    if len(found) > 1:
+        names = ", ".join(sorted(name or "/" for name in found))
+        raise BagError(
+            bag.path,
+            f"holds the vehicles {names}; `ros2 bag convert` keeps the topics of one",
+        )
+    return dataclasses.replace(bag, namespace=found.pop() if found else "")
 
 
 def bag_files(path: Path) -> tuple[Path, ...]:
@@ -100,7 +132,10 @@ def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:
     """
     for file in bag.files:
         try:
-            yield from McapMessages(file)
+            if bag.namespace:
+                yield from _messages_below(bag.namespace, McapMessages(file))
+            else:
+                yield from McapMessages(file)
         except (McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
 
@@ -121,11 +156,14 @@ def bag_summary(bag: Bag) -> McapSummary:
             raise file_problem(bag.path, file, error) from None
     counts: dict[str, int] = {}
     for part in parts:
-        for topic, count in part.counts.items():
+        for recorded, count in part.counts.items():
+            topic = recorded.removeprefix(bag.namespace)
             counts[topic] = counts.get(topic, 0) + count
     timed = [part for part in parts if any(part.counts.values())]
     channels: dict[tuple[str, str], RecordedChannel] = {
-        (channel.topic, channel.type_name): channel for part in parts for channel in part.channels
+        (channel.topic, channel.type_name): _below(bag.namespace, channel)
+        for part in parts
+        for channel in part.channels
     }
     return McapSummary(
         tuple(channels.values()),
@@ -143,6 +181,19 @@ def file_problem(folder: Path, file: Path, error: McapError | OSError) -> BagErr
         hint = "; `omni bag recover` keeps what is whole" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
+
+
+def _messages_below(namespace: str, messages: McapMessages) -> Iterator[RecordedMessage]:
+    renamed: dict[int, RecordedChannel] = {}  # by the channel's identity; the reader keeps it
+    for message in messages:
+        key = id(message.channel)
+        if key not in renamed:
+            renamed[key] = _below(namespace, message.channel)
+        yield dataclasses.replace(message, channel=renamed[key])
+
+
+def _below(namespace: str, channel: RecordedChannel) -> RecordedChannel:
+    return dataclasses.replace(channel, topic=channel.topic.removeprefix(namespace))
 
 
 def _counted(file: Path) -> McapSummary:

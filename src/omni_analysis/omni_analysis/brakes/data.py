@@ -10,6 +10,7 @@ import numpy as np
 from omni_analysis.loop.recorded_run import Stream, ordered, planar_twist, read_streams
 from omni_platform.brakes import ON_OFF, BrakeConfiguration
 from omni_platform.quantities import FloatArray
+from omni_recording.folder import open_vehicle
 
 _JOINTS = "sensor_msgs/msg/JointState"
 _WHEELS, _PEDAL, _ENABLE = "wheel_states", "brake/pedal", "brake/enable"
@@ -62,7 +63,7 @@ def read_brake_data(
     """
     joints = dict.fromkeys((_WHEELS, _PEDAL, _ENABLE), _JOINTS)
     types = joints | {twist_topic: TWIST_TOPICS[twist_topic]}
-    streams = read_streams(folder, types, (_WHEELS, _PEDAL, twist_topic))
+    streams = read_streams(open_vehicle(folder), types, (_WHEELS, _PEDAL, twist_topic))
     wheels, twists, pedal = (streams[name] for name in (_WHEELS, twist_topic, _PEDAL))
     start_ns = int(wheels.stamp_ns[0])
 

@@ -60,11 +60,11 @@ def _number(row: dict[str, str], name: str, line: int) -> float:
 
 def _read_recording(path: Path) -> FloatArray:
     from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
-    from omni_recording.folder import bag_messages, open_bag
+    from omni_recording.folder import bag_messages, open_vehicle
 
     decoder = MessageDecoder()
     found: dict[str, dict[int, Any]] = {topic: {} for topic in (*_COMMANDS, _PEDAL)}
-    for recorded in bag_messages(open_bag(path)):
+    for recorded in bag_messages(open_vehicle(path)):
         if recorded.channel.topic in found:
             try:
                 message = decoder.decode(recorded)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 from omni_analysis.loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 from omni_recording.error import BagError
+
+if TYPE_CHECKING:
+    from omni_recording.folder import Bag
 
 __all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
 
@@ -28,7 +31,7 @@ _TRUTH, _WHEELS = "ground_truth/odom", "wheel_states"
 _PEDAL, _ENABLE = "brake/pedal", "brake/enable"
 _ERROR, _ESTIMATE = "brake_assist/error", "odometry/twist"
 _DIAGNOSTICS = "diagnostics"
-_ASSISTANT = "brake_assist"  # the name of the status that the assistant reports
+_ASSISTANT = "brake_assist"  # the name of its status, after its namespace
 _TYPES = {
     _TRUTH: "nav_msgs/msg/Odometry",
     _WHEELS: _JOINT_STATE,
@@ -53,59 +56,57 @@ class Stream:
     messages: tuple[Any, ...]
 
 
-def read_run(bag_folder: Path | str, *, namespace: str = "") -> RunHistory:
-    """Read the history of a run from a rosbag2 folder.
+def read_run(bag_folder: Path | str) -> RunHistory:
+    """Read the history of a run from a rosbag2 folder, whatever the namespace of its vehicle.
 
     Values without a message (no enable in the last period, say) are NaN.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
-        namespace: namespace of the run's topics, root by default.
 
     Raises:
         BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
     """
-    folder = Path(bag_folder)
-    streams = read_streams(folder, _TYPES, _REQUIRED, namespace)
+    from omni_recording.folder import open_vehicle
+
+    bag = open_vehicle(bag_folder)
+    streams = read_streams(bag, _TYPES, _REQUIRED)
+    assistant = f"{bag.namespace}/{_ASSISTANT}".removeprefix("/")
     try:
-        return _to_history(streams)
+        return _to_history(streams, assistant)
     except (ValueError, IndexError) as error:
-        raise BagError(folder, f"does not hold one run: {error}") from error
+        raise BagError(bag.path, f"does not hold one run: {error}") from error
 
 
-def read_streams(
-    folder: Path, types: Mapping[str, str], required: Sequence[str], namespace: str = ""
-) -> dict[str, Stream]:
-    """Return the messages of some small topics by topic name below the namespace.
+def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) -> dict[str, Stream]:
+    """Return the messages of some small topics by topic name below the vehicle's namespace.
 
     Args:
-        folder: with ``metadata.yaml`` and the recording.
+        bag: the recording of a vehicle.
         types: of the topics, by name.
         required: topics without which there is nothing to read.
-        namespace: of the topics, root by default.
 
     Raises:
         BagError: the bag cannot be read, lacks a topic, or one is of another type.
     """
     from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
-    from omni_recording.folder import bag_messages, bag_summary, open_bag
+    from omni_recording.folder import bag_messages, bag_summary
 
-    prefix = "/" + namespace.strip("/") + "/" if namespace.strip("/") else "/"
-    names = {prefix + name: name for name in types} | {f"/{_DIAGNOSTICS}": _DIAGNOSTICS}
-    bag = open_bag(folder)
-    channels = [entry for entry in bag_summary(bag).channels if names.get(entry.topic) in types]
+    folder = bag.path
+    names = {f"/{name}": name for name in types}
+    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
     found = {names[channel.topic]: channel.type_name for channel in channels}
-    missing = [prefix + name for name in required if name not in found]
+    missing = [f"/{name}" for name in required if name not in found]
     if missing:
         raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
-    _require_types(folder, found, types, prefix)
+    _require_types(folder, found, types)
     decoder = MessageDecoder()
     messages: dict[str, list[tuple[int, Any]]] = {}
     for recorded in bag_messages(bag):
         name = names.get(recorded.channel.topic)
-        if name is None or name not in types:
+        if name is None:
             continue
-        _require_types(folder, {name: recorded.channel.type_name}, types, prefix)
+        _require_types(folder, {name: recorded.channel.type_name}, types)
         try:
             message = decoder.decode(recorded)
         except DecodeError as error:
@@ -116,16 +117,14 @@ def read_streams(
         messages.setdefault(name, []).append((stamp_ns, message))
     for name in required:
         if name not in messages:
-            raise BagError(folder, f"there is no message on {prefix}{name}")
+            raise BagError(folder, f"there is no message on /{name}")
     return {name: _in_order(entries) for name, entries in messages.items()}
 
 
-def _require_types(
-    folder: Path, found: Mapping[str, str], types: Mapping[str, str], prefix: str
-) -> None:
+def _require_types(folder: Path, found: Mapping[str, str], types: Mapping[str, str]) -> None:
     for name, kind in found.items():
         if kind != types[name]:
-            raise BagError(folder, f"{prefix}{name} is of type {kind}, must be {types[name]}")
+            raise BagError(folder, f"/{name} is of type {kind}, must be {types[name]}")
 
 
 def _in_order(entries: list[tuple[int, Any]]) -> Stream:
@@ -134,7 +133,7 @@ def _in_order(entries: list[tuple[int, Any]]) -> Stream:
     return Stream(stamps, tuple(message for _, message in entries))
 
 
-def _to_history(streams: Mapping[str, Stream]) -> RunHistory:
+def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     truth = streams[_TRUTH]
     stamps = truth.stamp_ns
     if np.any(np.diff(stamps) == 0):
@@ -163,17 +162,17 @@ def _to_history(streams: Mapping[str, Stream]) -> RunHistory:
         pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
         estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
         estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
-        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS)),
+        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
     )
 
 
-def _assist_states(stamps: NDArray[np.int64], stream: Stream | None) -> list[str]:
+def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
     """Return the assistant's state at each control stamp; it holds until the next report."""
     states = [""] * len(stamps)
     for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            if status.name == _ASSISTANT and "state" in values:
+            if status.name == assistant and "state" in values:
                 first = int(np.searchsorted(stamps, stamp_ns, side="left"))
                 states[first:] = [values["state"]] * (len(stamps) - first)
     return states

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omni_platform.quantities import FloatArray
 from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, open_bag
+from omni_recording.folder import bag_messages, open_vehicle
 
 MARKERS = "/markers"
 _TYPE = "visualization_msgs/msg/MarkerArray"
@@ -49,7 +49,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> WheelForces | None
     """
     decoder = MessageDecoder()
     found: dict[int, list[tuple[float, float]]] = {}
-    for recorded in bag_messages(open_bag(bag_folder)):
+    for recorded in bag_messages(open_vehicle(bag_folder)):
         if recorded.channel.topic != MARKERS or recorded.channel.type_name != _TYPE:
             continue
         try:

@@ -56,7 +56,7 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.replay.plan import replay_configuration
     from omni_bringup.replay.reference import read_reference
     from omni_recording.error import BagError
-    from omni_recording.folder import open_bag
+    from omni_recording.folder import open_vehicle
 
     library = ExperimentLibrary(workspace / "config")
     folder = options.out or workspace / "results" / "calibrate-sensors"
@@ -65,7 +65,7 @@ def run(options: Options, workspace: Path) -> int:
     kinds = set()
     try:
         for path in options.drives:
-            bag = open_bag(path)
+            bag = open_vehicle(path)
             configuration = replay_configuration(bag, library, None, ())
             sensors = configuration.odometry.sensors
             if told and sensors != told:

@@ -100,11 +100,11 @@ def run(options: Options, workspace: Path) -> int:
 def _vehicle(options: Options, workspace: Path) -> VehicleConfiguration:
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_bringup.replay.plan import recorded_configuration
-    from omni_recording.folder import open_bag
+    from omni_recording.folder import open_vehicle
 
     if options.vehicle is not None:
         return ExperimentLibrary(workspace / "config").vehicle(options.vehicle)
-    bag = open_bag(options.recordings[0])
+    bag = open_vehicle(options.recordings[0])
     return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
 
 

@@ -80,12 +80,12 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.replay.plan import check_inputs, replay_configuration, replay_plan
     from omni_recording.compare import compare_topics
     from omni_recording.error import BagError
-    from omni_recording.folder import open_bag
+    from omni_recording.folder import open_vehicle
     from omni_recording.write import RecordingError
 
     library = ExperimentLibrary(workspace / "config")
     try:
-        bag = open_bag(options.bag)
+        bag = open_vehicle(options.bag)
         configuration = replay_configuration(bag, library, options.experiment, options.overrides)
         plan = replay_plan(configuration, options.nodes)
         counts = check_inputs(bag, plan)

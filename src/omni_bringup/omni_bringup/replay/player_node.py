@@ -23,7 +23,7 @@ from rosgraph_msgs.msg import Clock
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import SECOND_NS
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_bag
+from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_vehicle
 from omni_recording.mcap import RecordedMessage
 from omni_recording.plan import leading_stamp
 from omni_ros.messages import to_time
@@ -134,7 +134,7 @@ def play(node: PlayerNode, spinner: Spinner) -> None:
 
 
 def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
-    bag = open_bag(Path(node.configuration.bag))
+    bag = open_vehicle(Path(node.configuration.bag))
     rate = node.configuration.rate
     ahead = 1
     chosen = (m for m in bag_messages(bag) if m.channel.topic in node.inputs)

@@ -38,7 +38,7 @@ def read_reference(
     Raises:
         BagError: the recording lacks it.
     """
-    streams = read_streams(bag.path, _TYPES, ())
+    streams = read_streams(bag, _TYPES, ())
     if kind == AUTO:
         kind = TRUTH if _TOPICS[TRUTH] in streams else WHEELS
     stream = streams.get(_TOPICS[kind])

@@ -45,14 +45,14 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import lines_topic, replay_configuration
     from omni_recording.error import BagError
-    from omni_recording.folder import bag_summary, open_bag
+    from omni_recording.folder import bag_summary, open_vehicle
 
     library = ExperimentLibrary(workspace / "config")
     target = options.out or workspace / "results" / "lines" / f"{options.bag.resolve().name}.png"
     if target.suffix not in {".png", ".svg"}:
         raise ConfigurationError("--out", f"{target.name} is neither .png nor .svg")
     try:
-        bag = open_bag(options.bag)
+        bag = open_vehicle(options.bag)
         odometry = replay_configuration(bag, library, None, options.overrides).odometry
         for name in options.sensor:
             if name not in odometry.sensors:
