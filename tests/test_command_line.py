@@ -116,6 +116,16 @@ def test_interrupt_ends_every_process(
             assert (folder / "assisted/configuration.yaml").is_file()
 
 
+def test_a_vehicle_that_rolls_on_under_the_pedal_is_a_failed_run(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+    changes = [*plain, "--set", "simulation.duration_limit=0.5"]
+    result = omni(["run", "small_stop", *changes, "--out", str(out)])
+    assert result.returncode == 1
+    assert "assisted: the pedal is down and the vehicle still moves at 0.50 s" in result.stderr
+    assert (out / "assisted/summary.json").is_file()  # what there is, is kept
+
+
 @pytest.mark.parametrize("moment", ["before Python", "importing"])
 def test_an_interrupt_before_anything_has_started(moment: str, tmp_path: Path) -> None:
     # The launcher blocks the signals when it hands over; the new process inherits that.

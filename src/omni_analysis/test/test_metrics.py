@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.metrics import Metric, RestCriterion, results_document, run_metrics
+from omni_analysis.loop.metrics import (
+    Metric,
+    RestCriterion,
+    results_document,
+    run_metrics,
+    still_rolls,
+)
 
 MakeHistory = Callable[..., RunHistory]
 PERIOD = 0.01
@@ -108,6 +114,18 @@ def test_a_history_that_ends_before_the_stop_gives_no_distance(make_history: Mak
         assert math.isnan(metrics[name].value)
         assert "rest" in metrics[name].note
     assert math.isfinite(metrics["twist_rmse"].value)
+
+
+def test_a_stop_that_is_not_reached_with_the_pedal_down_is_told(make_history: MakeHistory) -> None:
+    stopped, moving = make_history(), make_history(rest=-0.5)
+    released = dataclasses.replace(moving, pedal=np.append(moving.pedal[:-1], 0.0))
+    never = dataclasses.replace(moving, pedal=np.zeros_like(moving.pedal))
+    assert [still_rolls(run) for run in (stopped, moving, released, never)] == [
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_without_the_pedal_there_is_no_braking(make_history: MakeHistory) -> None:

@@ -22,7 +22,7 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch_ros.actions import Node
 
-from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan
+from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan, results_table
 from omni_ros.environment import REPORT_FILE_VARIABLE
 
 
@@ -65,5 +65,7 @@ def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context
         raise RuntimeError(f"{name} ended with exit code {event.returncode}")
     ended.append(name)
     if plan.is_run and len(ended) == len(plan.nodes):
-        print(plan.finish())
+        result = plan.finish()
+        print(results_table(result))
+        result.check_rest()
     return [EmitEvent(event=Shutdown(reason=f"{name} has ended"))]

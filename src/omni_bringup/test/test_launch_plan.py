@@ -15,7 +15,7 @@ from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.launch_plan import ARGUMENTS, installed_config, launch_plan
-from omni_bringup.graph.process_group import NodeProcess
+from omni_bringup.graph.process_group import NodeProcess, ProcessError
 from omni_platform.configuration import ConfigurationError
 
 PACKAGE = Path(__file__).parents[1]
@@ -103,3 +103,18 @@ def test_the_configuration_is_installed_for_launches_from_anywhere() -> None:
     for folder in ("vehicles", "experiments", "hardware"):
         installed = {file.name for file in (installed_config() / folder).iterdir()}
         assert installed == {file.name for file in (CONFIG / folder).glob("*.yaml")}
+
+
+def test_a_run_that_was_stopped_before_it_began_says_so(tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    plan = launch_plan("lockstep", arguments(out=str(out)))
+    out.mkdir()  # by the recorder
+    with pytest.raises(ProcessError, match="simulator was stopped before it began"):
+        plan.finish()
+    assert (out / "configuration.yaml").is_file()
+
+
+def test_a_folder_with_a_recording_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    (tmp_path / "bag_0.mcap").touch()
+    with pytest.raises(ConfigurationError, match=r"out: .* is not an empty folder"):
+        launch_plan("lockstep", arguments(out=str(tmp_path)))

@@ -144,6 +144,14 @@ def run_metrics(
     return metrics
 
 
+def still_rolls(history: RunHistory) -> bool:
+    """Tell whether a vehicle moves at the end of its history though its pedal is down."""
+    start = history.brake_start
+    if start is None or not history.pedal[-1] > 0.0:
+        return False
+    return RestCriterion().first_stamp(history.twist, start) is None
+
+
 def results_document(
     name: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]]
 ) -> dict[str, Any]:

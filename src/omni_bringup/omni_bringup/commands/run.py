@@ -161,6 +161,18 @@ def run(options: Options, workspace: Path) -> int:
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
         _print_results(results, pictures, folder)
+    return _verdict(results)
+
+
+def _verdict(results: list[VariantResult]) -> int:
+    from omni_bringup.graph.run_variant import RunError
+
+    try:
+        for result in results:
+            result.check_rest()
+    except RunError as error:
+        print(f"omni run: {error}", file=sys.stderr)
+        return EXIT_FAILED
     return EXIT_OK
 
 

@@ -18,9 +18,14 @@ from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLib
 from omni_analysis.loop.metrics import results_document
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.process_group import NodeProcess
-from omni_bringup.graph.run_folder import write_configuration, write_summary
-from omni_bringup.graph.run_variant import check_counts, check_report, measured
+from omni_bringup.graph.process_group import NodeProcess, ProcessError
+from omni_bringup.graph.run_folder import check_unused, write_configuration, write_summary
+from omni_bringup.graph.run_variant import (
+    VariantResult,
+    check_counts,
+    check_report,
+    measured,
+)
 from omni_platform.configuration import ConfigurationError
 
 # Launch arguments: default and description.
@@ -60,25 +65,29 @@ class LaunchPlan:
         """Return the file in which a node reports."""
         return self.scratch / f"{name}.reports"
 
-    def finish(self) -> str:
-        """Write configuration, versions and results beside a finished recording; return a table.
+    def finish(self) -> VariantResult:
+        """Write configuration, versions and results beside a finished recording.
 
         Raises:
             ProcessError: the run did not come to its end; likewise RunError where data are lost.
         """
         if self.folder is None:
             raise ConfigurationError("out", "is needed: the folder of the recording")
-        write_configuration(self.configuration, self.folder)
+        if self.folder.is_dir():  # for what was interrupted too
+            write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
         check_report(report)
         check_counts(self._last_report("recorder"), report)
         result = measured(report, self.variant, self.folder, self.configuration)
         metrics = {self.variant: result.metrics}
         write_summary(results_document(self.experiment, metrics), self.folder)
-        return _printed(comparison_table(metrics))
+        return result
 
     def _last_report(self, name: str) -> dict[str, Any]:
-        lines = self.reports(name).read_text(encoding="utf-8").splitlines()
+        path = self.reports(name)
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        if not lines:
+            raise ProcessError(f"{name} was stopped before it began")
         document: dict[str, Any] = json.loads(lines[-1])
         return document
 
@@ -98,7 +107,9 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     variant = given["variant"] or library.variants(experiment)[-1]
     configuration = library.load(experiment, variant, shlex.split(given["overrides"]))
     folder = Path(given["out"]).resolve() if given["out"] else None
-    if folder is None and mode != DRIVE:
+    if folder is not None:
+        check_unused(folder, "out")
+    elif mode != DRIVE:
         raise ConfigurationError("out", "is needed: the folder of the recording")
     scratch = Path(tempfile.mkdtemp(prefix="omni-"))
     if mode == DRIVE or folder is None:
@@ -123,9 +134,10 @@ def installed_config() -> Path:
         ) from None
 
 
-def _printed(table: Any) -> str:
+def results_table(result: VariantResult) -> str:
+    """Return the table of a run as text."""
     from rich.console import Console
 
     console = Console(file=io.StringIO(), width=100)
-    console.print(table)
+    console.print(comparison_table({result.variant: result.metrics}))
     return str(console.file.getvalue())  # type: ignore[attr-defined]

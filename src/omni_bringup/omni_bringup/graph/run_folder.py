@@ -35,15 +35,19 @@ _DISTRIBUTIONS = (
 )
 
 
-def check_unused(folder: Path) -> None:
+def check_unused(folder: Path, option: str = "--out") -> None:
     """See that the folder given for results is free for them.
+
+    Args:
+        folder: to be made.
+        option: by which it was given.
 
     Raises:
         ConfigurationError: it is a file, or holds something.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigurationError(
-            "--out", f"{folder} exists and is not an empty folder; choose another"
+            option, f"{folder} exists and is not an empty folder; choose another"
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from omni_analysis.limit.share import limit_share
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.metrics import Metric, run_metrics
+from omni_analysis.loop.metrics import Metric, run_metrics, still_rolls
 from omni_analysis.loop.recorded_run import read_run
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
@@ -57,6 +57,18 @@ class VariantResult:
     folder: Path
     history: RunHistory
     metrics: Mapping[str, Metric]
+
+    def check_rest(self) -> None:
+        """See that a vehicle whose pedal was down to the end came to rest.
+
+        Raises:
+            RunError: it rolls on.
+        """
+        if still_rolls(self.history):
+            raise RunError(
+                f"{self.variant}: the pedal is down and the vehicle still moves at "
+                f"{self.history.time[-1]:.2f} s, the end of the run (simulation.duration_limit)"
+            )
 
 
 def run_variant(
