@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,3 +88,21 @@ def test_all_packages_carry_one_version_and_a_licence() -> None:
         assert root.findtext("license") == "Apache-2.0"
         assert root.find("maintainer") is not None
         assert root.findtext("export/build_type") == "ament_python"
+
+
+def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
+    for (
+        package
+    ) in PACKAGES:  # what colcon goes by; without it it looks for unittest's and finds none
+        assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text()
+    places = ["--base-paths", "src", "--build-base", str(tmp_path / "build")]
+    places += ["--install-base", str(tmp_path / "install")]
+    colcon = [str(Path(sys.executable).parent / "colcon"), "--log-base", str(tmp_path / "log")]
+    one = ["--packages-select", "omni_platform"]
+    few = ["--pytest-args", "-k", "kinematics", "-p", "no:cacheprovider"]
+    for command in (["build", *places, *one], ["test", *places, *one, *few]):
+        subprocess.run([*colcon, *command], cwd=WORKSPACE, check=True, capture_output=True)
+    results = ElementTree.parse(tmp_path / "build/omni_platform/pytest.xml").getroot()
+    suite = results if results.tag == "testsuite" else results[0]
+    assert int(suite.get("tests", 0)) > 5
+    assert suite.get("failures") == suite.get("errors") == "0"

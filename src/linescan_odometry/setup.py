@@ -19,6 +19,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -18,5 +18,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
         (f"share/{name}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
     zip_safe=False,
 )

@@ -29,6 +29,7 @@ setup(
             if folder.is_dir()
         ),
     ],
+    extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
     zip_safe=False,
     entry_points={
         "console_scripts": [
