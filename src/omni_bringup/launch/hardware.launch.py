@@ -10,7 +10,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
-from omni_bringup.graph.hardware import BRAKE_ASSIST, DESCRIPTION, ODOMETRY
+from omni_bringup.graph.hardware import BRAKE_ASSIST, FRAMES, LOG_ONLY, ODOMETRY
 
 ARGUMENTS = {
     "parameters": (None, "Folder of the parameter files"),
@@ -42,7 +42,10 @@ def start(context: LaunchContext) -> list[Node]:
         "respawn": given["respawn"] == "true",
         "respawn_delay": 1.0,
     }
-    prefix = {"frame_prefix": given["frame_prefix"]}
+    # Parameters given as mappings would become files that launch leaves in the temporary folder.
+    prefix = ["-p", f"frame_prefix:={given['frame_prefix']}"] if given["frame_prefix"] else []
+    # A file, as launch puts those after what stands on the command line: the last one holds.
+    assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
     own = given["twist"] == "odometry/twist"
     nodes = []
     if own and (folder / f"{ODOMETRY}.yaml").exists():
@@ -51,7 +54,8 @@ def start(context: LaunchContext) -> list[Node]:
                 package="linescan_odometry",
                 executable="odometry",
                 name=ODOMETRY,
-                parameters=[str(folder / f"{ODOMETRY}.yaml"), prefix],
+                parameters=[str(folder / f"{ODOMETRY}.yaml")],
+                ros_arguments=prefix,
                 **shared,
             )
         )
@@ -60,21 +64,18 @@ def start(context: LaunchContext) -> list[Node]:
             package="omni_brake_assist",
             executable="brake_assist",
             name=BRAKE_ASSIST,
-            parameters=[
-                str(folder / f"{BRAKE_ASSIST}.yaml"),
-                {"enabled": given["log_only"] != "true"},
-            ],
+            parameters=[str(folder / f"{name}.yaml") for name in assistant],
             remappings=[] if own else [("odometry/twist", given["twist"])],
             **shared,
         )
     )
     if given["robot_state_publisher"] == "true":
-        description = (folder / DESCRIPTION).read_text(encoding="utf-8")
         nodes.append(
             Node(
-                package="robot_state_publisher",
-                executable="robot_state_publisher",
-                parameters=[{"robot_description": description}, prefix],
+                package=FRAMES,
+                executable=FRAMES,
+                parameters=[str(folder / f"{FRAMES}.yaml")],
+                ros_arguments=prefix,
                 remappings=[("joint_states", "wheel_states")],
                 **shared,
             )

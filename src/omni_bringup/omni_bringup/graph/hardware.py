@@ -17,6 +17,8 @@ from omni_platform.description import urdf
 from omni_platform.flat_parameters import flatten
 
 DESCRIPTION = "robot.urdf"
+FRAMES = "robot_state_publisher"
+LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 
 _PARTS = ("wheels", "sensors", "odometry", "brake_assist")
@@ -94,7 +96,10 @@ def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
     if hardware.odometry is not None:
         documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)
         sensors = dict(hardware.odometry.sensors)
-    documents[DESCRIPTION] = urdf("vehicle", hardware.brake_assist.wheels, sensors)
+    description = urdf("vehicle", hardware.brake_assist.wheels, sensors)
+    documents[DESCRIPTION] = description
+    documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
+    documents[f"{LOG_ONLY}.yaml"] = parameters_text({"enabled": False})
     for name, text in documents.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in documents]
