@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.matching.mean_variance import mean_variance
+from linescan_odometry.matching.mean_variance import Overlaps, mean_variance
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from omni_platform.quantities import FloatArray
 
@@ -33,13 +33,10 @@ def judged(errors: FloatArray, gradient: FloatArray, drift: int) -> tuple[float,
         displaced[i] = -errors[i].sum() / sums[i, :, 3].sum()
         # What is left of e g where the fit has come to rest.
         sums[i, :, 2] = 2.0 * (errors[i] + displaced[i] * sums[i, :, 3])
-    variance = mean_variance(
-        sums,
-        np.full(pairs, LENGTH),
-        np.full(pairs, blocks),
-        drift * np.arange(pairs),
-        np.full(pairs, 1.0 / pairs),
+    overlaps = Overlaps(
+        sums, np.full(pairs, LENGTH), np.full(pairs, blocks), drift * np.arange(pairs)
     )
+    variance = mean_variance(overlaps, np.full(pairs, 1.0 / pairs))
     return float(displaced.mean()), variance
 
 

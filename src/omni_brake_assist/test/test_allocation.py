@@ -10,7 +10,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.box_least_squares import box_least_squares
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.wheel_model import NominalBrake, lagged, turn_on
+from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake, lagged, turn_on
 from omni_platform.brakes import PROPORTIONAL, BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
@@ -44,14 +44,15 @@ def test_a_brake_with_lag_delivers_its_impulse() -> None:
 
 
 def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
+    wheel = BrakedWheel(capacity=4000.0, peak_slip=0.15, rim=0.1414, radius=0.2, inertia=0.5)
     spin = 50.0
     force = 0.0
     for _ in range(100):
-        spin, force = turn_on(spin, 300.0, 7.07, 4000.0, 0.15, 0.1414, 0.2, 0.5, 0.01)
+        spin, force = turn_on(wheel, spin, 300.0, 7.07, 0.01)
     assert force == pytest.approx(300.0 / 0.1414, rel=1e-3)
     assert 0.0 < spin < 50.0
     for _ in range(20):
-        spin, force = turn_on(spin, 1500.0, 7.07, 4000.0, 0.15, 0.1414, 0.2, 0.5, 0.01)
+        spin, force = turn_on(wheel, spin, 1500.0, 7.07, 0.01)
     assert spin == 0.0
     assert force == 4000.0
 

@@ -24,6 +24,7 @@ long as its peak is credible, and a **prior** multiplies the distance at shift s
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -45,6 +46,40 @@ _KINDS = {
 # badly. This finds 99 % of them; the median finds the rest.
 _CREDIBLE = 0.5
 _UNDEFINED = math.inf
+
+
+class _Batch(NamedTuple):
+    """Lines to compare by a distance.
+
+    Attributes:
+        kind: number of the distance.
+        lines: one row per line.
+        codes: likewise, in place of grey levels their places among those that occur.
+        sums: of the first k pixels of each line and of their squares, see `_add_up`.
+        ranks: working memory for each level that occurs, shape (2, levels).
+    """
+
+    kind: int
+    lines: Lines
+    codes: Lines
+    sums: NDArray[np.int64]
+    ranks: NDArray[np.int64]
+
+
+class _Range(NamedTuple):
+    """Where a displacement may lie: shifts from low to high [px], pulled towards a prior one.
+
+    Attributes:
+        low: the smallest shift [px].
+        high: the largest.
+        prior: the displacement before [px].
+        pull: relative increase of the distance per pixel away from it [1/px].
+    """
+
+    low: int
+    high: int
+    prior: int
+    pull: float
 
 
 class DirectSearch:
@@ -84,10 +119,9 @@ class DirectSearch:
         codes, levels = lines, 0
         if self._kind == _SPEARMAN:
             codes, levels = _order(lines)
-        _match(
-            self._kind, lines, codes, levels, self._sums, self._limit, self._window,
-            self._prior_weight, self._before, shift, similarity,
-        )  # fmt: skip
+        batch = _Batch(self._kind, lines, codes, self._sums, np.empty((2, levels), np.int64))
+        whole = _Range(-self._limit, self._limit, 0, self._prior_weight / self._limit)
+        _match(batch, whole, self._window, self._before, shift, similarity)
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
@@ -113,51 +147,38 @@ def _add_up(lines: Lines, sums: NDArray[np.int64]) -> None:
 
 @njit(cache=True, nogil=True)
 def _match(
-    kind: int,
-    lines: Lines,
-    codes: Lines,
-    levels: int,
-    sums: NDArray[np.int64],
-    limit: int,
+    batch: _Batch,
+    whole: _Range,
     window: int,
-    weight: float,
     before: NDArray[np.int64],
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
-    ranks = np.empty((2, levels), np.int64)
+    lines, sums, low, high = batch.lines, batch.sums, whole.low, whole.high
     for pair in range(shift.shape[0]):
         prior = before[0]
-        pull = weight / limit if before[1] else 0.0
+        pull = whole.pull if before[1] else 0.0
         found, r = 0, -1.0
         searched = False
         if window > 0 and before[1]:
-            low, high = max(-limit, prior - window), min(limit, prior + window)
-            found = _best(kind, lines, codes, ranks, sums, pair, low, high, pull, prior)
+            near = _Range(max(low, prior - window), min(high, prior + window), prior, pull)
+            found = _best(batch, pair, near)
             r = _correlation(lines, sums, pair, found)
-            inside = (found > low or low == -limit) and (found < high or high == limit)
+            inside = (found > near.low or near.low == low) and (
+                found < near.high or near.high == high
+            )
             searched = inside and r >= _CREDIBLE
         if not searched:
-            found = _best(kind, lines, codes, ranks, sums, pair, -limit, limit, pull, prior)
+            found = _best(batch, pair, _Range(low, high, prior, pull))
             r = _correlation(lines, sums, pair, found)
         shift[pair], similarity[pair] = found, r
         before[0], before[1] = found, 1 if r >= _CREDIBLE else 0
 
 
 @njit(cache=True, nogil=True)
-def _best(
-    kind: int,
-    lines: Lines,
-    codes: Lines,
-    ranks: NDArray[np.int64],
-    sums: NDArray[np.int64],
-    pair: int,
-    low: int,
-    high: int,
-    pull: float,
-    prior: int,
-) -> int:
+def _best(batch: _Batch, pair: int, within: _Range) -> int:
     """Return the shift of the smallest distance; the smaller motion wins a tie."""
+    low, high, prior, pull = within
     best, best_shift = _UNDEFINED, min(max(0, low), high)
     nearest = max(0, low, -high)
     for size in range(nearest, max(abs(low), abs(high)) + 1):
@@ -165,23 +186,16 @@ def _best(
             s = sign * size
             if s < low or s > high or (size == 0 and sign < 0):
                 continue
-            d = _distance(kind, lines, codes, ranks, sums, pair, s) * (1.0 + pull * abs(s - prior))
+            d = _distance(batch, pair, s) * (1.0 + pull * abs(s - prior))
             if d < best:
                 best, best_shift = d, s
     return best_shift
 
 
 @njit(cache=True, nogil=True)
-def _distance(
-    kind: int,
-    lines: Lines,
-    codes: Lines,
-    ranks: NDArray[np.int64],
-    sums: NDArray[np.int64],
-    pair: int,
-    s: int,
-) -> float:
+def _distance(batch: _Batch, pair: int, s: int) -> float:
     """Return the distance of a pair at a shift, infinite where it is undefined."""
+    kind, lines, codes, sums, ranks = batch
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)
     distance: float
@@ -252,7 +266,7 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True, nogil=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the correlation of ranks; `ranks` is working memory for each level that occurs."""
+    """Return the correlation of ranks."""
     count = np.int64(x.shape[0])
     # Twice the ranks, so that the mean of ties is a whole number; their mean is count + 1.
     variance_x = _rank(x, ranks[0])

@@ -26,6 +26,7 @@ nu degrees of freedom, errors over it have the variance of Student's t, ``nu / (
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -35,45 +36,64 @@ from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
 
+
+class Overlaps(NamedTuple):
+    """What stays of the matches of m pairs, summed over the parts of each overlap.
+
+    Attributes:
+        sums: of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
+            4); the parts of a pair lie in consecutive blocks of ground.
+        length: of the overlap of each pair [px], shape (m,).
+        parts: number of parts of each pair, shape (m,).
+        block: number of the block of ground in which the first part of a pair lies, shape (m,).
+    """
+
+    sums: FloatArray
+    length: IntArray
+    parts: IntArray
+    block: IntArray
+
+
+class _Blocks(NamedTuple):
+    """What the pairs add up to.
+
+    Attributes:
+        error: S_b of each block of ground.
+        leverage: h_b of each block.
+        shares: P_ib / P_i, shape (m, most parts).
+    """
+
+    error: FloatArray
+    leverage: FloatArray
+    shares: FloatArray
+
+
 _WINDOWS = 5.0  # that the effective number of blocks is divided into
 _FEWEST_FREEDOMS = 3.0
 _LARGEST_LEVERAGE = 0.75
 _LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
 
 
-def mean_variance(
-    sums: FloatArray, length: IntArray, parts: IntArray, block: IntArray, weight: FloatArray
-) -> float:
+def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return the variance of a weighted mean of displacements [px^2].
 
     Args:
-        sums: of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
-            4); the parts of a pair lie in consecutive blocks of ground.
-        length: of the overlap of each pair [px], shape (m,).
-        parts: number of parts of each pair, shape (m,).
-        block: number of the block of ground in which the first part of a pair lies, shape (m,).
+        overlaps: of the pairs.
         weight: of each pair in the mean, zero for those left out, shape (m,).
     """
     used = weight != 0.0
-    low = int(block[used].min())
-    error, leverage = np.zeros((2, int((block + parts)[used].max()) - low))
-    shares = np.zeros((len(weight), sums.shape[1]))
-    return float(_variance(sums, length, parts, block - low, weight, error, leverage, shares))
+    first, behind = overlaps.block, overlaps.block + overlaps.parts
+    low = int(first[used].min())
+    error, leverage = np.zeros((2, int(behind[used].max()) - low))
+    blocks = _Blocks(error, leverage, np.zeros((len(weight), overlaps.sums.shape[1])))
+    return float(_variance(overlaps._replace(block=first - low), weight, blocks))
 
 
 @njit(cache=True, nogil=True)
-def _variance(
-    sums: FloatArray,
-    length: IntArray,
-    parts: IntArray,
-    block: IntArray,
-    weight: FloatArray,
-    error: FloatArray,
-    leverage: FloatArray,
-    shares: FloatArray,
-) -> float:
-    """Return the variance; see `_add_pairs` for what the last three arrays receive."""
-    _add_pairs(sums, length, parts, block, weight, error, leverage, shares)
+def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
+    """Return the variance; `blocks` receives what the pairs add up to."""
+    _add_pairs(overlaps, weight, blocks)
+    parts, (error, leverage, shares) = overlaps.parts, blocks
     squares, number = 0.0, 0.0
     for b in range(len(error)):
         squares += error[b] * error[b]
@@ -107,17 +127,10 @@ def _smoothed_square(values: FloatArray, window: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _add_pairs(
-    sums: FloatArray,
-    length: IntArray,
-    parts: IntArray,
-    block: IntArray,
-    weight: FloatArray,
-    error: FloatArray,
-    leverage: FloatArray,
-    shares: FloatArray,
-) -> None:
-    """Add S_b and h_b of every pair; `shares` receives P_ib / P_i, shape (m, most parts)."""
+def _add_pairs(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> None:
+    """Add S_b and h_b of every pair, and write its shares."""
+    sums, length, parts, block = overlaps
+    error, leverage, shares = blocks
     for pair in range(len(weight)):
         if weight[pair] == 0.0:
             continue

@@ -11,6 +11,7 @@ depend on how the FFT rounds or on how lines are grouped into batches.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -33,6 +34,29 @@ _NARROW = 1 << 15  # pixels of 8 bits whose sums of squares fit 32 bits
 _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 
 
+class _Ends(NamedTuple):
+    """The first and the last n - s pixels of each line, for every shift s.
+
+    Index 0 of the second axis is of the first pixels, 1 of the last ones.
+
+    Attributes:
+        sums: of the pixels, centred, shape (lines, 2, shifts).
+        scales: ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 where the pixels are all equal, likewise.
+        norm: root of the sum of squares of the whole line, shape (lines,).
+    """
+
+    sums: NDArray[np.float32]
+    scales: NDArray[np.float32]
+    norm: NDArray[np.float32]
+
+
+class _Part(NamedTuple):
+    """One end of one line, see `_Ends`; each of shape (shifts,)."""
+
+    sums: NDArray[np.float32]
+    scales: NDArray[np.float32]
+
+
 class PearsonSearch:
     """Full search by Pearson's correlation; holds the working memory for one sensor."""
 
@@ -44,9 +68,10 @@ class PearsonSearch:
         self._length = int(scipy.fft.next_fast_len(pixels + limit, real=True))
         self._padded = np.zeros((rows, self._length), np.float32)
         self._product = np.empty((self._chunk, self._length // 2 + 1), np.complex64)
-        self._sums = np.empty((rows, 2, limit + 1), np.float32)
-        self._scales = np.empty((rows, 2, limit + 1), np.float32)
-        self._norm = np.empty(rows, np.float32)
+        shape = rows, 2, limit + 1
+        self._ends = _Ends(
+            np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(rows, np.float32)
+        )
         self._upper = np.empty((2, limit + 1), np.float32)
 
     def reset(self) -> None:
@@ -70,28 +95,17 @@ class PearsonSearch:
         similarity: NDArray[np.float64],
     ) -> None:
         rows = len(lines)
-        _prepare(lines, self._padded, self._sums, self._scales, self._norm)
+        _prepare(lines, self._padded, self._ends)
         spectrum = scipy.fft.rfft(self._padded[:rows], axis=1)
         _cross_spectrum(spectrum, self._product)
         product = scipy.fft.irfft(self._product[: rows - 1], n=self._length, axis=1)
-        _decide(
-            lines, product, self._sums, self._scales, self._norm, self._upper, shift, similarity
-        )
+        _decide(lines, product, self._ends, self._upper, shift, similarity)
 
 
 @njit(cache=True, nogil=True, fastmath=_REORDER)
-def _prepare(
-    lines: Lines,
-    padded: NDArray[np.float32],
-    sums: NDArray[np.float32],
-    scales: NDArray[np.float32],
-    norm: NDArray[np.float32],
-) -> None:
-    """Centre each line; sum and scale its first and last n - s pixels for every s.
-
-    `sums[row, 0, s]` and `scales[row, 0, s]` are of the first ``n - s`` pixels, index 1 of the
-    last; a scale is ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 where the pixels are all equal.
-    """
+def _prepare(lines: Lines, padded: NDArray[np.float32], ends: _Ends) -> None:
+    """Centre each line; sum and scale its first and last n - s pixels for every s."""
+    sums, scales, norm = ends
     rows, pixels = lines.shape
     shifts = sums.shape[2]
     running = np.empty((2, shifts), np.int64)
@@ -143,16 +157,16 @@ def _cross_spectrum(spectrum: NDArray[np.complex64], product: NDArray[np.complex
 @njit(cache=True, nogil=True, fastmath=_REORDER)
 def _bound(
     product: NDArray[np.float32],
-    new_sum: NDArray[np.float32],
-    old_sum: NDArray[np.float32],
-    new_scale: NDArray[np.float32],
-    old_scale: NDArray[np.float32],
+    new: _Part,
+    old: _Part,
     pixels: int,
     slack: np.float32,
     upper: NDArray[np.float32],
     lower: NDArray[np.float32],
 ) -> float:
     """Write upper and lower bounds of the correlation by |shift|; return the largest lower one."""
+    new_sum, new_scale = new
+    old_sum, old_scale = old
     for s in range(upper.shape[0]):
         count = np.float32(pixels - s)
         scale = new_scale[s] * old_scale[s]
@@ -234,14 +248,13 @@ def _any_within(upper: NDArray[np.float32], reach: np.float32) -> bool:
 def _decide(
     lines: Lines,
     product: NDArray[np.float32],
-    sums: NDArray[np.float32],
-    scales: NDArray[np.float32],
-    norm: NDArray[np.float32],
+    ends: _Ends,
     upper: NDArray[np.float32],
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
     """Find the best shift of each pair: bounds for all shifts, then exact for those in reach."""
+    sums, scales, norm = ends
     pixels = lines.shape[1]
     length = product.shape[1]
     shifts = upper.shape[1]
@@ -255,12 +268,12 @@ def _decide(
         for s in range(1, shifts):
             reverse[s] = correlation[np.uint64(length - s)]
         ahead = _bound(
-            correlation[:shifts], sums[new, 0], sums[old, 1], scales[new, 0], scales[old, 1],
-            pixels, slack, upper[0], lower,
+            correlation[:shifts], _Part(sums[new, 0], scales[new, 0]),
+            _Part(sums[old, 1], scales[old, 1]), pixels, slack, upper[0], lower,
         )  # fmt: skip
         behind = _bound(
-            reverse, sums[new, 1], sums[old, 0], scales[new, 1], scales[old, 0],
-            pixels, slack, upper[1], lower,
+            reverse, _Part(sums[new, 1], scales[new, 1]),
+            _Part(sums[old, 0], scales[old, 0]), pixels, slack, upper[1], lower,
         )  # fmt: skip
         reach = max(ahead, behind)
         best, best_shift = -2.0, 0

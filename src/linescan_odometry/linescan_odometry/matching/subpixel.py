@@ -23,12 +23,13 @@ whole pixels: by 6 thousandths of a pixel at a sigma of 0.7 px, by less than 1 a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from linescan_odometry.matching.mean_variance import mean_variance
+from linescan_odometry.matching.mean_variance import Overlaps, mean_variance
 from linescan_odometry.matching.smoothed_peak import smoothed_peak
 from linescan_odometry.measurements import Lines
 
@@ -47,6 +48,24 @@ _FARTHEST = 1.0  # [px] from the integer peak; beyond, it was no peak
 # another one: what is inlined into the caller may be rounded differently before and after the
 # compiled code has gone through the cache, and runs would not repeat to the last bit.
 _REORDER = {"reassoc", "contract", "nsz"}
+
+
+class _Layout(NamedTuple):
+    """How the overlaps of m pairs are cut where the blocks of the ground begin, each shape (m,).
+
+    Attributes:
+        length: of each overlap [px].
+        block: length of its blocks [px].
+        number: of the block in which it begins.
+        lead: how much of this block is seen [px].
+        parts: number of blocks that it touches.
+    """
+
+    length: NDArray[np.int64]
+    block: NDArray[np.int64]
+    number: NDArray[np.int64]
+    lead: NDArray[np.int64]
+    parts: NDArray[np.int64]
 
 
 def kernel_sigma(pixels: int) -> float:
@@ -119,13 +138,11 @@ class SubpixelRefiner:
             displacement: as refined [px], shape (m,).
             weight: of each in the mean, zero for those left out, sum 1, shape (m,).
         """
-        length, block, number, lead, parts = np.empty((5, len(weight)), np.int64)
-        block[:] = self._ground_block
-        _lay_out(
-            self._pixels, self._shift, displacement, weight, length, block, number, lead, parts
-        )
-        _filter_and_sum(self._centred, self._shift, self._filters, lead, block, self._sums)
-        return mean_variance(self._sums, length, parts, number, weight)
+        cut = _Layout(*np.empty((5, len(weight)), np.int64))
+        cut.block[:] = self._ground_block
+        _lay_out(self._pixels, self._shift, displacement, weight, cut)
+        _filter_and_sum(self._centred, self._shift, self._filters, cut.lead, cut.block, self._sums)
+        return mean_variance(Overlaps(self._sums, cut.length, cut.parts, cut.number), weight)
 
     def _make_room(self, pairs: int) -> None:
         self._centred = np.empty((pairs + 1, self._pixels), np.float32)
@@ -173,11 +190,7 @@ def _lay_out(
     shift: NDArray[np.int64],
     displacement: NDArray[np.float64],
     weight: NDArray[np.float64],
-    length: NDArray[np.int64],
-    block: NDArray[np.int64],
-    number: NDArray[np.int64],
-    lead: NDArray[np.int64],
-    parts: NDArray[np.int64],
+    cut: _Layout,
 ) -> None:
     """Cut each overlap where the blocks of the ground begin, as seen from the first line.
 
@@ -186,12 +199,9 @@ def _lay_out(
         shift: integer shifts of m pairs [px].
         displacement: refined [px].
         weight: in the mean; pairs with none moved as the mean.
-        length: receives the lengths of the overlaps [px].
-        block: of the blocks [px].
-        number: receives the numbers of the blocks in which the overlaps begin.
-        lead: receives how much of these blocks is seen [px].
-        parts: receives the numbers of blocks that the overlaps touch.
+        cut: receives all but the length of the blocks.
     """
+    length, block, number, lead, parts = cut
     mean = 0.0
     for pair in range(len(shift)):
         mean += weight[pair] * displacement[pair]

@@ -29,6 +29,7 @@ from omni_brake_assist.laws.box_least_squares import box_least_squares
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.wheel_model import (
     QUEUE,
+    BrakedWheel,
     NominalBrake,
     asked_at,
     lagged,
@@ -321,6 +322,23 @@ def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
         wheel.capacity = min(max(capacity, wheel.force, 1.0), most)
 
 
+class _Bounded(NamedTuple):
+    """A sum of forces, by the share of each wheel in it, that is to stay between two bounds."""
+
+    row: FloatArray
+    least: float
+    most: float
+    weight: float
+
+
+class _Squares(NamedTuple):
+    """What `box_least_squares` minimises."""
+
+    hessian: FloatArray
+    linear: FloatArray
+    upper: FloatArray
+
+
 class _Task(NamedTuple):
     """What the forces are to do; rows of the sums that they make, shape (N,), and their bounds."""
 
@@ -394,32 +412,24 @@ def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> Non
             hessian[i, j] = task.along[i] * task.along[j]
         hessian[i, i] += _REGULAR / total**2
     box_least_squares(hessian, linear, upper, wanted)
+    squares = _Squares(hessian, linear, upper)
+    turns = _Bounded(task.turns, task.least, task.most, _TURN_WEIGHT)
+    line = _Bounded(task.across, task.left, task.right, _LINE_WEIGHT)
     turns_kept = line_kept = False
     for _ in range(2):  # one may leave its bounds by the other
         if not turns_kept:
-            turns_kept = _keep(
-                task.turns, task.least, task.most, _TURN_WEIGHT, hessian, linear, upper, wanted
-            )
+            turns_kept = _keep(turns, squares, wanted)
         if not line_kept:
-            line_kept = _keep(
-                task.across, task.left, task.right, _LINE_WEIGHT, hessian, linear, upper, wanted
-            )
+            line_kept = _keep(line, squares, wanted)
     for i in range(n):
         wheel[i].wanted = wanted[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _keep(
-    row: FloatArray,
-    least: float,
-    most: float,
-    weight: float,
-    hessian: FloatArray,
-    linear: FloatArray,
-    upper: FloatArray,
-    wanted: FloatArray,
-) -> bool:
+def _keep(bounded: _Bounded, squares: _Squares, wanted: FloatArray) -> bool:
     """Bring a sum of forces back to its bounds if it is beyond; return whether it was."""
+    row, least, most, weight = bounded
+    hessian, linear, upper = squares
     value = 0.0
     for i in range(row.size):
         value += row[i] * wanted[i]
@@ -432,6 +442,12 @@ def _keep(
         linear[i] += weight * goal * row[i]
     box_least_squares(hessian, linear, upper, wanted)
     return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _braked(law: Constants, memory: Memory, wheels: _Wheels, i: int) -> BrakedWheel:
+    capacity = memory.wheel[i].capacity
+    return BrakedWheel(capacity, _TARGET_SLIP, wheels.rim[i], law.radius[i], law.inertia)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -449,17 +465,7 @@ def _in_time(
     for k in range(math.ceil(delay - 1e-9)):
         asked = asked_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
         torque, mean = lagged(law.brake, torque, asked, dt)
-        spin, force = turn_on(
-            spin,
-            mean,
-            hub,
-            wheel.capacity,
-            _TARGET_SLIP,
-            wheels.rim[i],
-            law.radius[i],
-            law.inertia,
-            dt,
-        )
+        spin, force = turn_on(_braked(law, memory, wheels, i), spin, mean, hub, dt)
     return spin, torque, force
 
 
@@ -525,17 +531,7 @@ def _choose(
             spin, torque, total = start[0], start[1], 0.0
             for _ in range(horizon):
                 torque, mean = lagged(brake, torque, most * state, dt)
-                spin, force = turn_on(
-                    spin,
-                    mean,
-                    hub,
-                    memory.wheel[i].capacity,
-                    _TARGET_SLIP,
-                    wheels.rim[i],
-                    law.radius[i],
-                    law.inertia,
-                    dt,
-                )
+                spin, force = turn_on(_braked(law, memory, wheels, i), spin, mean, hub, dt)
                 total += force
             forces[state, i] = total / horizon
             goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)

@@ -37,6 +37,24 @@ class NominalBrake(NamedTuple):
     grain: float
 
 
+class BrakedWheel(NamedTuple):
+    """What is assumed of a wheel.
+
+    Attributes:
+        capacity: largest force [N].
+        peak_slip: slip from which on it is there [1].
+        rim: lever ``r |n_w . u|`` [m].
+        radius: [m].
+        inertia: [kg m^2].
+    """
+
+    capacity: float
+    peak_slip: float
+    rim: float
+    radius: float
+    inertia: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     """Return the torque that was asked of brake `i` a number of steps ago [N m].
@@ -77,32 +95,21 @@ def friction(slip: float, peak_slip: float, capacity: float) -> tuple[float, flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def turn_on(
-    spin: float,
-    torque: float,
-    hub: float,
-    capacity: float,
-    peak_slip: float,
-    rim: float,
-    radius: float,
-    inertia: float,
-    dt: float,
+    wheel: BrakedWheel, spin: float, torque: float, hub: float, dt: float
 ) -> tuple[float, float]:
     """Advance a wheel by a step; implicit, so that a stiff tire needs no small steps.
 
     Args:
+        wheel: what is assumed of it.
         spin: speed in the sense in which it rolls [rad/s], at least 0.
         torque: of its brake [N m].
         hub: speed of its centre along the active direction [m/s], at least 0.
-        capacity: largest force [N].
-        peak_slip: slip from which on it is there [1].
-        rim: lever ``r |n_w . u|`` [m].
-        radius: [m].
-        inertia: [kg m^2].
         dt: [s].
 
     Returns:
         Speed [rad/s] and mean force [N].
     """
+    capacity, peak_slip, rim, radius, inertia = wheel
     h = dt / _SUBSTEPS
     total = 0.0
     for _ in range(_SUBSTEPS):
