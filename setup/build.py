@@ -35,7 +35,7 @@ def build(workspace: Workspace, steps: Steps) -> str:
     environment = venv_environment(workspace, libraries)
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
-    say(f"building {len(packages)} packages with colcon")
+    steps.stage(f"building {len(packages)} packages with colcon")
     # From nothing, so that no file of a deleted module stays; the stamp goes first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
     before = module_stamps(workspace.install)
@@ -92,7 +92,7 @@ def compile_kernels(
     for old in sorted(folder.iterdir(), key=os.path.getmtime)[:-2]:
         remove(old)
     if (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
-        say("compiling the kernels")
+        steps.stage("compiling the kernels")
         environment = final_environment(workspace, libraries, kernels)
         warm_up = [workspace.python, "-m", "omni_bringup.warm_up"]
         code, output = steps.run(warm_up, environment, lambda line: line)

@@ -62,7 +62,7 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
         raise SetupError(explain_install(output, workspace.log, "making the environment"))
     install_packages(workspace, steps, environment)
     site = next((workspace.venv / "lib").glob("python3.*")) / "site-packages"
-    say("preparing the packages")
+    steps.stage("preparing the packages")
     # Side by side and without the packages' own tests, unlike pip's.
     compiling = ["-m", "compileall", "-q", "-j", "0", "-x", "/(tests?|testing)/", site]
     steps.run([workspace.python, *compiling], environment)
@@ -127,7 +127,7 @@ def install_packages(workspace: Workspace, steps: Steps, environment: Mapping[st
             return f"unpacking {len(names)} packages"
         return None
 
-    say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
+    steps.stage(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
     wheels = ["--only-binary", ":all:"]
     sources = ["--no-binary", "empy", "--use-pep517", "--no-build-isolation"]
     code, output = steps.run(install + wheels + ["-r", tools], environment)

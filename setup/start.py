@@ -6,7 +6,6 @@ import fcntl
 import os
 import shutil
 import signal
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -96,12 +95,12 @@ def make_ready(workspace: Workspace, lock: int | None) -> None:
         take_lock(lock, fcntl.LOCK_EX)
         if environment_ready(workspace) and build_ready(workspace):
             continue
-        begin = time.monotonic()
-        steps = Steps(workspace, lock)
-        if not environment_ready(workspace):
+        bare = not environment_ready(workspace)
+        steps = Steps(workspace, lock, "installing" if bare else "building")
+        if bare:
             make_environment(workspace, steps)
         build(workspace, steps)
-        say(f"ready after {time.monotonic() - begin:.0f} s")
+        say(steps.summary())
         take_lock(lock, fcntl.LOCK_SH)
         return
 

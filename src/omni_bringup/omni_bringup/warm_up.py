@@ -1,6 +1,7 @@
 """Compile every kernel and make the ground of the standard experiment, so that no run waits.
 
-Started by the launcher after a build; the results are in the caches on disk.
+Started by the launcher after a build; the results are in the caches on disk. Two processes compile
+side by side. What both need is compiled by one of them before: numba has no lock for that.
 """
 
 from __future__ import annotations
@@ -9,19 +10,69 @@ import dataclasses
 import os
 import pickle
 import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
+from linescan_odometry.odometry import LineScanOdometry
 from omni_analysis.loop.compiled import run_fast_loop
-from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.loop.loop import run_closed_loop
+from omni_brake_assist.assist_step import make_constants, new_memory
+from omni_brake_assist.brake_assist import BrakeAssist
+from omni_brake_assist.laws import built_in
+from omni_brake_assist.laws.law import Motion
 from omni_bringup.cli import workspace
+from omni_platform.geometry import PlatformGeometry
+from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"
 _DURATION = 0.1  # [s] simulated; long enough to brake
+_OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # as one from outside is asked
+
+
+def _vehicle_and_laws(configuration: ExperimentConfiguration) -> None:
+    geometry = PlatformGeometry.from_wheels(configuration.brake_assist.wheels)
+    wheels = len(geometry.names)
+    constants, memory = make_constants(configuration.brake_assist, geometry), new_memory(wheels)
+    motion = Motion(True, 0.01, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, np.ones(wheels))
+    built_in.step(constants.laws, memory.laws, motion, np.zeros(wheels), np.ones(wheels))
+    simulator = Simulator(configuration)
+    simulator.observe()
+    simulator.advance(np.ones(wheels))
+    simulator.observe()
+
+
+def _fail_safe_and_observer(configuration: ExperimentConfiguration) -> None:
+    BrakeAssist(dataclasses.replace(configuration.brake_assist, law=_OWN_LAW))
+
+
+def _line_odometry(configuration: ExperimentConfiguration) -> None:
+    LineScanOdometry(configuration.odometry).warm_up()
+    # Lines of 16 bits take other kernels.
+    deep = dataclasses.replace(configuration.camera, bit_depth=16)
+    for camera in (configuration.camera, deep):
+        run_closed_loop(dataclasses.replace(configuration, camera=camera))
+
+
+def _loop_of_campaigns(configuration: ExperimentConfiguration) -> None:
+    BrakeAssist(configuration.brake_assist)
+    run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
+
+
+# One after the other; the tasks of a stage side by side.
+_STAGES: tuple[tuple[Callable[[ExperimentConfiguration], None], ...], ...] = (
+    (_fail_safe_and_observer, _vehicle_and_laws),
+    (_loop_of_campaigns, _line_odometry),
+)
 
 
 def warm_up(folder: Path) -> None:
-    """Run a moment of the standard experiment in this process.
+    """Run a moment of the standard experiment and of each of its parts.
 
     Args:
         folder: the workspace, with its `config`.
@@ -33,11 +84,17 @@ def warm_up(folder: Path) -> None:
         variant,
         (f"simulation.duration_limit={_DURATION}", f"maneuver.brake_time={_DURATION / 2}"),
     )
-    run_closed_loop(configuration)
-    # Lines of 16 bits take other kernels.
-    deep = dataclasses.replace(configuration.camera, bit_depth=16)
-    run_closed_loop(dataclasses.replace(configuration, camera=deep))
-    run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
+    begin, done = time.monotonic(), 0
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for stage in _STAGES:
+            tasks = {pool.submit(task, configuration): task.__name__ for task in stage}
+            for task in as_completed(tasks):
+                task.result()
+                done += 1
+                share, name = done / sum(map(len, _STAGES)), tasks[task].strip("_")
+                elapsed = time.monotonic() - begin
+                words = f"{share:.0%} of the kernels: {name.replace('_', ' ')}, {elapsed:.0f} s"
+                print(words, flush=True)
 
 
 def forget_lost_types(cache: Path) -> None:

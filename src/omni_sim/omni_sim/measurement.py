@@ -14,10 +14,7 @@ from numba import njit
 from omni_platform.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
 from omni_sim.faults import (
-    ACCELEROMETER,
-    ENCODER,
-    GYRO,
-    TWIST,
+    CHANNELS,
     FaultConfiguration,
     Faults,
     build_faults,
@@ -106,7 +103,9 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
     read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)
     faults = instruments.faults
     if faults.table.shape[0] > 0:
-        corrupt(faults, TWIST, step, period_ns, spare[0:3], twist)
-        corrupt(faults, GYRO, step, period_ns, spare[3:4], inertial[:1])
-        corrupt(faults, ACCELEROMETER, step, period_ns, spare[4:6], inertial[1:])
-        corrupt(faults, ENCODER, step, period_ns, spare[6:], wheels)
+        # In the order of the channels. A loop, because numba compiles a kernel anew for each
+        # constant that it is called with.
+        noise = spare[0:3], spare[3:4], spare[4:6], spare[6:]
+        values = twist, inertial[:1], inertial[1:], wheels
+        for channel in range(len(CHANNELS)):
+            corrupt(faults, channel, step, period_ns, noise[channel], values[channel])

@@ -352,8 +352,8 @@ class Simulator:
                 self.control_period_ns,
                 motion,
                 (tilt_x, tilt_y),
-                wheels["angle"],
-                wheels["speed"],
+                wheels["angle"].copy(),  # contiguous, as the compiled loop hands them over
+                wheels["speed"].copy(),
             ),
             self._noise.standard_normal(draws(len(self._encoder))),
             Readings(self._reading, self._imu, self._encoder),

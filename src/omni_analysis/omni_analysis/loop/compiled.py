@@ -306,7 +306,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _advance(
     state: State, loop: _Loop, stamp: int, yaw: float, enable: FloatArray, scratch: FloatArray
 ) -> None:
@@ -363,7 +363,7 @@ class _Run(NamedTuple):
     wheels: FloatArray  # record of the wheels, (T, N, 5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _listen(run: _Run, stamp: int) -> Inputs:
     """Return what the assistant hears at a stamp; record the motion and the feedback."""
     state, sensors, loop, desk, row = run.state, run.sensors, run.loop, run.desk, run.body[stamp]
@@ -432,7 +432,7 @@ def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     return inputs, ready, motion
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _go_on(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
     state, loop, desk = run.state, run.loop, run.desk
