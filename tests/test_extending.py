@@ -44,6 +44,26 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_the_notebook_s_law_beats_the_dissertation_s() -> None:
+    notebook = WORKSPACE / "docs/tutorials/own_law.ipynb"
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") for cell in cells)  # they come when it is run
+    program = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
+    done = subprocess.run(  # as a program, since the law is found in __main__
+        [sys.executable, "-"],
+        input=program,
+        cwd=WORKSPACE,
+        capture_output=True,
+        text=True,
+        timeout=RUN_TIMEOUT,
+        check=False,
+        env=omni_environment() | {"MPLBACKEND": "Agg"},
+    )
+    assert done.returncode == 0, done.stderr
+    distances = {line.split()[0]: float(line.split()[1]) for line in done.stdout.splitlines()}
+    assert distances["BestPattern"] < distances["zero"]  # the notebook asserts both numbers
+
+
 def value(folder: Path, name: str) -> float:
     metrics = json.loads((folder / "summary.json").read_text())["metrics"]
     return float(metrics[name]["value"])

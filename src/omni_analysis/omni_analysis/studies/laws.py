@@ -6,7 +6,7 @@ Feedback is ideal but where the case says otherwise. A case is ``<experiment>_<l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from omni_analysis.figures.style import (
     BLUE,
     GREEN,
     GREY,
+    PURPLE,
     VERMILLION,
     draw_title,
     save_figure,
@@ -96,6 +97,9 @@ class Options(Configuration):
     without_optical: bool = parameter(
         False, description="leave out the stop on the line cameras, which takes longest"
     )
+    law: tuple[str, ...] = parameter(
+        (), description="a law of one's own, as module:Class, beside ours on every experiment"
+    )
 
 
 class _Case(NamedTuple):
@@ -106,7 +110,9 @@ class _Case(NamedTuple):
     changes: tuple[str, ...]
 
 
-def _cases(library: ExperimentLibrary, optical: bool) -> Iterator[tuple[str, _Case]]:
+def _cases(
+    library: ExperimentLibrary, optical: bool, own: Sequence[str]
+) -> Iterator[tuple[str, _Case]]:
     for name, variants in _VARIANTS.items():
         yield f"{name}_unassisted", _Case(name, "unassisted", _IDEAL)
         for variant in variants:
@@ -117,6 +123,10 @@ def _cases(library: ExperimentLibrary, optical: bool) -> Iterator[tuple[str, _Ca
         yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
         yield f"{name}_allocation_on_off", _Case(name, base, law)
         yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
+        for other in own:
+            law = (*_IDEAL, f"brake_assist.law={other}")
+            yield f"{name}_{_label(other)}_on_off", _Case(name, base, law)
+            yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*law, _PROPORTIONAL))
     noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
     yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
     yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
@@ -125,10 +135,16 @@ def _cases(library: ExperimentLibrary, optical: bool) -> Iterator[tuple[str, _Ca
         yield "straight_line_allocation_optical", _Case("straight_line", "assisted", changes)
 
 
+def _label(law: str) -> str:
+    return law.rpartition(":")[2]
+
+
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every case, hold the numbers against targets and bounds, and draw them."""
     library = study.library
-    cases = dict(_cases(library, not options.without_optical))
+    cases = dict(_cases(library, not options.without_optical, options.law))
+    for law in options.law:  # refused before anything runs
+        library.load("straight_line", "assisted", (f"brake_assist.law={law}",))
     metrics: dict[str, Metric] = {}
     for done, (name, case) in enumerate(cases.items()):
         study.report(0.6 * done / len(cases), name)
@@ -143,7 +159,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics |= _directions(library)
     files = (
         write_columns(study.folder / "laws.csv", _columns(metrics)),
-        save_figure(_front(metrics), study.folder / "laws.png"),
+        save_figure(_front(metrics, options.law), study.folder / "laws.png"),
     )
     return StudyResult(metrics, files, _findings(metrics))
 
@@ -235,7 +251,7 @@ def _columns(metrics: Mapping[str, Metric]) -> dict[str, list[str] | list[float]
     }
 
 
-def _front(metrics: Mapping[str, Metric]) -> Figure:
+def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
     """Draw distance against rotation for every experiment, with the bound that keeps heading."""
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
     draw_title(figure, "Distance against rotation under every law")
@@ -250,6 +266,7 @@ def _front(metrics: Mapping[str, Metric]) -> Figure:
             ("sliding mode", BLUE, "_sliding_mode"),
             ("allocation, on-off valves", GREEN, "_allocation_on_off"),
             ("allocation, proportional", VERMILLION, "_allocation_proportional"),
+            *((_label(law), PURPLE, f"_{_label(law)}") for law in own),
         ):
             cases = [
                 case

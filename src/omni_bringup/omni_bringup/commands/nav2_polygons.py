@@ -197,7 +197,7 @@ def _metrics(
     from omni_analysis.loop.metrics import Metric
     from omni_platform.geometry import cross
 
-    allowed = 1.0 - options.coverage
+    allowed = round(1.0 - options.coverage, 12)  # not 0.010000000000000009
     extreme = [campaign.extreme(sweep.seed) for sweep in held_out]
     metrics = {}
     for case, kinds in (("uniform", (False,)), ("extremes", (True,)), ("all", (False, True))):
