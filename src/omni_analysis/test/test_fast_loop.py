@@ -126,3 +126,19 @@ def test_optical_feedback_is_refused() -> None:
     configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
     with pytest.raises(ConfigurationError, match="velocity_sensor"):
         run_fast_loop(configuration)
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+def test_trust_holds_up_to_the_fastest_maneuver(law: str) -> None:
+    configuration = load(
+        "straight_line",
+        "assisted",
+        "feedback=velocity_sensor",
+        "simulation.render_lines=false",
+        "simulation.duration_limit=40",
+        "maneuver.speed=50",
+        f"brake_assist.law={law}",
+    )
+    run = run_fast_loop(configuration)
+    assert run.stopped
+    assert np.all(run.trusted[run.brake_start :])

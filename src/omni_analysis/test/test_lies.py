@@ -95,6 +95,41 @@ def test_an_imu_that_lies_makes_no_stop_worse(
         assert stop.rotation <= ROTATION_LIMIT
 
 
+@pytest.mark.parametrize(
+    ("case", "lie"),
+    [
+        ("slippery", Lie("accelerometer", "sign", 1, -0.19, 0.0, 0.1)),
+        ("table_2", Lie("accelerometer", "sine", -1, -0.07, 6.6, 0.2)),
+        ("turn_while_translate", Lie("encoder", "stuck", 1, -0.06, 0.0, 0.1)),
+        ("slippery", Lie("encoder", "drift", 0, 0.08, 3.6, 0.1)),
+        ("diagonal", Lie("twist", "scale", 1, -0.18, -1.327, 0.1)),  # as the line is stored
+        ("six_wheels", Lie("twist", "swap", 0, -0.2, 0.0, 0.1)),
+    ],
+)
+def test_a_lie_too_small_for_a_dispute_costs_little(
+    stops: LyingSensors, case: str, lie: Lie
+) -> None:
+    stop = stops.run(0, case, lie, imu=True)
+    assert stop.rest
+    assert stop.distance <= DISTANCE_LIMITS[True]
+    assert stop.rotation <= ROTATION_LIMIT
+
+
+@pytest.mark.parametrize(
+    ("case", "lie"),
+    [
+        ("turn_while_translate", Lie("twist", "ramp", 0, -0.14, -3.212, 0.1)),
+        ("table_2", Lie("twist", "whisper", -1, 0.92, 0.0, 0.1)),
+    ],
+)
+def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
+    stops: LyingSensors, case: str, lie: Lie
+) -> None:
+    stop = stops.run(0, case, lie, imu=False)
+    assert stop.rest
+    assert stop.distance <= DISTANCE_LIMITS[False]
+
+
 def test_a_stop_goes_on_without_the_twist() -> None:
     assert loss_of_twist(LIBRARY, 0.3) <= 8.0
 

@@ -35,6 +35,7 @@ from omni_brake_assist.fail_safe import (
     INVALID_STAMP,
     LAW_ERROR,
     SILENCE,
+    UNSTEADY,
     Heard,
     Limits,
     distrust,
@@ -52,9 +53,12 @@ from omni_brake_assist.laws.built_in import (
 )
 from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
 from omni_brake_assist.observer import (
+    ALL,
+    DISPUTED,
     INERTIAL,
     NO_TWIST,
     NOBODY,
+    OUT,
     ObserverConstants,
     ObserverMemory,
     observe,
@@ -72,6 +76,8 @@ INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = ra
 # Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
 # vehicle rolling, and in the last of its speed there is next to no energy [1].
 _RECKONED_SHARE = 0.15
+# How often trust may be lost in a stop and return: brakes that come and go stop nobody.
+_RETURNS = 3
 
 _STEP = np.dtype(
     [
@@ -85,6 +91,9 @@ _STEP = np.dtype(
         ("start_speed", "f8"),  # when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # whether the law has been asked since the pedal went down
+        ("line_doubted", "?"),  # whether the line was stored while somebody was contradicted
+        ("helped", "?"),  # whether the last step released brakes
+        ("falls", "i8"),  # how often trust was lost since the pedal went down
     ]
 )
 
@@ -296,15 +305,20 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
         if not 0.0 <= dt <= constants.maximum_time_step:
             forget_line(line)  # the heading is not known across the gap
             dt = 0.0
+    belief = memory.observer.belief
+    settled = belief[DISPUTED] == 0.0 or belief[OUT] != ALL
     if not braking:
         forget_line(line)
         step.slow = False
     elif good:
+        if step.line_doubted and settled:
+            forget_line(line)  # it may be that of a sensor that lies
         if line[STORED] != 0.0:
             advance_line(line, dt, yaw_rate)
         elif trusted:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
+            step.line_doubted = not settled
             step.start_speed = math.hypot(v_x, v_y)
     ready = braking and good and trusted
     first = not step.assisting
@@ -384,6 +398,11 @@ def act(
     outcome = _outcome(constants, memory, inputs, ready, answer, motion, error, enable)
     step = memory.step[0]
     step.faulty = outcome == FAULTY
+    if outcome in (INACTIVE, DISABLED):
+        step.falls = 0
+    elif outcome == FAULTY and step.helped:
+        step.falls += 1
+    step.helped = outcome in (ASSISTING, DEAD_RECKONING)
     elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
     step.switched_ns = inputs.now_ns
     if outcome in (ASSISTING, DEAD_RECKONING):
@@ -423,6 +442,9 @@ def _outcome(
     step = memory.step[0]
     # What must be earned anew by good twists, whatever the second opinion knows.
     lost = memory.trust[0].cause in (LAW_ERROR, INTERNAL_ERROR, INVALID_STAMP, SILENCE)
+    if step.falls > _RETURNS:
+        distrust(memory.trust[0], UNSTEADY, step.falls, _RETURNS, 0.0)
+        lost = True
     if inputs.outside != GOOD or lost or step.no_effect or not ready:
         return FAULTY
     if slow:

@@ -76,6 +76,14 @@ class TimingConfiguration(Configuration):
     await_imu: bool = parameter(
         False, description="Lockstep: whether an answer waits for the IMU of its step"
     )
+    twist_period: float = parameter(
+        0.0,
+        description="Lockstep: time between two samples of the twist, each of which belongs to all "
+        "steps until the next; 0 where every step has its own",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
     demand_timeout: float = parameter(
         0.1,
         description="Real time: silence of the pedal after which all brakes are on",
@@ -106,7 +114,9 @@ class BrakeAssistNode(Node):
         self._imu_heard = -math.inf
         self._second_opinion = configuration.second_opinion
         self._pairing = StepPairing(
-            second_opinion=configuration.second_opinion, imu=timing.await_imu
+            second_opinion=configuration.second_opinion,
+            imu=timing.await_imu,
+            twist_period_ns=round(timing.twist_period * 1e9),
         )
         self._pedal_heard = self._twist_heard = time.monotonic()
         self._enable = advertise(self, JointState, "brake/enable")

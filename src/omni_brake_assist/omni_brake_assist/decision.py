@@ -34,6 +34,7 @@ class AssistState(enum.Enum):
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     NO_EFFECT = "no_effect"
+    UNSTEADY = "unsteady"  # trust lost too often in one stop
     INTERNAL_ERROR = "internal_error"
 
     @property

@@ -55,7 +55,8 @@ GOOD = 0
     LAW_ERROR,
     CONTRADICTED,
     NO_EFFECT,
-) = range(1, 27)
+    UNSTEADY,
+) = range(1, 28)
 
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
@@ -123,6 +124,11 @@ CHECKS: dict[int, tuple[AssistState, str]] = {
     NO_EFFECT: (
         AssistState.NO_EFFECT,
         "braking has too little effect: all brakes on until the pedal is released",
+    ),
+    UNSTEADY: (
+        AssistState.UNSTEADY,
+        "trust has been lost {value:.0f} times in this stop, more than {limit:.0f}: all brakes on "
+        "until the pedal is released",
     ),
     LAW_ERROR: (AssistState.INTERNAL_ERROR, "the law gave an enable that is no share of 0 to 1"),
 }

@@ -69,7 +69,8 @@ _HEADING, _GAIN_X, _GAIN_Y, _LAST_RATE = range(4)
 # [m/s], its yaw rate [rad/s], its time [ns], the path then, and what twists have lately changed by
 # beyond the specific force with the gyro's yaw rate [m/s], what they would have with their own
 # yaw rate [m/s], the variance of both [m^2/s^2], the biases when the pedal went down [rad/s],
-# [m/s^2].
+# [m/s^2], by how much the yaw rates of twist and gyro differ with the pedal up [rad/s], the
+# variance of that [rad^2/s^2], how much of it is the twist's [rad/s].
 (
     MARKED,
     MARK_X,
@@ -87,8 +88,11 @@ _HEADING, _GAIN_X, _GAIN_Y, _LAST_RATE = range(4)
     STILL_RATE,
     STILL_X,
     STILL_Y,
-) = range(16)
-COURSE_SIZE = 16
+    APART,
+    APART_SPREAD,
+    OFFSET,
+) = range(19)
+COURSE_SIZE = 19
 
 # Who is not believed, beside the filters above: nobody is.
 NOBODY = 4
@@ -123,6 +127,12 @@ _FASTEST_TURN = 50.0  # [rad/s]
 _LARGEST_FORCE = 100.0  # [m/s^2]
 _LARGEST_SCALE = 0.03  # error of wheel radii that is learnt [1]
 _FASTEST_RIM = 200.0  # [m/s]
+_APART_WALK = 0.001  # how much that changes from one twist to the next [rad/s]
+_LARGEST_BIAS = 0.01  # of a gyro that has been calibrated at rest [rad/s]
+_APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/s]
+_AGED = 1.5e7  # age from which on a twist says little of now [ns]
+_MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
+_DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _HISTORY = 32  # states of the past that a late twist can be compared with
 
 
@@ -200,7 +210,8 @@ class ObserverMemory(NamedTuple):
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
         doubt: how often each has contradicted everybody lately [1], shape (N,).
         score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
-        course: what explains the change of the twist, see the head of the module, shape (16,).
+        blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
+        course: what explains the change of the twist, see the head of the module, shape (19,).
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
@@ -213,6 +224,7 @@ class ObserverMemory(NamedTuple):
     rim: FloatArray
     doubt: FloatArray
     score: FloatArray
+    blame: FloatArray
     course: FloatArray
     past: FloatArray
     stamps: IntArray
@@ -272,6 +284,7 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(SCORES),
+        np.zeros((wheels, FILTERS)),
         np.zeros(COURSE_SIZE),
         np.zeros((_HISTORY, FILTERS + 1, STATES)),
         np.full(_HISTORY, -1, np.int64),
@@ -287,7 +300,9 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
     memory.doubt[:] = 0.0
     memory.stamps[:] = -1
     memory.score[:] = 0.0
+    memory.blame[:] = 0.0
     memory.course[:] = 0.0
+    memory.course[APART_SPREAD] = _APART**2
     belief = memory.belief
     belief[:] = 0.0
     belief[BEGUN] = 1.0
@@ -299,7 +314,7 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
         for j in range(3):
             memory.state[k, j] = twist[j]
             memory.covariance[k, j, j] = 100.0
-        memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = 0.02**2
+        memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = _LARGEST_BIAS**2
         memory.covariance[k, _BIAS_X, _BIAS_X] = 0.5**2
         memory.covariance[k, _BIAS_Y, _BIAS_Y] = 0.5**2
 
@@ -432,6 +447,16 @@ def _hear_twist(
                 predicted += h[i] * (then[i] + state[i] - shift[i])
             spread = variance[j] + (constants.gyro**2 if j == _RATE else own)
             _correct(state, covariance, h, twist[j] - predicted, spread)
+        _correct_past(memory, k, place_ns, state - shift)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _correct_past(memory: ObserverMemory, k: int, since_ns: int, shift: FloatArray) -> None:
+    """Shift what a filter remembers, or the next late twist would correct it once more."""
+    row = (memory.newest[0] - 1) % _HISTORY
+    while row != memory.newest[0] and memory.stamps[row] >= since_ns:
+        memory.past[row, k] += shift
+        row = (row - 1) % _HISTORY
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -484,14 +509,17 @@ def _hear_wheels(
     enable: FloatArray,
     speeds: FloatArray,
     disputed: bool,
-    heard: bool,
+    fresh_twist: bool,
     twist: FloatArray,
     variance: FloatArray,
 ) -> None:
     """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
     h = np.zeros(STATES)
     innovations, spreads = np.empty(FILTERS), np.empty(FILTERS)
+    # One may be wrong; if several contradict everybody, they are not.
+    several = np.sum(memory.doubt >= _DOUBTED) > 1
     memory.score[:FILTERS] *= _FADE
+    memory.blame[:] *= _FADE
     memory.score[SPOKEN] *= _FADE
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[SCALE])
@@ -517,7 +545,7 @@ def _hear_wheels(
             own += (constants.rebound * fresh) ** 2
             blind += (constants.blind_rebound * fresh) ** 2
         fits = True
-        trusted = memory.doubt[i] < 4.0
+        trusted = several or memory.doubt[i] < _DOUBTED
         for k in range(FILTERS):
             state = memory.state[k]
             predicted = h[0] * state[0] + h[1] * state[1] + h[2] * state[2]
@@ -526,14 +554,16 @@ def _hear_wheels(
             misfit = innovations[k] ** 2 / spreads[k]
             fits = fits and misfit <= 12.0
             if trusted:
-                memory.score[k] += min(innovations[k] ** 2 / own, 25.0)
+                wrong = min(innovations[k] ** 2 / own, 25.0)
+                memory.score[k] += wrong
+                memory.blame[i, k] += wrong
         if not disputed:
             strange = innovations[ALL] ** 2 > 9.0 * own
             memory.doubt[i] = 0.9 * memory.doubt[i] + (1.0 if strange else 0.0)
         if not trusted:
             continue
         memory.score[SPOKEN] += 1.0
-        if heard:
+        if fresh_twist:
             _compare_twist(constants, memory, braking, h, rim, blind, twist, variance)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
@@ -585,7 +615,7 @@ def _differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[
 @njit(cache=True, nogil=True, error_model="numpy")
 def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> int:
     """Decide whom to leave out; return the filter to use, or NOBODY."""
-    belief, score = memory.belief, memory.score
+    belief = memory.belief
     velocity, rate = _differences(constants, memory)
     out = int(belief[OUT])
     if out != ALL:
@@ -601,12 +631,19 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
             return int(out)
         belief[OUT] = ALL
         belief[DISPUTED] = 0.0
+    odd = _odd_one_out(memory)
+    if odd != ALL:
+        belief[OUT] = odd
+        belief[AGREED] = 0.0
+        belief[CONVICTIONS] += 1.0
+        return int(odd)
     if velocity < 1.0 and rate < 1.0:
         belief[DISPUTED] = max(belief[DISPUTED] - dt, 0.0)
-        return ALL
+        # While the twist changes otherwise than the specific force has it, it is taken as it is.
+        age = belief[LAST_NS] - belief[TWIST_NS]
+        return ALL if age > _AGED or _explains(constants, memory) else NO_FORCE
     if belief[DISPUTED] <= 0.0:  # only what is said from now on counts
-        score[:FILTERS] = 0.0
-        score[SPOKEN] = 0.0
+        _acquit(memory)
     belief[DISPUTED] += dt
     better, decided = _verdict(constants, memory, rate >= velocity)
     if not decided and belief[DISPUTED] < constants.patience:
@@ -615,6 +652,47 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
     belief[AGREED] = 0.0
     belief[CONVICTIONS] += 1.0
     return int(belief[OUT])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
+    """Return whether the specific force explains how the twist changes, with either yaw rate."""
+    course = memory.course
+    with_gyro = course[CHANGE_X] ** 2 + course[CHANGE_Y] ** 2
+    with_own = (course[CHANGE_X] - course[TURN_X]) ** 2 + (course[CHANGE_Y] - course[TURN_Y]) ** 2
+    return bool(min(with_gyro, with_own) <= constants.proof * course[SPREAD])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _odd_one_out(memory: ObserverMemory) -> int:
+    """Return the filter that alone fits the wheels, ALL if there is none.
+
+    It leaves out who is wrong by too little for a dispute, and pulls every other filter aside. No
+    single wheel may carry the proof: it may be the one that lies.
+    """
+    score, blame = memory.score, memory.blame
+    best = NO_TWIST
+    for k in (NO_GYRO, NO_FORCE):
+        if score[k] < score[best]:
+            best = k
+    if score[SPOKEN] < 4.0 or score[best] > 2.0 * score[SPOKEN]:
+        return ALL
+    for k in range(FILTERS):
+        if k != best:
+            proof = score[k] - 3.0 * score[best]
+            for i in range(blame.shape[0]):
+                proof = min(proof, score[k] - blame[i, k] - 3.0 * (score[best] - blame[i, best]))
+            if proof <= _PROOF:
+                return ALL
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _acquit(memory: ObserverMemory) -> None:
+    """Forget what wheels have said against the filters."""
+    memory.score[:FILTERS] = 0.0
+    memory.score[SPOKEN] = 0.0
+    memory.blame[:] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -627,10 +705,9 @@ def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int,
     with_gyro = course[CHANGE_X] ** 2 + course[CHANGE_Y] ** 2
     with_own = (course[CHANGE_X] - course[TURN_X]) ** 2 + (course[CHANGE_Y] - course[TURN_Y]) ** 2
     right = NO_TWIST if with_gyro <= with_own else NO_GYRO
-    proof = constants.proof * course[SPREAD]
-    if min(with_gyro, with_own) > proof:
+    if not _explains(constants, memory):
         return NO_TWIST, True
-    return right, abs(with_gyro - with_own) > proof
+    return right, abs(with_gyro - with_own) > constants.proof * course[SPREAD]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -638,30 +715,42 @@ def _verdict(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
     """Return the filter that is right in a dispute, and whether that is proven."""
-    score, state = memory.score, memory.state
-    if about_rate:
-        right, decided = _explain(constants, memory)
-        if decided:
-            return right, True
+    score = memory.score
+    right, decided = _explain(constants, memory) if about_rate else _who_loses(constants, memory)
+    if about_rate and decided:
+        return right, True
     other = NO_GYRO if about_rate else NO_FORCE
     better = NO_TWIST if score[NO_TWIST] <= score[other] else other
     worse = other if better == NO_TWIST else NO_TWIST
     if score[worse] > 3.0 * score[better] + _PROOF:
         return better, True
-    lasted = memory.belief[DISPUTED] >= 0.5 * constants.patience
     if about_rate:
         return right, False
-    # Brakes take energy: who sees none of the loss that the other sees is wrong.
-    past = memory.past[(memory.newest[0] - _LOSS) % _HISTORY]
+    if decided:
+        return right, memory.belief[DISPUTED] >= 0.5 * constants.patience
+    return better, False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
+    """Return the filter whose loss of speed is that of a stop, and whether the other's is not.
+
+    Brakes take energy, and no more than tires can: who sees none of the loss that the other sees
+    is wrong, and who sees too much of it.
+    """
+    state = memory.state
+    row = (memory.newest[0] - _LOSS) % _HISTORY
+    past = memory.past[row]
+    most = constants.walk * (memory.stamps[memory.newest[0]] - memory.stamps[row]) * 1e-9
     loss = np.zeros(FILTERS)
     for k in (NO_TWIST, NO_FORCE):
         loss[k] = math.hypot(past[k, _U_X], past[k, _U_Y])
         loss[k] -= math.hypot(state[k, _U_X], state[k, _U_Y])
-    if loss[NO_FORCE] > 0.15 and loss[NO_TWIST] < 0.3 * loss[NO_FORCE]:
-        return NO_FORCE, lasted
-    if loss[NO_TWIST] > 0.15 and loss[NO_FORCE] < 0.3 * loss[NO_TWIST]:
-        return NO_TWIST, lasted
-    return better, False
+    more = NO_TWIST if loss[NO_TWIST] > loss[NO_FORCE] else NO_FORCE
+    less = NO_FORCE if more == NO_TWIST else NO_TWIST
+    if loss[more] > most:
+        return less, True
+    return more, bool(loss[more] > 0.15 and loss[less] < 0.3 * loss[more])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -670,14 +759,14 @@ def _judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
     belief = memory.belief
     row = memory.newest[0]
     before = memory.past[(row - _HISTORY + 2) % _HISTORY, ALL]
-    now, spread = memory.state[ALL], memory.covariance[ALL]
+    now = memory.state[ALL]
     lost = math.hypot(before[_U_X], before[_U_Y]) - math.hypot(now[_U_X], now[_U_Y])
-    noise = 3.0 * math.sqrt(spread[_U_X, _U_X] + spread[_U_Y, _U_Y])
     filled = memory.stamps[(row + 1) % _HISTORY] >= 0
     heard = belief[TWIST_AGE] == 0.0
-    idle = braking and heard and filled and lost < 0.05 - noise
+    moves = math.hypot(now[_U_X], now[_U_Y]) > _MOVES
+    idle = braking and heard and filled and moves and lost < 0.05
     belief[IDLE] = belief[IDLE] + dt if idle else 0.0
-    if braking and (memory.score[ALONE] > 60.0 or belief[IDLE] > 0.3):
+    if braking and (memory.score[ALONE] > 60.0 or belief[IDLE] > 0.2):
         belief[OUT] = NOBODY
         belief[CONVICTIONS] += 1.0
     return NOBODY if belief[OUT] != ALL else ALL
@@ -730,21 +819,65 @@ def observe(
         memory.score[ALONE] = 0.0
     if not braking and belief[PRESSED] != 0.0:
         belief[OUT] = belief[DISPUTED] = belief[AGREED] = belief[CONVICTIONS] = 0.0
+        _acquit(memory)
     if not braking:
-        memory.course[STILL_RATE:] = memory.state[ALL, _BIAS_RATE:]
+        memory.course[STILL_RATE:APART] = memory.state[ALL, _BIAS_RATE:]
         belief[TOP_SPEED] = math.hypot(memory.state[ALL, _U_X], memory.state[ALL, _U_Y])
     belief[PRESSED] = 1.0 if braking else 0.0
     _carry_on(constants, memory, now_ns, dt, inertial)
     disputed = belief[DISPUTED] > 0.0 or belief[OUT] != ALL
-    _hear_wheels(constants, memory, dt, braking, enable, speeds, disputed, heard, twist, variance)
+    fresh = heard and twist_ns > belief[TWIST_NS]
+    if fresh and not (braking or disputed):
+        _tell_apart(constants, memory, twist[2], variance[2], inertial[0])
+    told = twist.copy()
+    told[2] -= memory.course[OFFSET]
+    _hear_wheels(constants, memory, dt, braking, enable, speeds, disputed, fresh, told, variance)
     belief[TWIST_AGE] = 0.0 if heard else belief[TWIST_AGE] + dt
-    if heard and twist_ns > belief[TWIST_NS]:
+    if fresh:
         belief[TWIST_NS] = twist_ns
-        _hear_twist(constants, memory, twist_ns, twist, variance)
+        _hear_twist(constants, memory, twist_ns, told, variance)
     memory.past[memory.newest[0]] = memory.state  # as it is known now
     if belief[INERTIAL] == 0.0:
         return int(_judge_alone(memory, dt, braking))
+    if not braking and _is_slipping(constants, memory):
+        memory.state[NO_TWIST] = memory.state[ALL]
+        memory.covariance[NO_TWIST] = memory.covariance[ALL]
     return int(_answer(constants, memory, _judge(constants, memory, dt), answer))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tell_apart(
+    constants: ObserverConstants, memory: ObserverMemory, rate: float, variance: float, gyro: float
+) -> None:
+    """Learn by how much the yaw rates of twist and gyro differ [rad/s], and whose error that is.
+
+    A gyro that has been calibrated is off by little; what is more is the twist's.
+    """
+    if not abs(gyro) < _FASTEST_TURN:
+        return
+    course = memory.course
+    spread = course[APART_SPREAD] + _APART_WALK**2
+    gain = spread / (spread + variance + constants.gyro**2)
+    course[APART] += gain * (rate - gyro - course[APART])
+    course[APART_SPREAD] = (1.0 - gain) * spread
+    bias = min(max(-course[APART], -_LARGEST_BIAS), _LARGEST_BIAS)
+    course[OFFSET] = course[APART] + bias
+    for k in (ALL, NO_TWIST, NO_FORCE):
+        memory.state[k, _BIAS_RATE] = bias
+        memory.covariance[k, _BIAS_RATE, :] = memory.covariance[k, :, _BIAS_RATE] = 0.0
+        memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = (0.1 * _LARGEST_BIAS) ** 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
+    """Return whether driven wheels are what pulls twist and IMU apart, pedal up.
+
+    These agree on how the velocity changes, and the filter without twist has its velocity from
+    the wheels.
+    """
+    velocity, _ = _differences(constants, memory)
+    settled = memory.belief[OUT] == ALL and memory.course[MARKED] != 0.0
+    return bool(settled and velocity >= 1.0 and _explains(constants, memory))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,14 +11,19 @@ class StepPairing:
 
     The newest line of a step may be up to a line period older than the step, so the feedback
     belongs to the first demand that is not older than it. Wheel speeds and IMU, where they are
-    awaited, bear the stamp of the step.
+    awaited, bear the stamp of the step. A twist that is sampled more slowly than the steps belongs
+    to all those of its sample.
 
     Args:
         second_opinion: whether a demand waits for the wheel speeds of its step.
         imu: whether it waits for the IMU too.
+        twist_period_ns: between two samples of the twist [ns], 0 where every step has its own.
     """
 
-    def __init__(self, *, second_opinion: bool = False, imu: bool = False) -> None:
+    def __init__(
+        self, *, second_opinion: bool = False, imu: bool = False, twist_period_ns: int = 0
+    ) -> None:
+        self._twist_period_ns = twist_period_ns
         self._awaits_wheels, self._awaits_imu = second_opinion, second_opinion and imu
         self._wheels: WheelSpeeds | None = None
         self._imu: ImuReading | None = None
@@ -47,10 +52,17 @@ class StepPairing:
         if self._pedal is None or self._feedback is None:
             return None
         stamp_ns, pedal = self._pedal
-        if stamp_ns <= self._answered_ns or self._feedback.stamp_ns <= self._answered_ns:
+        if stamp_ns <= self._answered_ns or not self._is_of(self._feedback.stamp_ns, stamp_ns):
             return None
         for awaited, signal in ((self._awaits_wheels, self._wheels), (self._awaits_imu, self._imu)):
             if awaited and (signal is None or signal.stamp_ns < stamp_ns):
                 return None
         self._answered_ns = stamp_ns
         return BrakeDemand(stamp_ns, pedal, self._feedback, self._wheels, self._imu)
+
+    def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
+        """Return whether a twist is the one that a demand waits for [ns]."""
+        period_ns = self._twist_period_ns
+        if period_ns == 0:
+            return twist_ns > self._answered_ns
+        return twist_ns // period_ns >= stamp_ns // period_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -278,7 +279,7 @@ def test_twist_that_never_changes_while_braking_is_implausible(mecanum: Wheels) 
 @pytest.mark.parametrize(
     ("pedal", "speed", "changes"),
     [
-        (1.0, 9.5, {"frozen_time": 0.0}),  # switched off
+        (1.0, 9.5, {"frozen_time": 0.0, "second_opinion": False}),  # switched off
         (0.0, 9.5, {}),  # rolling steadily
         (1.0, 0.0, {}),  # standing
     ],
@@ -481,3 +482,29 @@ def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.M
     assert "ZeroDivisionError: by accident" in decision.reason
     states = [assist.update(demand(step)).state for step in (6, 7, 8)]
     assert states == [*[AssistState.INTERNAL_ERROR] * 2, AssistState.ASSISTING]
+
+
+def test_trust_that_comes_and_goes_is_not_given_again_in_this_stop(mecanum: Wheels) -> None:
+    """60 ms with feedback, 60 ms without: brakes that come and go stop nobody."""
+    assist = assisting(mecanum, second_opinion=False)
+    states = []
+    for step in range(5, 125):
+        good = demand(step, speed=9.8 - 0.01 * step)
+        heard = (step // 6) % 2 == 0
+        decision = assist.update(good if heard else dataclasses.replace(good, feedback=None))
+        states.append(decision.state)
+    falls = sum(
+        after is not AssistState.ASSISTING
+        for before, after in itertools.pairwise(states)
+        if before is AssistState.ASSISTING
+    )
+    assert falls == 4
+    last = assist.update(demand(125, speed=8.55))
+    require_all_on(last, AssistState.UNSTEADY)
+    assert "4 times" in last.reason
+    # Good feedback alone does not bring it back, a release of the pedal does.
+    for step in range(126, 146):
+        require_all_on(assist.update(demand(step, speed=8.55 - 0.05 * (step - 125))), S.UNSTEADY)
+    for step in range(146, 152):
+        assist.update(demand(step, speed=7.5, pedal=0.0))
+    assert assist.update(demand(152, speed=7.45)).state is AssistState.ASSISTING

@@ -161,6 +161,25 @@ def test_a_wheel_that_lies_moves_nobody(drive: Drive) -> None:
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize("late", [0, 1, 5])
+def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None:
+    drive.run(180, late=late)
+    assert set(drive.chosen) == {ALL}
+
+
+def test_an_accelerometer_that_lies_a_little_does_not_pull_the_answer_aside(drive: Drive) -> None:
+    """Too little for a dispute: the twist is taken as it is while nobody explains it."""
+    drive.run(180, "force", size=0.8)
+    assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
+def test_one_wheel_alone_proves_nothing(drive: Drive) -> None:
+    """The only wheel that rolls says what it wants: twist and IMU go on being heard."""
+    drive.run(180, "wheel", size=3.0)
+    assert NO_TWIST not in drive.chosen
+    assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
 def test_a_release_of_the_pedal_forgives(drive: Drive) -> None:
     drive.run(120, "twist", size=1.0)
     assert drive.chosen[-1] == NO_TWIST

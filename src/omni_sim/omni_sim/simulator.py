@@ -326,7 +326,7 @@ class Simulator:
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
-            velocity_sensor=Twist(self._stamp_ns, self._reading.copy(), self._covariance.copy()),
+            velocity_sensor=Twist(self._taken_ns, self._reading.copy(), self._covariance.copy()),
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
             wheel_load=wheels["load"],
@@ -343,7 +343,8 @@ class Simulator:
         self._measured_ns = self._stamp_ns
         vehicle = self.vehicle
         motion, tilt_x, tilt_y = vehicle.motion
-        self._reading = self._velocity_sensor.measure(self._stamp_ns, motion[3:]).value
+        sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
+        self._taken_ns, self._reading = sample.stamp_ns, sample.value
         wheels = vehicle.wheels
         measure(
             self._instruments,

@@ -203,7 +203,9 @@ class SimulatorNode(Node):
         self._send(
             self._velocity,
             planar_twist_with_covariance(
-                stamp_ns, observation.velocity_sensor.value, observation.velocity_sensor.covariance
+                observation.velocity_sensor.stamp_ns,
+                observation.velocity_sensor.value,
+                observation.velocity_sensor.covariance,
             ),
         )
         pedal = joint_state(stamp_ns, ("brake_pedal",), position=np.array([observation.pedal]))

@@ -97,7 +97,13 @@ class SensorConstants(NamedTuple):
 
 
 SENSOR_MEMORY = np.dtype(
-    [("sample", "i8"), ("v_x", "f8"), ("v_y", "f8"), ("yaw_rate", "f8")]  # the last one taken
+    [  # the last one taken, or missed by failing
+        ("sample", "i8"),
+        ("stamp_ns", "i8"),
+        ("v_x", "f8"),
+        ("v_y", "f8"),
+        ("yaw_rate", "f8"),
+    ]
 )
 
 
@@ -138,8 +144,8 @@ def read(
     twist: FloatArray,
     draw: FloatArray,
     reading: FloatArray,
-) -> None:
-    """Sample if it is time and write what the sensor reads.
+) -> int:
+    """Sample if it is time, write what the sensor reads and return when it was taken [ns].
 
     Args:
         sensor: constants.
@@ -150,9 +156,12 @@ def read(
         reading: receives the measured body twist [m/s, m/s, rad/s], shape (3,).
     """
     held = memory[0]
-    if samples_now(sensor, memory, stamp_ns):
-        share, offset = sensor.share, sensor.offset
+    samples = samples_now(sensor, memory, stamp_ns)
+    if stamp_ns // sensor.period_ns > held.sample:
         held.sample = stamp_ns // sensor.period_ns
+        held.stamp_ns = stamp_ns
+    if samples:
+        share, offset = sensor.share, sensor.offset
         held.v_x = twist[0] * (1.0 + share[0] * draw[0]) + offset[0]  # Eqs. (60), (61)
         held.v_y = twist[1] * (1.0 + share[1] * draw[1]) + offset[1]
         held.yaw_rate = twist[2] * (1.0 + share[2] * draw[2]) + offset[2]
@@ -160,6 +169,7 @@ def read(
         reading[:] = sensor.failed
     else:
         reading[0], reading[1], reading[2] = held.v_x, held.v_y, held.yaw_rate
+    return int(held.stamp_ns)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -198,11 +208,11 @@ class VelocitySensor:
         self._memory = sensor_memory()
 
     def measure(self, stamp_ns: int, twist: FloatArray) -> Twist:
-        """Return what the sensor reads.
+        """Return what the sensor reads, with the stamp of the sample.
 
         Samples are due at multiples of the sample time; one is taken at the first call at or
         after that time, so repeated calls with one stamp return the same reading. A sensor that
-        fails takes none.
+        fails takes none, but stamps what it says as if it did.
 
         Args:
             stamp_ns: time since the start of the run [ns], not decreasing.
@@ -212,9 +222,9 @@ class VelocitySensor:
         if samples_now(self._constants, self._memory, stamp_ns):
             draw = self._random.uniform(-1.0, 1.0, 3)
         reading, covariance = np.empty(3), np.empty((3, 3))
-        read(self._constants, self._memory, stamp_ns, twist, draw, reading)
+        taken_ns = read(self._constants, self._memory, stamp_ns, twist, draw, reading)
         self.state_covariance(reading, covariance)
-        return Twist(stamp_ns, reading, covariance)
+        return Twist(taken_ns, reading, covariance)
 
     def state_covariance(self, reading: FloatArray, covariance: FloatArray) -> None:
         """Write the covariance, shape (3, 3), that the sensor claims of a reading, shape (3,)."""

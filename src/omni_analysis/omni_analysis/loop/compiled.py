@@ -373,7 +373,7 @@ def _listen(run: _Run, stamp: int) -> Inputs:
     due = samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
     sensors.drawn[0] += due
-    read(velocity, held, now_ns, row[3:6], draw, feedback)
+    taken_ns = read(velocity, held, now_ns, row[3:6], draw, feedback)
     if loop.measures:
         truth = Truth(
             stamp,
@@ -392,7 +392,7 @@ def _listen(run: _Run, stamp: int) -> Inputs:
         loop.pedal[stamp],
         loop.enabled,
         GOOD,
-        Heard(GOOD, now_ns, feedback, desk.covariance),
+        Heard(GOOD, taken_ns, feedback, desk.covariance),
         HeardWheels(heard, now_ns, desk.wheel_speed),
         HeardImu(heard, now_ns, desk.imu),
     )

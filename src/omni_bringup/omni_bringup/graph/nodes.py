@@ -120,6 +120,7 @@ def brake_assist(
     remaps = []
     if not configuration.hears_lines:
         remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
+        parameters["twist_period"] = configuration.velocity_sensor.sample_time
     return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
 
 

@@ -1,0 +1,42 @@
+"""Which twist answers which demand, in whichever order they come."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from omni_brake_assist.step_pairing import StepPairing
+from omni_platform.signals import Twist
+
+MS = 1_000_000
+
+
+def twist(stamp_ms: int) -> Twist:
+    return Twist(stamp_ms * MS, np.zeros(3), np.eye(3))
+
+
+@pytest.mark.parametrize("order", itertools.permutations(("pedal", "twist")))
+def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) -> None:
+    """A sensor of 40 ms says the same at four steps of 10 ms, and stamps it with its sample."""
+    pairing = StepPairing(twist_period_ns=40 * MS)
+    paired = []
+    for step in range(9):
+        for word in order:
+            if word == "pedal":
+                pairing.take_pedal(10 * step * MS, 1.0)
+            else:
+                pairing.take_feedback(twist(40 * (step // 4)))
+            demand = pairing.next_demand()
+            if demand is not None:
+                assert demand.feedback is not None
+                paired.append((demand.stamp_ns // MS, demand.feedback.stamp_ns // MS))
+    assert paired == [(10 * step, 40 * (step // 4)) for step in range(9)]
+
+
+def test_a_line_that_is_older_than_its_step_belongs_to_it() -> None:
+    pairing = StepPairing()
+    pairing.take_pedal(10 * MS, 1.0)
+    pairing.take_feedback(Twist(10 * MS - 400_000, np.zeros(3), np.eye(3)))
+    assert pairing.next_demand() is not None
+    pairing.take_pedal(20 * MS, 1.0)
+    assert pairing.next_demand() is None  # its twist is still to come
