@@ -7,8 +7,10 @@ import shlex
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
+from PIL import Image
 
 from omni_bringup.cli import main
 
@@ -23,8 +25,19 @@ def commands(page: Path) -> list[list[str]]:
     return [shlex.split(line)[1:] for line in lines]
 
 
+def picture_of_a_floor() -> Image.Image:
+    """Speckles of 1 to 2 mm with uneven light, as a camera sees a floor."""
+    rng = np.random.default_rng(3)
+    speckles = Image.fromarray(rng.integers(40, 220, (200, 280), dtype=np.uint8))
+    picture = np.asarray(speckles.resize((2800, 2000), Image.Resampling.BICUBIC), dtype=np.float64)
+    light = np.linspace(0.8, 1.0, picture.shape[1])
+    grain = rng.normal(0.0, 6.0, picture.shape)
+    return Image.fromarray(np.clip(light * picture + grain, 0, 255).astype(np.uint8))
+
+
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
+    picture_of_a_floor().save(tmp_path / "my_floor.png")
     for words in commands(page):
         finished = subprocess.run(
             omni_command(words),
