@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -66,6 +67,7 @@ class SensorReading:
         lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
         lasting: how alike they are, shifted, over how alike neighbouring lines are [1].
         doubt: part of the variance that comes from the direction of the ground [m^2/s^2].
+        structures: number of independent structures of the ground in the view.
         unlike: whether the camera sees a ground, but one whose lines do not match.
     """
 
@@ -80,6 +82,7 @@ class SensorReading:
     lasting_time: float = 0.0
     lasting: float = 0.0
     doubt: float = 0.0
+    structures: float = math.inf
     unlike: bool = False
 
     @classmethod

@@ -24,11 +24,16 @@ from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
+from linescan_odometry.view.structures import StructureCounter
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
 _SHARP_PAIRS = 6  # of a batch that are compared by their detail
 _FEWEST_MOVES = 2
+_FAINT = 0.15  # correlation of what moves before something that stands still
+_FAR_DIVISOR = 4  # of a line: displacements beyond are compared with smaller ones
+_AS_WELL, _AS_WELL_AT_ALL = 1.0, 0.05  # loss of correlation by which one fits worse
+_FEWEST_PLACES = 3.0  # of a view whose slopes a displacement is matched by
 _ALIKE = 0.3  # correlation of the detail of lines that show the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
@@ -50,12 +55,14 @@ class _Mean:
         variance: of it [px^2].
         correlation: mean similarity of the pairs that entered [1].
         share: of the pairs that entered, 0..1.
+        places: over how many places of a line the slopes are spread that were matched.
     """
 
     displacement: float
     variance: float
     correlation: float
     share: float
+    places: float
 
 
 @njit(cache=True, nogil=True)
@@ -79,7 +86,7 @@ def _mean_of(
     displacement = average(pairs.displacement, inlier, weight)
     variance = matcher.mean_variance(pairs.displacement, weight)
     correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
-    return _Mean(displacement, variance, correlation, share)
+    return _Mean(displacement, variance, correlation, share, matcher.places)
 
 
 class SensorOdometry:
@@ -100,8 +107,14 @@ class SensorOdometry:
         )
         self._matcher = self._make_matcher(search)
         self._ends_matcher = self._make_matcher(METRICS[configuration.metric](sensor.pixels, limit))
-        self._moving_matcher = self._make_matcher(
-            METRICS[configuration.metric](sensor.pixels, limit)
+        self._moving_matcher = PairMatcher(
+            METRICS[configuration.metric](sensor.pixels, limit),
+            SubpixelRefiner(sensor.pixels, configuration.peak_recovery),
+            min(_FAINT, configuration.minimum_correlation),
+        )
+        self._near = min(limit, sensor.pixels // _FAR_DIVISOR)
+        self._near_matcher = self._make_matcher(
+            METRICS[configuration.metric](sensor.pixels, self._near)
         )
         self._sharp_matchers = {
             step: self._make_sharp_matcher(sharp_pixels(sensor.pixels, step), limit)
@@ -110,6 +123,7 @@ class SensorOdometry:
         }
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
         self._keyframe = Keyframe(sensor.pixels)
+        self._structures = StructureCounter(sensor.pixels)
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -132,8 +146,15 @@ class SensorOdometry:
             frozen = self._mark_frozen(lines, pairs)
             implausible = self._plausibility.mark(batch.stamp_ns, pairs)
             mean = self._average(lines, pairs, frozen, implausible)
+            self._doubt_far(lines, mean)
             finer = self._finer(lines, mean)
             mean = finer or self._span(lines, mean)
+            if mean.places < _FEWEST_PLACES:
+                raise Unmeasured(
+                    f"{mean.places:.1f} places of the view rule the match: an edge of light or a "
+                    "spot, or a ground of few edges",
+                    mean.share,
+                )
             mean = self._doubt_still(lines, mean)
             self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
             return self._reading(batch.stamp_ns, lines, mean)
@@ -188,6 +209,23 @@ class SensorOdometry:
             reason = self._describe(lines, pairs, frozen, implausible)
             raise Unmeasured(reason, share, unlike=unlike)
         return _mean_of(self._matcher, pairs, inlier, share)
+
+    def _doubt_far(self, lines: Lines, mean: _Mean) -> None:
+        """Refuse a large displacement where a small one fits as well.
+
+        Raises:
+            Unmeasured: the ground repeats itself within the view.
+        """
+        if abs(mean.displacement) <= self._near:
+            return
+        near = self._near_matcher.match(lines[-_SHARP_PAIRS - 1 :])
+        alike = mean.correlation - float(np.median(near.similarity))
+        if alike < _AS_WELL * (1.0 - mean.correlation) + _AS_WELL_AT_ALL:
+            raise Unmeasured(
+                f"the ground repeats itself: {float(np.median(near.displacement)):.3g} px a line "
+                f"fit as well as {mean.displacement:.3g} px",
+                mean.share,
+            )
 
     def _finer(self, lines: Lines, mean: _Mean) -> _Mean | None:
         """Return the mean of the fine detail, if that moves otherwise than the lines as a whole.
@@ -300,6 +338,7 @@ class SensorOdometry:
             still_time=self._still_time(lines, mean),
             lasting_time=age,
             lasting=lasting,
+            structures=self._structures.count(lines, mean.displacement),
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:

@@ -90,6 +90,31 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True)
+def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
+    """Return over how many blocks the slopes are spread that a displacement is matched by.
+
+    Args:
+        overlaps: of the pairs, see `mean_variance`.
+        weight: of each pair, zero for those left out, shape (m,).
+
+    Returns:
+        Mean over the pairs of ``1 / sum_b (P_ib / P_i)^2``: 1 where a single edge rules the match.
+    """
+    total, count = 0.0, 0
+    for pair in range(len(weight)):
+        if weight[pair] == 0.0:
+            continue
+        whole, squares = 0.0, 0.0
+        for part in range(overlaps.parts[pair]):
+            p = overlaps.sums[pair, part, 3]
+            whole += p
+            squares += p * p
+        total += whole * whole / squares if squares > 0.0 else 0.0
+        count += 1
+    return total / count if count > 0 else 0.0
+
+
+@njit(cache=True, nogil=True)
 def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     """Return the variance; `blocks` receives what the pairs add up to."""
     _add_pairs(overlaps, weight, blocks)

@@ -29,7 +29,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from linescan_odometry.matching.mean_variance import Overlaps, mean_variance
+from linescan_odometry.matching.mean_variance import Overlaps, effective_places, mean_variance
 from linescan_odometry.matching.smoothed_peak import smoothed_peak
 from linescan_odometry.measurements import Lines
 
@@ -81,7 +81,12 @@ def _block_length(length: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class SubpixelRefiner:
-    """Refines the integer shifts of consecutive lines; holds the working memory."""
+    """Refines the integer shifts of consecutive lines; holds the working memory.
+
+    Attributes:
+        places: over how many places of the lines the slopes are spread by which the pairs of the
+            last `mean_variance` were matched.
+    """
 
     def __init__(self, pixels: int, recovery: int = 0) -> None:
         """Prepare for one sensor.
@@ -93,6 +98,7 @@ class SubpixelRefiner:
         """
         self._pixels = pixels
         self._recovery = recovery
+        self.places = 0.0
         self._sigma = kernel_sigma(pixels)
         self._ground_block = max(4, pixels // _GROUND_BLOCKS)
         self._shift = np.empty(0, np.int64)  # of the pairs refined last, with recovered peaks
@@ -142,7 +148,9 @@ class SubpixelRefiner:
         cut.block[:] = self._ground_block
         _lay_out(self._pixels, self._shift, displacement, weight, cut)
         _filter_and_sum(self._centred, self._shift, self._filters, cut.lead, cut.block, self._sums)
-        return mean_variance(Overlaps(self._sums, cut.length, cut.parts, cut.number), weight)
+        overlaps = Overlaps(self._sums, cut.length, cut.parts, cut.number)
+        self.places = float(effective_places(overlaps, weight))
+        return mean_variance(overlaps, weight)
 
     def _make_room(self, pairs: int) -> None:
         self._centred = np.empty((pairs + 1, self._pixels), np.float32)

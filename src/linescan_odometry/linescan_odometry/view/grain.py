@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines, SensorReading
 from linescan_odometry.view.sharp import steps
+from linescan_odometry.view.structures import pull
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
@@ -257,6 +258,7 @@ class Grain:
             speed = abs(across)
             lasting = self._sensors[name].width + _STONE
             way = self._way(name, stamp_ns, reading.lasting_time, across)
+            share = pull(reading.structures)
             if way > _FAR_ENOUGH * lasting:
                 excess = reading.lasting - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.
@@ -265,17 +267,18 @@ class Grain:
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.lasting, excess
                 least = self._excess.get(name, 0.0)
-                doubt = (_PULL * max(0.0, least - _USUAL_EXCESS) * speed) ** 2
-                if doubt > 2.0 * reading.doubt:
-                    misled[name] = dataclasses.replace(
-                        reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
-                    )
+                share = max(share, _PULL * (least - _USUAL_EXCESS))
                 self._found.pop(name, None)
                 if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
                         f"grain: {1e3 * way:.3g} mm across the axis the view is still "
                         f"{100.0 * reading.lasting:.0f} % alike"
                     )
+            doubt = (share * speed) ** 2
+            if doubt > 2.0 * reading.doubt:
+                misled[name] = dataclasses.replace(
+                    reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
+                )
             if name in self._found and speed > _SLOWEST:
                 misled[name] = SensorReading.unmeasured(self._found[name], reading.correlation)
         return misled
