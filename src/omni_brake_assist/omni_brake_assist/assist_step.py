@@ -59,8 +59,11 @@ from omni_brake_assist.observer import (
     NO_TWIST,
     NOBODY,
     OUT,
+    Brakes,
     ObserverConstants,
     ObserverMemory,
+    PassedTwist,
+    Sensed,
     observe,
     observer_constants,
     observer_memory,
@@ -208,6 +211,20 @@ class Inputs(NamedTuple):
     imu: HeardImu
 
 
+class Asked(NamedTuple):
+    """What a law has been asked, and whether it could help.
+
+    Attributes:
+        ready: whether it has been asked at all.
+        motion: what it has been asked with.
+        answer: ASSIST, NO_HELP or FAILED.
+    """
+
+    ready: bool
+    motion: Motion
+    answer: int
+
+
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
@@ -268,7 +285,7 @@ def assist_step(
     answer = NO_HELP
     if ready:
         answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
-    return int(act(constants, memory, inputs, ready, answer, motion, error, enable))
+    return int(act(constants, memory, inputs, Asked(ready, motion, answer), error, enable))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -356,14 +373,9 @@ def _ask_observer(
             constants.observer,
             memory.observer,
             now_ns,
-            braking,
-            memory.told,
-            heard,
-            feedback.stamp_ns,
-            feedback.twist,
-            variance,
-            inertial,
-            speeds,
+            Brakes(braking, memory.told),
+            PassedTwist(heard, feedback.stamp_ns, feedback.twist, variance),
+            Sensed(inertial, speeds),
             memory.answer,
         )
     )
@@ -374,9 +386,7 @@ def act(
     constants: Constants,
     memory: Memory,
     inputs: Inputs,
-    ready: bool,
-    answer: int,
-    motion: Motion,
+    asked: Asked,
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
@@ -386,16 +396,14 @@ def act(
         constants: of `make_constants`.
         memory: changed in place.
         inputs: what the assistant is told.
-        ready: whether a law has been asked.
-        answer: its answer.
-        motion: what it has been asked with.
+        asked: what a law has been asked, and its answer.
         error: what it has written [m/s], shape (N,).
         enable: what it has written; receives what the valves do [1], shape (N,).
 
     Returns:
         As `assist_step`.
     """
-    outcome = _outcome(constants, memory, inputs, ready, answer, motion, error, enable)
+    outcome = _outcome(constants, memory, inputs, asked, error, enable)
     step = memory.step[0]
     step.faulty = outcome == FAULTY
     if outcome in (INACTIVE, DISABLED):
@@ -419,12 +427,11 @@ def _outcome(
     constants: Constants,
     memory: Memory,
     inputs: Inputs,
-    ready: bool,
-    answer: int,
-    motion: Motion,
+    asked: Asked,
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
+    ready, motion, answer = asked
     slow = ready and _is_slow(constants, memory.step[0], motion)
     helps = ready and answer == ASSIST
     if answer == FAILED:

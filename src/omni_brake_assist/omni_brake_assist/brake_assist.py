@@ -31,6 +31,7 @@ from omni_brake_assist.assist_step import (
     FAULTY,
     INACTIVE,
     SLOW,
+    Asked,
     HeardImu,
     HeardWheels,
     Inputs,
@@ -192,7 +193,7 @@ class BrakeAssist:
         answer, problem = ask(self._law, motion, error, enable) if ready else (NO_HELP, "")
         if problem:
             self._said[INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
-        outcome = act(constants, memory, inputs, ready, answer, motion, error, enable)
+        outcome = act(constants, memory, inputs, Asked(ready, motion, answer), error, enable)
         return outcome, enable, error
 
     def _heard(self, demand: BrakeDemand) -> tuple[Heard, HeardWheels, HeardImu]:

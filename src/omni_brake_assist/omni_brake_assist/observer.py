@@ -136,6 +136,62 @@ _DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _HISTORY = 32  # states of the past that a late twist can be compared with
 
 
+class Brakes(NamedTuple):
+    """What the brakes do.
+
+    Attributes:
+        pressed: whether the pedal is down.
+        enable: what they were told in the step before, shape (N,).
+    """
+
+    pressed: bool
+    enable: FloatArray
+
+
+class PassedTwist(NamedTuple):
+    """A twist after the gate.
+
+    Attributes:
+        heard: whether there is one that passed.
+        stamp_ns: its stamp [ns].
+        value: the twist [m/s, m/s, rad/s], shape (3,).
+        variance: of its components, shape (3,).
+    """
+
+    heard: bool
+    stamp_ns: int
+    value: FloatArray
+    variance: FloatArray
+
+
+class Sensed(NamedTuple):
+    """What the other sensors say; no numbers where they say nothing.
+
+    Attributes:
+        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
+        speeds: of the wheels [rad/s], shape (N,).
+    """
+
+    inertial: FloatArray
+    speeds: FloatArray
+
+
+class _RollingWheel(NamedTuple):
+    """What a rolling wheel measures: ``h . x`` is `rim` [m/s], with a variance."""
+
+    h: FloatArray
+    rim: float
+    variance: float
+
+
+class _Force(NamedTuple):
+    """Specific force [m/s^2], and whether it is known."""
+
+    known: bool
+    x: float
+    y: float
+
+
 class ObserverConstants(NamedTuple):
     """What never changes.
 
@@ -325,12 +381,11 @@ def _predict(
     state: FloatArray,
     covariance: FloatArray,
     dt: float,
-    inertial: bool,
-    f_x: float,
-    f_y: float,
+    measured: _Force,
     product: FloatArray,
 ) -> None:
     """Carry one filter on by a step."""
+    inertial, f_x, f_y = measured
     rate, u_x, u_y = state[_RATE], state[_U_X], state[_U_Y]
     cos, sin = math.cos(rate * dt), math.sin(rate * dt)
     state[_U_X], state[_U_Y] = cos * u_x + sin * u_y, cos * u_y - sin * u_x
@@ -505,15 +560,13 @@ def _hear_wheels(
     constants: ObserverConstants,
     memory: ObserverMemory,
     dt: float,
-    braking: bool,
-    enable: FloatArray,
+    brakes: Brakes,
     speeds: FloatArray,
     disputed: bool,
-    fresh_twist: bool,
-    twist: FloatArray,
-    variance: FloatArray,
+    twist: PassedTwist,
 ) -> None:
     """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
+    braking, enable = brakes
     h = np.zeros(STATES)
     innovations, spreads = np.empty(FILTERS), np.empty(FILTERS)
     # One may be wrong; if several contradict everybody, they are not.
@@ -563,8 +616,8 @@ def _hear_wheels(
         if not trusted:
             continue
         memory.score[SPOKEN] += 1.0
-        if fresh_twist:
-            _compare_twist(constants, memory, braking, h, rim, blind, twist, variance)
+        if twist.heard:
+            _compare_twist(constants, memory, braking, _RollingWheel(h, rim, blind), twist)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
             if fits or (disputed and misfit <= 12.0):
@@ -576,13 +629,12 @@ def _compare_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
     braking: bool,
-    h: FloatArray,
-    rim: float,
-    spread: float,
-    twist: FloatArray,
-    variance: FloatArray,
+    wheel: _RollingWheel,
+    passed: PassedTwist,
 ) -> None:
     """Compare the twist with a rolling wheel; learn what wheel radii are off by, pedal up."""
+    h, rim, spread = wheel
+    twist, variance = passed.value, passed.variance
     # The twist of base_link at the wheel.
     place = (h[_RATE] + h[_U_Y] * constants.p_x - h[_U_X] * constants.p_y) * twist[2]
     misfit = rim - h[_U_X] * twist[0] - h[_U_Y] * twist[1] - place
@@ -777,14 +829,9 @@ def observe(
     constants: ObserverConstants,
     memory: ObserverMemory,
     now_ns: int,
-    braking: bool,
-    enable: FloatArray,
-    heard: bool,
-    twist_ns: int,
-    twist: FloatArray,
-    variance: FloatArray,
-    inertial: FloatArray,
-    speeds: FloatArray,
+    brakes: Brakes,
+    passed: PassedTwist,
+    sensed: Sensed,
     answer: FloatArray,
 ) -> int:
     """Carry the second opinion on by a step.
@@ -793,20 +840,16 @@ def observe(
         constants: of the vehicle.
         memory: changed in place.
         now_ns: time of the step [ns].
-        braking: whether the pedal is down.
-        enable: what the brakes were told in the step before, shape (N,).
-        heard: whether there is a twist that passed the gate.
-        twist_ns: its stamp [ns].
-        twist: the twist [m/s, m/s, rad/s], shape (3,).
-        variance: of its components, shape (3,).
-        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,); no numbers without.
-        speeds: of the wheels [rad/s], shape (N,); no numbers without.
+        brakes: what they do.
+        passed: the latest twist.
+        sensed: what the other sensors say.
         answer: receives the twist of now [m/s, m/s, rad/s], shape (3,).
 
     Returns:
         The filter whose answer it is, or NOBODY where none can be believed.
     """
-    belief = memory.belief
+    braking, inertial, belief = brakes.pressed, sensed.inertial, memory.belief
+    heard, twist_ns, twist, variance = passed
     dt = (now_ns - belief[LAST_NS]) * 1e-9
     belief[LAST_NS] = now_ns
     if belief[BEGUN] == 0.0 or not 0.0 <= dt <= constants.longest:
@@ -831,7 +874,10 @@ def observe(
         _tell_apart(constants, memory, twist[2], variance[2], inertial[0])
     told = twist.copy()
     told[2] -= memory.course[OFFSET]
-    _hear_wheels(constants, memory, dt, braking, enable, speeds, disputed, fresh, told, variance)
+    _hear_wheels(
+        constants, memory, dt, brakes, sensed.speeds, disputed,
+        PassedTwist(fresh, twist_ns, told, variance),
+    )  # fmt: skip
     belief[TWIST_AGE] = 0.0 if heard else belief[TWIST_AGE] + dt
     if fresh:
         belief[TWIST_NS] = twist_ns
@@ -900,7 +946,8 @@ def _carry_on(
     h[_RATE] = h[_BIAS_RATE] = 1.0
     for k in range(FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
-        _predict(constants, state, covariance, dt, force and k != NO_FORCE, f_x, f_y, product)
+        measured = _Force(force and k != NO_FORCE, f_x, f_y)
+        _predict(constants, state, covariance, dt, measured, product)
         if gyro and k != NO_GYRO:
             innovation = rate - state[_RATE] - state[_BIAS_RATE]
             _correct(state, covariance, h, innovation, constants.gyro**2)

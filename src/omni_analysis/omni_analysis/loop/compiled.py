@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_analysis.loop.history import RunHistory
 from omni_brake_assist.assist_step import (
+    Asked,
     Constants,
     HeardImu,
     HeardWheels,
@@ -416,7 +417,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     for stamp in range(first, last):
         inputs, ready, motion = _hear(run, stamp)
         answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
-        act(run.assist, run.memory, inputs, ready, answer, motion, error, enable)
+        act(run.assist, run.memory, inputs, Asked(ready, motion, answer), error, enable)
         outcome = _go_on(run, stamp)
         if outcome != RUNNING:
             return stamp + 1, outcome
