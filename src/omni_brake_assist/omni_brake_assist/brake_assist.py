@@ -293,6 +293,7 @@ class BrakeAssist:
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.told[:] = 1.0
+        memory.step["helped"] = False  # silence and second voices are no trust that wavers
         open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

@@ -6,6 +6,7 @@ The contract (topics, types, QoS, parameters, timeouts) is in the README of this
 from __future__ import annotations
 
 import dataclasses
+import gc
 import math
 import sys
 import time
@@ -290,6 +291,9 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
+        # What is there now stays: the collector need not look through it while somebody brakes.
+        gc.collect()
+        gc.freeze()
         spin_until_stopped(node, spinner)
 
     sys.exit(run_process(BrakeAssistNode, run))
