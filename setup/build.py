@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import hashlib
+import itertools
 import os
 import re
 import shutil
@@ -38,7 +39,7 @@ def build(workspace: Workspace, steps: Steps) -> str:
     steps.stage(f"building {len(packages)} packages with colcon")
     # From nothing, so that no file of a deleted module stays; the stamp goes first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
-    before = module_stamps(workspace.install)
+    before = module_stamps(workspace.libraries)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
         remove(folder)
 
@@ -46,7 +47,7 @@ def build(workspace: Workspace, steps: Steps) -> str:
         return line if line.startswith(("Starting >>>", "Finished <<<")) else None
 
     colcon: list[object] = [workspace.python, workspace.venv / "bin" / "colcon"]
-    colcon += ["--log-base", workspace.cache / "colcon", "build", "--merge-install"]
+    colcon += ["--log-base", workspace.cache / "colcon", "build"]
     colcon += ["--base-paths", "src", "--event-handlers", "console_cohesion+"]
     code, output = steps.run(colcon, environment, note)
     if code:
@@ -57,13 +58,13 @@ def build(workspace: Workspace, steps: Steps) -> str:
             )
         )
     for package in packages:
-        hook = workspace.install / "share" / package.name / "hook" / "ament_prefix_path.dsv"
-        if not hook.exists():
+        prefix = workspace.install / package.name
+        if not (prefix / "share" / package.name / "hook" / "ament_prefix_path.dsv").exists():
             raise SetupError(
                 f"colcon has not taken {package} for an ament_python package: mend its package.xml "
                 f"(details in {workspace.log})."
             )
-    mend_first_lines(workspace.install / "lib")
+        mend_first_lines(prefix / "lib")
     kernels = compile_kernels(workspace, steps, libraries, before)
     identity = build_identity(environment_stamp)
     write_stamp(workspace.install, identity, state=state, kernels=kernels)
@@ -82,9 +83,8 @@ def compile_kernels(
         before: stamps of the modules that the kernels in the cache have been compiled from.
     """
     folder = workspace.cache / "numba"
-    for library in workspace.install.glob("lib/python3*/site-packages"):
-        stamp_modules(workspace.root, library)
-    forget_kernels(folder, before, module_stamps(workspace.install))
+    stamp_modules(workspace.root, workspace.libraries)
+    forget_kernels(folder, before, module_stamps(workspace.libraries))
     more = [file_digest(workspace.lock_file), processor(), os.path.realpath(workspace.python)]
     kernels = hashlib.sha256("\n".join(more).encode()).hexdigest()[:16]
     (folder / kernels).mkdir(parents=True, exist_ok=True)
@@ -140,13 +140,14 @@ def module_digests(root: Path) -> dict[str, str]:
     return digests
 
 
-def stamp_modules(root: Path, library: Path) -> None:
+def stamp_modules(root: Path, libraries: Sequence[Path]) -> None:
     """Write the digest of each module behind the text of its installed file.
 
     numba asks a file's own text whether its kernels are still good: they are thereby compiled
     again exactly when something that they use has changed.
     """
-    for name, digest in module_digests(root).items():
+    digests = module_digests(root)
+    for library, (name, digest) in itertools.product(libraries, digests.items()):
         path = library.joinpath(*name.split("."))
         path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         if path.exists():
@@ -154,9 +155,9 @@ def stamp_modules(root: Path, library: Path) -> None:
                 file.write(f"\n# With all that it uses: {digest[:16]}\n")
 
 
-def module_stamps(install: Path) -> dict[Path, str]:
+def module_stamps(libraries: Sequence[Path]) -> dict[Path, str]:
     """Return the last line of each installed module, which `stamp_modules` has written."""
-    modules = install.glob("lib/python3*/site-packages/**/*.py")
+    modules = [path for library in libraries for path in library.glob("**/*.py")]
     return {path: path.read_text(encoding="utf-8").rpartition("\n#")[2] for path in modules}
 
 

@@ -129,7 +129,7 @@ def hand_over(
                 command += ["-n", "auto", "--dist", "loadfile"]
             command += pytest_arguments(words[1:], workspace.root)
         else:
-            cli = workspace.install / "lib" / "omni_bringup" / "omni"
+            cli = workspace.install / "omni_bringup" / "lib" / "omni_bringup" / "omni"
             command = [python, str(cli), *list(words)]
             # Held back, not lost, until the command line is ready to answer them.
             signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])

@@ -46,6 +46,11 @@ class Workspace:
         self.cache = root / ".cache"
         self.log = self.cache / "setup.log"
 
+    @property
+    def libraries(self) -> list[Path]:
+        """The folders of the built packages' modules, in colcon's own layout of `install`."""
+        return sorted(self.install.glob("*/lib/python3.*/site-packages"))
+
 
 def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | None:
     """Return the sourced Jazzy with rclpy, or None where the wheels are to be used.
@@ -145,9 +150,9 @@ def final_environment(
 ) -> dict[str, str]:
     """Return the variables for what is handed over to, with the built packages on the paths."""
     environment = venv_environment(workspace, libraries)
-    packages = glob.glob(glob.escape(str(workspace.install)) + "/lib/python3.*/site-packages")
-    prepend(environment, "AMENT_PREFIX_PATH", workspace.install)
-    prepend(environment, "PYTHONPATH", *packages)
+    prefixes = [library.parents[2] for library in workspace.libraries]
+    prepend(environment, "AMENT_PREFIX_PATH", *prefixes)
+    prepend(environment, "PYTHONPATH", *workspace.libraries)
     environment["OMNI_WORKSPACE"] = str(workspace.root)
     environment["OMNI_CACHE_DIR"] = str(workspace.cache)
     environment["NUMBA_CACHE_DIR"] = str(workspace.cache / "numba" / kernels)

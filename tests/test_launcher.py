@@ -82,9 +82,13 @@ class Workspace:
         return self.root / ".cache" / "setup.log"
 
     @property
+    def prefix(self) -> Path:
+        return self.root / "install" / "omni_bringup"
+
+    @property
     def installed(self) -> Path:
         version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
-        return self.root / "install" / "lib" / version / "site-packages" / "omni_bringup"
+        return self.prefix / "lib" / version / "site-packages" / "omni_bringup"
 
     def borrow_environment(self) -> None:
         venv = self.root / ".venv"
@@ -352,12 +356,24 @@ def test_starts_through_a_link_from_elsewhere(built_once: Workspace, tmp_path: P
 
 
 def test_installed_executables_run_despite_the_space(built_once: Workspace) -> None:
-    executable = built_once.root / "install" / "lib" / "omni_bringup" / "omni"
+    executable = built_once.prefix / "lib" / "omni_bringup" / "omni"
     environ = json.loads(built_once.start("run").stdout)["env"]
     result = subprocess.run(
         [executable, "direct"], env=environ, capture_output=True, text=True, check=True
     )
     assert json.loads(result.stdout)["words"] == ["direct"]
+
+
+def test_a_plain_colcon_build_goes_beside_the_launcher_s(built_once: Workspace) -> None:
+    environ = json.loads(built_once.start("run").stdout)["env"]
+    colcon = [str(built_once.root / ".venv" / "bin" / "python")]
+    colcon += [str(built_once.root / ".venv" / "bin" / "colcon"), "--log-base", "log", "build"]
+    result = subprocess.run(
+        colcon, cwd=built_once.root, env=environ, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert built_once.start("run").stderr == ""  # nothing is built again
+    assert (built_once.prefix / "share" / "omni_bringup" / "package.xml").is_file()
 
 
 def test_the_environment_handed_over(built_once: Workspace) -> None:
@@ -370,7 +386,7 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
     }
     environ = json.loads(built_once.start("run", environ=foreign).stdout)["env"]
     root = built_once.root
-    assert environ["AMENT_PREFIX_PATH"] == f"{root}/install:{root}/.venv"
+    assert environ["AMENT_PREFIX_PATH"] == f"{root}/install/omni_bringup:{root}/.venv"
     assert environ["PYTHONPATH"] == str(built_once.installed.parent)
     assert environ["LD_LIBRARY_PATH"] == f"{root}/.venv/lib:/opt/mine"
     assert environ["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
@@ -576,7 +592,7 @@ def test_an_edit_reaches_the_kernels_that_call_it(tmp_path: Path) -> None:
         (source / "shared.py").write_text(head + kernel.format("times", f"{factor} * x"))
         shutil.rmtree(library, ignore_errors=True)
         shutil.copytree(source.parent, library)
-        build.stamp_modules(tmp_path, library)
+        build.stamp_modules(tmp_path, [library])
         code = "from a.kernel import outer; print(outer(10))"
         printed.append(
             subprocess.run(
