@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from omni_process import WORKSPACE, omni
 
 from omni_analysis.studies import study_names
@@ -30,6 +32,20 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
         ), row
         if row.status in ("works", "differs"):
             assert row.command, row
+
+
+def test_the_safety_case_cites_tests_that_exist() -> None:
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in (WORKSPACE / "docs/safety.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("|") and "test" in line
+    ]
+    assert rows[0][-1] == "test"
+    cited = {name for row in rows[1:] for name in re.findall(r"`(?:tests/)?(test_\w+)", row[-1])}
+    assert len(cited) >= 6
+    found = {path.stem for path in WORKSPACE.glob("src/*/test/test_*.py")}
+    found |= {path.stem for path in WORKSPACE.glob("tests/test_*.py")}
+    assert cited <= found
 
 
 def test_help_names_every_option_of_the_readme() -> None:
