@@ -205,7 +205,7 @@ def test_every_message_is_recorded_in_order_and_unchanged(graph: Graph, tmp_path
             for publisher in publishers:
                 publisher.publish(message)
             markers.publish(MarkerArray())
-        for publisher in (*publishers, markers):
+        for publisher in (*publishers, markers, info):
             publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
         code, out, err = recorder.end(signal.SIGTERM)
 

@@ -303,16 +303,21 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
             np.sin(yaw) * masses.centre[0] + np.cos(yaw) * masses.centre[1],
         )
     )
+    # A force is that of an instant: the acceleration about it, by the periods on both sides.
     rows = np.searchsorted(history.stamp_ns, sample.forces.stamp_ns)[1:]
-    periods = np.diff(history.time)[rows - 1]
     velocity = np.diff(centre, axis=0) / np.diff(history.time)[:, np.newaxis]
-    needed = masses.mass * (velocity[rows - 1] - velocity[rows - 2]) / periods[:, np.newaxis]
-    total = np.sum(sample.forces.force[1:], axis=1)
+    needed = masses.mass * (velocity[rows] - velocity[rows - 1])
+    needed /= np.diff(history.time)[rows, np.newaxis]
+    total = np.sum(sample.forces.force[1:], axis=1)[:, :2]
+    error = np.linalg.norm(total - needed, axis=1)
+    # All brakes on, the vehicle rocks on its tyres: nothing switches within those periods.
+    rocking = history.time[rows] > 1.5
+    assert np.max(np.abs(needed[rocking])) > 3000.0
+    assert np.max(error[rocking]) < 30.0
+    # Before, brakes switch at the instant itself, and a mean over both sides is half of each.
     braking = needed[:, 0] < -2000.0
     assert np.count_nonzero(braking) > 20
-    # A force is that of an instant, the acceleration a mean of periods in which brakes switch.
-    # Over the stop that averages out: what counts is what they come to together.
-    assert np.sum(total[braking, 0]) == pytest.approx(np.sum(needed[braking, 0]), rel=0.1)
+    assert np.median(error[braking]) < 0.1 * np.median(-needed[braking, 0])
 
 
 def test_what_is_no_run_is_refused_in_words(
