@@ -45,17 +45,30 @@ def workspace() -> Path:
     return Path(os.environ.get("OMNI_WORKSPACE", "."))
 
 
-def _run(words: list[str]) -> int:
+def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
+    """Return the program of a command line, as in ``omni bag info``, its module and its options.
+
+    Raises:
+        SystemExit: the words ask for help, or are no command line.
+    """
     command: Any = commands
-    program = "omni"
+    program, rest = "omni", list(words)
     while hasattr(command, "PACKAGE"):
-        name = _chosen(program, command, words)
+        name = _chosen(program, command, rest)
         command = commands.load_command(command, name)
         program = f"{program} {name}"
-        words = words[1:]
+        rest = rest[1:]
     parser = _Parser(prog=program, description=_introduction(command.__doc__))
     try:
-        code: int = command.run(parse_options(command.Options, words, parser), workspace())
+        return program, command, parse_options(command.Options, rest, parser)
+    except ConfigurationError as error:
+        parser.exit(EXIT_REFUSED, f"{program}: {error}\n")
+
+
+def _run(words: Sequence[str]) -> int:
+    program, command, options = understand(words)
+    try:
+        code: int = command.run(options, workspace())
     except ConfigurationError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return EXIT_REFUSED
