@@ -35,11 +35,12 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
     )
 
 
-def drive_process(recording: Path) -> subprocess.Popen[str]:
-    """Start ``omni drive`` without cameras, which records into a folder and prints its address."""
+def drive_process(recording: Path | None = None) -> subprocess.Popen[str]:
+    """Start ``omni drive`` without cameras; it prints its address, and may record to a folder."""
     plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
+    out = [] if recording is None else ["--out", str(recording)]
     return subprocess.Popen(
-        omni_command(["drive", *plain, "--out", str(recording)]),
+        omni_command(["drive", *plain, *out]),
         env=omni_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

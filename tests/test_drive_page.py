@@ -71,3 +71,33 @@ def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path
     finished = omni(["report", str(recording), "--out", str(page)])
     assert finished.returncode == 0, finished.stderr
     assert "drive/stop_2" in page.read_text()
+
+
+def choose(browser: Chromium, kind: str, name: str) -> None:
+    browser.run(
+        f"{{const list = document.getElementById('choose-{kind}'); list.value = '{name}';"
+        " list.dispatchEvent(new Event('change'));}"
+    )
+    browser.wait(f"document.getElementById('choose-{kind}')?.value === '{name}' && !choosing")
+    browser.wait("document.getElementById('banner').hidden === false && state?.pose")
+
+
+def test_the_page_chooses_what_is_driven() -> None:
+    process = drive_process()
+    try:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        with chromium() as browser:
+            browser.show(400, 800)
+            browser.call("Page.navigate", url=url)
+            browser.wait("document.getElementById('choose-vehicle')?.value === 'mecanum_forklift'")
+            choose(browser, "vehicle", "three_wheel_robot")
+            assert browser.run("vehicle.wheels.length") == 3
+            choose(browser, "law", "allocation")
+            assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
+            assert "assisted by allocation" in stop_from(browser, 1.0, 1)
+            assert browser.run("document.documentElement.scrollWidth") <= 400
+    finally:
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=PATIENCE)
+    assert out == ""  # one address, which stayed

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from omni_bringup.drive.seat import REST, DriverSeat
-from omni_bringup.drive.server import PageError, parse_demand
+from omni_bringup.drive.server import Demand, PageError, parse_demand
 
 FORWARD = (3.0, 0.0, 0.0)
 LEFT = (0.0, 1.0, 0.0)
@@ -83,8 +83,10 @@ def test_a_cmd_vel_that_is_no_number_counts_as_none(seat: DriverSeat) -> None:
 
 def test_a_page_asks_for_no_more_than_there_is() -> None:
     text = '{"pedal": 7, "stick": [-9, 0.5, 1], "assist": false}'
-    assert parse_demand(text) == (1.0, (-1.0, 0.5, 1.0), False)
-    assert parse_demand('{"pedal": 0, "stick": [0, 0, 0]}')[2] is None
+    assert parse_demand(text) == Demand(1.0, (-1.0, 0.5, 1.0), assist=False)
+    assert parse_demand('{"pedal": 0, "stick": [0, 0, 0]}') == Demand(0.0, (0.0, 0.0, 0.0))
+    chosen = parse_demand('{"pedal": 0, "stick": [0, 0, 0], "choose": ["ground", "cork"]}').choose
+    assert chosen == ("ground", "cork")
 
 
 @pytest.mark.parametrize(
@@ -101,6 +103,9 @@ def test_a_page_asks_for_no_more_than_there_is() -> None:
         '{"pedal": 0, "stick": [0, 0]}',
         '{"pedal": 0, "stick": [0, 0, Infinity]}',
         '{"pedal": 0, "stick": [0, 0, 0], "assist": 1}',
+        '{"pedal": 0, "stick": [0, 0, 0], "choose": ["ground"]}',
+        '{"pedal": 0, "stick": [0, 0, 0], "choose": [1, "cork"]}',
+        '{"pedal": 0, "stick": [0, 0, 0], "choose": "law"}',
         b"\xff",
         "[" * 1000,
     ],

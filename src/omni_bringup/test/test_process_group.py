@@ -241,3 +241,23 @@ def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> N
         assert process.new_reports() == [{"share": 0.5}, {"share": 1.0}]
         assert process.new_reports() == []
         assert process.complaint() == "[RTPS Error] no such profile"
+
+
+def test_an_interruption_while_the_group_ends_is_not_lost(prefix: Path) -> None:
+    # The node interrupts whoever ends it, and ends a moment later.
+    body = """
+import os, signal, time
+def leave(*_):
+    os.kill(os.getppid(), signal.SIGINT)
+    raise SystemExit
+signal.signal(signal.SIGTERM, leave)
+print("up", flush=True)
+while True:
+    signal.pause()
+"""
+    node = add_program(prefix, "avenger", body)
+    with pytest.raises(KeyboardInterrupt), process_group(dict(os.environ)) as group:
+        process = group.start(node)
+        while not process.complaint():
+            assert wait_for(process, 0.02) is None
+    assert process.returncode == 0

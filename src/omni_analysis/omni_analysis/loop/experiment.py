@@ -131,11 +131,20 @@ class ExperimentLibrary:
 
     def names(self) -> list[str]:
         """Return the names of the experiments, sorted."""
-        return sorted(path.stem for path in (self._folder / _EXPERIMENTS).glob("*.yaml"))
+        return self.parts(_EXPERIMENTS)
 
     def variants(self, experiment: str) -> list[str]:
         """Return the names of an experiment's variants, in the order of its file."""
         return list(_variants(self._read(_EXPERIMENTS, experiment, "experiment")))
+
+    def parts(self, kind: str) -> list[str]:
+        """Return the names of the files of a kind, such as ``vehicles``, sorted."""
+        return sorted(path.stem for path in (self._folder / kind).glob("*.yaml"))
+
+    def named(self, experiment: str, part: str) -> str:
+        """Return the name that an experiment has for a part, such as ``ground``; empty if none."""
+        found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
+        return found if isinstance(found, str) else ""
 
     def load(
         self, experiment: str, variant: str, overrides: Iterable[str] = ()
@@ -230,7 +239,7 @@ class ExperimentLibrary:
             path = Path(name)
         else:
             path = self._folder / kind / f"{name}.yaml"
-            known = sorted(file.stem for file in (self._folder / kind).glob("*.yaml"))
+            known = self.parts(kind)
             if name not in known:
                 hint = did_you_mean(name, known)
                 raise ConfigurationError(

@@ -6,9 +6,10 @@ Ctrl-C ends it.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,24 +73,37 @@ def run(options: Options, workspace: Path) -> int:
     from omni_ros.environment import node_environment
 
     clean_up_on_signals()
+    library = ExperimentLibrary(workspace / "config")
+    seat: dict[str, Any] = {
+        "max_speed": options.max_speed,
+        "port": options.port,
+        "stamped_cmd_vel": not options.unstamped,
+    }
+    folder = options.out and options.out.resolve()
     try:
-        configuration = _compose(ExperimentLibrary(workspace / "config"), options)
-        with (
-            reserved_domain() as domain,
-            tempfile.TemporaryDirectory(prefix="omni-") as scratch,
-            process_group(node_environment(domain)) as group,
-        ):
-            seat = {
-                "max_speed": options.max_speed,
-                "port": options.port,
-                "stamped_cmd_vel": not options.unstamped,
-            }
-            folder = options.out and options.out.resolve()
-            for node in drive_nodes(configuration, Path(scratch), seat, folder, options.lines):
-                group.start(node)
-            if folder is not None:
-                write_beside_bag(configuration, folder, group.running[0])
-            _follow(group, domain)
+        if folder is not None and folder.exists():
+            raise ConfigurationError("--out", f"{options.out} exists; choose another")
+        configuration = _compose(library, options)
+        while True:
+            # A recording is of one vehicle on one ground.
+            choices = {} if folder else _choices(library, options, configuration)
+            with (
+                reserved_domain() as domain,
+                tempfile.TemporaryDirectory(prefix="omni-") as scratch,
+                process_group(node_environment(domain)) as group,
+            ):
+                driven = Path(scratch), seat | choices, folder, options.lines
+                for node in drive_nodes(configuration, *driven):
+                    group.start(node)
+                if folder is not None:
+                    write_beside_bag(configuration, folder, group.running[0])
+                for chosen in _follow(group, domain, seat):
+                    try:
+                        wanted = dataclasses.replace(options, **chosen)
+                        configuration, options = _compose(library, wanted), wanted
+                        break
+                    except ConfigurationError as error:
+                        print(f"omni drive: {chosen} is not to be had: {error}", file=sys.stderr)
     except (ConfigurationError, NoFreeDomainError) as error:
         print(f"omni drive: {error}", file=sys.stderr)
         return EXIT_REFUSED
@@ -98,9 +112,26 @@ def run(options: Options, workspace: Path) -> int:
     return EXIT_FAILED
 
 
+def _choices(
+    library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
+) -> dict[str, Any]:
+    """Return the driver's parameters that say what its page offers."""
+    from omni_brake_assist.configuration import LAWS
+
+    offered = {
+        "vehicle": (options.vehicle, library.parts("vehicles")),
+        "ground": (options.ground, library.parts("grounds")),
+        "law": (configuration.brake_assist.law, list(LAWS)),
+    }
+    found: dict[str, Any] = {"choices.names": list(offered)}
+    for kind, (asked, names) in offered.items():
+        chosen = asked or library.named(options.experiment, kind)
+        found[f"choices.{kind}.chosen"] = chosen
+        found[f"choices.{kind}.names"] = names if chosen in names else [chosen, *names]
+    return found
+
+
 def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfiguration:
-    if options.out is not None and options.out.exists():
-        raise ConfigurationError("--out", f"{options.out} exists; choose another")
     chosen = {
         "vehicle": options.vehicle,
         "ground": options.ground,
@@ -160,8 +191,13 @@ def drive_nodes(
     ]
 
 
-def _follow(group: ProcessGroup, domain: int) -> None:
-    """Say where the page is once there is one, and watch over the nodes.
+def _follow(group: ProcessGroup, domain: int, seat: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Say where the page is once there is one, watch over the nodes, and yield what it chooses.
+
+    Args:
+        group: the nodes.
+        domain: theirs.
+        seat: parameters of the driver's node; keeps its address for one that follows it.
 
     Raises:
         ProcessError: a node has ended.
@@ -172,13 +208,19 @@ def _follow(group: ProcessGroup, domain: int) -> None:
     while True:
         group.raise_if_ended()
         for document in driver.new_reports():
-            # Standard output holds the address alone, for programs.
-            print(document["url"], flush=True)
-            print(
-                "omni drive: open this address in a browser of this machine; for cmd_vel: "
-                f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard "
-                "--ros-args -p stamped:=true; "
-                "Ctrl-C ends",
-                file=sys.stderr,
-            )
+            if "choose" in document:
+                yield document["choose"]
+            elif "token" not in seat:
+                # Standard output holds the address alone, for programs.
+                print(document["url"], flush=True)
+                place, seat["token"] = document["url"].rstrip("/").rsplit("/", 1)
+                seat["port"] = int(place.rsplit(":", 1)[1])
+            if "url" in document:
+                print(
+                    "omni drive: open this address in a browser of this machine; for cmd_vel: "
+                    f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard "
+                    "--ros-args -p stamped:=true; "
+                    "Ctrl-C ends",
+                    file=sys.stderr,
+                )
         wait_for(driver, _POLL)

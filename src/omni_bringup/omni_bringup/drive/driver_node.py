@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from omni_bringup.drive.seat import DriverSeat
-from omni_bringup.drive.server import DriveServer
+from omni_bringup.drive.server import Demand, DriveServer
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
 from omni_ros.environment import REPORT_VARIABLE
@@ -44,6 +44,14 @@ _SWITCH = "enabled"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Choice(Configuration):
+    """What of one kind may be driven."""
+
+    chosen: str = parameter(description="The one that is driven now")
+    names: tuple[str, ...] = parameter(description="All that the page offers")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class DriverConfiguration(Configuration):
     """Parameters of the driver's seat."""
 
@@ -52,6 +60,9 @@ class DriverConfiguration(Configuration):
     chassis_width: float = parameter(description="Width of the platform", unit="m", above=0.0)
     patches: Mapping[str, FrictionPatch] = section(
         dict, description="Patches of the ground to draw, by name"
+    )
+    choices: Mapping[str, Choice] = section(
+        dict, description="What the page offers to drive instead, by kind"
     )
     assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
     max_speed: float = parameter(
@@ -81,6 +92,9 @@ class DriverConfiguration(Configuration):
     port: int = parameter(
         0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
     )
+    token: str = parameter(
+        "", description="Secret of the page's address; made anew where it is empty"
+    )
 
 
 class DriverNode(Node):
@@ -92,12 +106,15 @@ class DriverNode(Node):
         self._wheels = tuple(configuration.wheels)
         self.seat = DriverSeat(configuration.page_timeout, configuration.command_timeout)
         speed = configuration.max_speed
+        self._choices = configuration.choices
+        choices = {kind: dataclasses.asdict(one) for kind, one in self._choices.items()}
         try:
             self.server = DriveServer(
                 self.seat,
                 largest=(speed, speed, configuration.max_yaw_rate),
-                greeting={"vehicle": _drawing(configuration)},
-                switch_assist=self._switch_assist,
+                greeting={"vehicle": _drawing(configuration), "choices": choices},
+                hear=self._hear,
+                token=configuration.token,
                 clock=time.monotonic,
                 port=configuration.port,
             )
@@ -134,11 +151,16 @@ class DriverNode(Node):
         self._command.publish(planar_twist(self._stamp_ns, np.array(demand.twist)))
         self._pedal.publish(pedal)
 
-    def _switch_assist(self, enabled: bool) -> None:
+    def _hear(self, demand: Demand) -> None:
         # Nothing is lost where the assistant is not there yet: the page shows what holds.
-        if self._assist.service_is_ready() and enabled != self.state["assist"]:
-            given = Parameter(_SWITCH, value=enabled).to_parameter_msg()
+        switched = demand.assist is not None and demand.assist != self.state["assist"]
+        if switched and self._assist.service_is_ready():
+            given = Parameter(_SWITCH, value=demand.assist).to_parameter_msg()
             self._assist.call_async(SetParameters.Request(parameters=[given]))
+        kind, name = demand.choose or ("", "")
+        # Who has started the nodes starts others instead; a name that was not offered is nothing.
+        if kind in self._choices and name in self._choices[kind].names:
+            report({"choose": {kind: name}})
 
     def _on_command(self, message: TwistStamped | Twist) -> None:
         twist = message.twist if isinstance(message, TwistStamped) else message

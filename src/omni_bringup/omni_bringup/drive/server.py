@@ -16,7 +16,7 @@ import secrets
 import socket
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -42,12 +42,28 @@ class PageError(ValueError):
     """A message of the page that makes no sense."""
 
 
-def parse_demand(text: str | bytes) -> tuple[float, Twist, bool | None]:
-    """Return pedal, 0..1, stick, each axis -1..1, and the assist switch of a page's message.
+class Demand(NamedTuple):
+    """What a page says.
+
+    Attributes:
+        pedal: 0..1.
+        stick: forward, left, turn, each -1..1.
+        assist: where the assist switch was turned to, if it was.
+        choose: kind and name of what is to be driven from now on, if something was chosen.
+    """
+
+    pedal: float
+    stick: Twist
+    assist: bool | None = None
+    choose: tuple[str, str] | None = None
+
+
+def parse_demand(text: str | bytes) -> Demand:
+    """Return what a page's message says.
 
     Args:
-        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0], "assist": true}``; the switch is
-            None where it is left out.
+        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0], "assist": true}`` or with
+            ``"choose": ["ground", "cork"]``; both may be left out.
 
     Raises:
         PageError: it is not such a message.
@@ -56,7 +72,7 @@ def parse_demand(text: str | bytes) -> tuple[float, Twist, bool | None]:
         document = json.loads(text)
         pedal = _within(document["pedal"], 0.0)
         forward, left, turn = (_within(value, -1.0) for value in document["stick"])
-        assist = document.get("assist")
+        assist, choose = document.get("assist"), document.get("choose")
     except (
         ValueError,
         KeyError,
@@ -68,7 +84,11 @@ def parse_demand(text: str | bytes) -> tuple[float, Twist, bool | None]:
         raise PageError(f"not a demand: {type(error).__name__}") from None
     if not (assist is None or isinstance(assist, bool)):
         raise PageError("not a demand: assist")
-    return pedal, (forward, left, turn), assist
+    if choose is not None:
+        if not (isinstance(choose, list) and [type(word) for word in choose] == [str, str]):
+            raise PageError("not a demand: choose")
+        choose = (choose[0], choose[1])
+    return Demand(pedal, (forward, left, turn), assist, choose)
 
 
 def _within(value: Any, lowest: float) -> float:
@@ -92,7 +112,8 @@ class DriveServer:
         *,
         largest: Twist,
         greeting: Mapping[str, Any],
-        switch_assist: Callable[[bool], None],
+        hear: Callable[[Demand], None],
+        token: str,
         clock: Callable[[], float],
         port: int = 0,
     ) -> None:
@@ -102,7 +123,8 @@ class DriveServer:
             seat: whose page this is.
             largest: body twist that a full stick means [m/s, m/s, rad/s].
             greeting: what a page is told when it opens.
-            switch_assist: called when the page's assist switch is turned.
+            hear: called with what else than pedal and stick a page says.
+            token: that the address shall hold; a new one where it is empty.
             clock: time [s] that only goes forward.
             port: TCP port; 0 for any free one.
 
@@ -112,10 +134,10 @@ class DriveServer:
         self._seat = seat
         self._largest = largest
         self._greeting = json.dumps(greeting)
-        self._switch_assist = switch_assist
+        self._hear = hear
         self._clock = clock
         self._driver: ServerConnection | None = None
-        self._token = secrets.token_urlsafe(24)
+        self._token = token or secrets.token_urlsafe(24)
         self._listener = socket.create_server((_HOST, port))
         self._address = f"{_HOST}:{self._listener.getsockname()[1]}"
         self.url = f"http://{self._address}/{self._token}/"
@@ -160,7 +182,8 @@ class DriveServer:
                 self._seat.close_page()
 
     def _take(self, text: str | bytes) -> None:
-        pedal, stick, assist = parse_demand(text)
+        demand = parse_demand(text)
+        stick = demand.stick
         # A diagonal of a keyboard is no faster than straight on.
         reach = max(1.0, math.hypot(stick[0], stick[1]))
         twist = (
@@ -168,9 +191,8 @@ class DriveServer:
             stick[1] / reach * self._largest[1],
             stick[2] * self._largest[2],
         )
-        self._seat.take_page(pedal, twist, self._clock())
-        if assist is not None:
-            self._switch_assist(assist)
+        self._seat.take_page(demand.pedal, twist, self._clock())
+        self._hear(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """Return a file or a refusal; None lets the WebSocket's opening go on."""

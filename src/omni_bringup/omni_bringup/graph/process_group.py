@@ -221,21 +221,19 @@ def describe_end(process: RunningProcess) -> str:
 def process_group(environment: Mapping[str, str]) -> Iterator[ProcessGroup]:
     """Hold a group of processes that are all gone when the block is left, however it is left."""
     group = ProcessGroup(environment)
+    ending = True
     try:
         yield group
+        ending = False
     finally:
-        # A second Ctrl-C must not leave a node behind.
-        previous = _ignore(signal.SIGINT, signal.SIGTERM)
-        try:
+        # A second Ctrl-C must not leave a node behind; a first one still counts.
+        with _interrupt_deferred(repeated=ending):
             group.stop()
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
 
 
 @contextlib.contextmanager
-def _interrupt_deferred() -> Iterator[None]:
-    """Hold a signal back until a started process is on the list of those to end."""
+def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
+    """Hold a signal back until the block is left; one that is but repeated is dropped."""
     arrived: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     previous = {n: signal.signal(n, lambda number, _: arrived.append(number)) for n in numbers}
@@ -244,12 +242,8 @@ def _interrupt_deferred() -> Iterator[None]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-    if arrived:
+    if arrived and not repeated:
         signal.raise_signal(signal.Signals(arrived[0]))
-
-
-def _ignore(*numbers: signal.Signals) -> dict[signal.Signals, Any]:
-    return {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
 
 
 def wait_for(process: RunningProcess, timeout: float) -> int | None:

@@ -13,6 +13,7 @@ let vehicle = null;
 let state = null;
 let trail = [];
 let stopped = ""; // why this page no longer drives
+let choosing = ""; // what is to be driven next
 
 // ---------------------------------------------------------------- what the person asks for
 
@@ -44,6 +45,7 @@ function send(more = {}) {
 
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.target instanceof HTMLSelectElement) return; // letters and arrows choose there
   const inControl = event.target instanceof HTMLInputElement;
   if (event.code === "KeyB" && !event.repeat && !$("assist").disabled) $("assist").click();
   if (!(event.code in KEYS) || (inControl && event.target.type === "range" && event.code.startsWith("Arrow"))) return;
@@ -80,7 +82,11 @@ function connect() {
     const message = JSON.parse(event.data);
     if (message.vehicle) {
       vehicle = message.vehicle;
+      choosing = "";
+      state = stop = null;
+      trail = [];
       tabulate();
+      offer(message.choices);
     } else take(message);
   };
   socket.onclose = (event) => {
@@ -88,6 +94,25 @@ function connect() {
     if (event.code === 4001) stopped = "another page has taken over";
     if (!stopped) setTimeout(connect, 1000);
   };
+}
+
+// What may be driven instead: whoever started the nodes starts them anew, and this page returns.
+function offer(choices) {
+  const kinds = Object.entries(choices);
+  $("choices").hidden = !kinds.length;
+  $("choices").replaceChildren(...kinds.flatMap(([kind, { chosen, names }]) => {
+    const label = document.createElement("label"), list = document.createElement("select");
+    label.textContent = kind[0].toUpperCase() + kind.slice(1);
+    label.htmlFor = list.id = `choose-${kind}`;
+    for (const name of names) list.add(new Option(name.replaceAll("_", " "), name, false, name === chosen));
+    list.addEventListener("change", () => {
+      send({ choose: [kind, list.value] });
+      choosing = `${kind}: ${list.value.replaceAll("_", " ")} …`;
+      list.blur(); // the keys drive again
+    });
+    return [label, list];
+  }));
+  law = choices.law?.chosen ?? "";
 }
 
 function take(message) {
@@ -106,7 +131,7 @@ function take(message) {
 
 const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a metre
 const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
-let stop = null, stops = 0;
+let stop = null, stops = 0, law = "";
 
 // A stop begins when the pedal goes down in motion and ends at rest with the pedal still down.
 function follow() {
@@ -130,7 +155,8 @@ function card(distance) {
   const helped = stop.helped / stop.heard;
   const row = document.createElement("li");
   row.className = helped > 0.2 ? "helps" : "";
-  const words = [`Stop ${stops += 1}: ${helped > 0.2 ? "assisted" : "unassisted"}`,
+  const how = helped > 0.2 ? `assisted ${law && `by ${law.replaceAll("_", " ")}`}` : "unassisted";
+  const words = [`Stop ${stops += 1}: ${how}`,
     `from ${stop.speed.toFixed(1)} m/s in ${(state.time - stop.time).toFixed(1)} s`];
   const numbers = document.createElement("b");
   numbers.textContent = `${length(distance)}, ${Math.abs(stop.turned * 180 / Math.PI).toFixed(1)}°`;
@@ -182,8 +208,9 @@ function brakeState(index) {
 const WORDS = { rolling: "○ off", braking: "● acts", released: "◌ held back" };
 
 function write() {
-  $("notice").textContent = stopped || (socket?.readyState !== WebSocket.OPEN ? "not connected: the vehicle brakes"
+  $("notice").textContent = stopped || choosing || (socket?.readyState !== WebSocket.OPEN ? "not connected: the vehicle brakes"
     : document.hidden ? "hidden: the vehicle brakes" : !state?.pose ? "waiting for the vehicle …" : "");
+  $("banner").style.visibility = $("notice").textContent ? "hidden" : ""; // it is of before
   $("brake").classList.toggle("down", held.has("brake"));
   if (!state?.pose || !vehicle) return;
   const [vx, vy, yawRate] = state.twist;
