@@ -256,8 +256,14 @@ while True:
     signal.pause()
 """
     node = add_program(prefix, "avenger", body)
-    with pytest.raises(KeyboardInterrupt), process_group(dict(os.environ)) as group:
-        process = group.start(node)
-        while not process.complaint():
-            assert wait_for(process, 0.02) is None
-    assert process.returncode == 0
+
+    def one_run() -> None:
+        with process_group(dict(os.environ)) as group:
+            started.append(group.start(node))
+            while not started[0].complaint():
+                assert wait_for(started[0], 0.02) is None
+
+    started: list[RunningProcess] = []
+    with pytest.raises(KeyboardInterrupt):
+        one_run()
+    assert started[0].returncode == 0
