@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from omni_analysis.braking.study import ExperimentRuns, largest_error, run_experiment
+from omni_analysis.figures.data_table import TIME
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyResult, StudyRun, load_study, straight_line
 from omni_platform.command_options import parse_options
@@ -105,7 +106,8 @@ def test_study_leaves_figures_with_their_data(name: str, tmp_path: Path) -> None
         with (tmp_path / f"figure_{number}.csv").open() as stream:
             rows = list(csv.DictReader(stream))
         assert len(rows) > 100
-        assert all(float(row["time [s]"]) >= 0.0 for row in rows)
+        assert all(float(row[TIME]) >= -1.0 for row in rows)
+    assert any("holds" in finding for finding in result.findings)
     assert set(result.files) == set(tmp_path.iterdir())
     assert {metric.unit for metric in result.metrics.values()} >= {"deg", "m", "s"}
 

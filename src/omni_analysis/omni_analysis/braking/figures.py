@@ -35,12 +35,12 @@ def velocities_and_errors(history: RunHistory, title: str, *, errors: bool = Tru
     figure, panels = _rows(2 if errors else 1, title)
     colours = (style.BLUE, style.VERMILLION, style.GREEN)
     for column, (label, colour) in enumerate(zip(_COMPONENTS, colours, strict=True)):
-        panels[0].plot(history.time, history.twist[:, column], color=colour, label=label)
+        panels[0].plot(history.braking_time, history.twist[:, column], color=colour, label=label)
     panels[0].set_ylabel("velocity [m/s], [rad/s]", fontsize=style.LABEL_SIZE)
     if errors:
         for column, name in enumerate(history.wheel_names):
             panels[1].plot(
-                history.time,
+                history.braking_time,
                 _while_braking(history, history.error[:, column]),
                 color=style.wheel_colour(column),
                 label=name.replace("_", " "),
@@ -61,7 +61,7 @@ def compare_velocities(runs: Mapping[str, tuple[RunHistory, FloatArray]], title:
     figure, panels = _rows(3, title)
     for row, label in enumerate(_COMPONENTS):
         for (name, (history, twist)), look in zip(runs.items(), _looks(), strict=True):
-            panels[row].plot(history.time, twist[:, row], label=name, **look)
+            panels[row].plot(history.braking_time, twist[:, row], label=name, **look)
         panels[row].set_ylabel(label, fontsize=style.LABEL_SIZE)
     _finish(panels, [history for history, _ in runs.values()], legends=1)
     return figure
@@ -79,7 +79,10 @@ def compare_errors(runs: Mapping[str, RunHistory], title: str) -> Figure:
     for row, wheel in enumerate(first.wheel_names):
         for (name, history), look in zip(runs.items(), _looks(), strict=True):
             panels[row].plot(
-                history.time, _while_braking(history, history.error[:, row]), label=name, **look
+                history.braking_time,
+                _while_braking(history, history.error[:, row]),
+                label=name,
+                **look,
             )
         label = f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]"
         panels[row].set_ylabel(label, fontsize=style.LABEL_SIZE)
@@ -109,7 +112,7 @@ def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
         style.style_axes(axes)
         axes.axhline(0.0, color=style.GREY, linewidth=0.8)
         axes.tick_params(labelbottom=axes is panels[-1])
-    panels[-1].set_xlabel("time [s]", fontsize=style.LABEL_SIZE)
+    panels[-1].set_xlabel("time since braking [s]", fontsize=style.LABEL_SIZE)
     figure.suptitle(title, fontsize=style.TITLE_SIZE, y=1.0 - 0.12 / height, va="top")
     figure.subplots_adjust(
         left=0.1, right=0.82, top=1.0 - 0.5 / height, bottom=0.55 / height, hspace=0.12
@@ -119,12 +122,11 @@ def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
 
 def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | None = None) -> None:
     """Give all panels the same time, mark the start of braking and explain the lines."""
-    starts = [float(run.time[run.brake_start or 0]) for run in runs]
-    low = max(min(starts) - _BEFORE, 0.0)
-    high = max(float(run.time[-1]) for run in runs)
+    low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
+    high = max(float(run.braking_time[-1]) for run in runs)
     for place, axes in enumerate(panels):
         axes.axvline(
-            min(starts),
+            0.0,
             color=style.BLACK,
             linestyle=":",
             linewidth=1.2,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_analysis.braking import figures as braking_figures
-from omni_analysis.figures.data_table import history_columns, write_columns
-from omni_analysis.figures.overlay import overlay_view
+from omni_analysis.figures.data_table import TIME, history_columns, write_columns
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.scene import Scene
 from omni_analysis.figures.style import save_figure
@@ -116,19 +115,26 @@ Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
 """Draws one figure of the dissertation; returns it with its data by ``name [unit]``."""
 
 
+Values = Mapping[str, float]
+Findings = Callable[[Values], Sequence[str]]
+
+
 def braking_study(
-    experiment: str, drawings: Mapping[int, Drawing]
+    experiment: str, drawings: Mapping[int, Drawing], findings: Findings
 ) -> Callable[[BrakingOptions, StudyRun], StudyResult]:
     """Return the ``run`` of the study of one experiment.
 
     Args:
         experiment: whose variants it runs.
         drawings: the figures by their number in the dissertation.
+        findings: says in words what values, by ``<quantity>.<variant>``, tell of its claims.
     """
 
     def run(options: BrakingOptions, study: StudyRun) -> StudyResult:
         runs = run_experiment(study.library, experiment, options.changes)
-        return StudyResult(runs.metrics, draw(runs, drawings, study.folder))
+        metrics, files = runs.metrics, draw(runs, drawings, study.folder)
+        values = {name: metric.value for name, metric in metrics.items()}
+        return StudyResult(metrics, files, tuple(findings(values)))
 
     return run
 
@@ -156,22 +162,12 @@ def over_time(variant: str, *, errors: bool = True) -> Drawing:
 
 
 def from_above(*variants: str) -> Drawing:
-    """Draw snapshots from above, with the paths as data."""
+    """Draw snapshots of some variants, or of all, from above, with the paths as data."""
 
     def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        histories = {variant: runs.histories[variant] for variant in variants}
-        title = runs.configurations[variants[0]].description
+        histories = {variant: runs.histories[variant] for variant in variants or runs.histories}
+        title = next(iter(runs.configurations.values())).description
         return top_view(runs.scene, histories, title=title), path_columns(histories)
-
-    return drawing
-
-
-def laid_over(title: str, interval: float | None) -> Drawing:
-    """Draw all variants over each other, every `interval` [s] and at rest, or only there."""
-
-    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        figure = overlay_view(runs.scene, runs.histories, title, interval=interval)
-        return figure, path_columns(runs.histories)
 
     return drawing
 
@@ -182,7 +178,7 @@ def path_columns(histories: Mapping[str, RunHistory]) -> dict[str, Any]:
     pose = np.concatenate([history.pose for history in histories.values()])
     return {
         "variant": names,
-        "time [s]": np.concatenate([history.time for history in histories.values()]),
+        TIME: np.concatenate([history.braking_time for history in histories.values()]),
         "x [m]": pose[:, 0],
         "y [m]": pose[:, 1],
         "yaw [deg]": pose[:, 2] * (180.0 / math.pi),

@@ -11,6 +11,8 @@ import numpy as np
 
 from omni_analysis.loop.history import RunHistory
 
+TIME = "time since braking [s]"
+
 
 def write_table(
     path: Path, header: Iterable[str], rows: Iterable[Sequence[str | int | float]], digits: int = 9
@@ -55,7 +57,7 @@ def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, An
         errors: whether the errors are among it.
     """
     columns: dict[str, Any] = {
-        "time [s]": history.time,
+        TIME: history.braking_time,
         "v_x [m/s]": history.twist[:, 0],
         "v_y [m/s]": history.twist[:, 1],
         "yaw rate [rad/s]": history.twist[:, 2],

@@ -56,6 +56,17 @@ class StudyResult:
     findings: tuple[str, ...] = ()
 
 
+def claim(words: str, found: str, *, holds: bool) -> str:
+    """Return the finding about a claim of the dissertation.
+
+    Args:
+        words: what is claimed.
+        found: what the numbers are.
+        holds: whether they bear it out.
+    """
+    return f"{words}: {found}; {'holds' if holds else 'does not hold'}"
+
+
 class Study(Protocol):
     """The module of a study."""
 

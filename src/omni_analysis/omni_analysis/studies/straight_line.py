@@ -13,7 +13,7 @@ from omni_analysis.braking.study import (
 )
 from omni_analysis.identification.files import VEHICLE
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyResult, StudyRun
+from omni_analysis.studies import StudyResult, StudyRun, claim
 from omni_platform.configuration import parameter
 
 _FIGURES = {
@@ -50,5 +50,19 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     files = draw(runs, _FIGURES, study.folder)
     metrics = runs.metrics
     ratio = metrics["largest_error.unassisted"].value / metrics["largest_error.assisted"].value
-    found = f"the errors of the assisted vehicle are smaller by a factor of {ratio:.1f}"
-    return StudyResult(metrics, files, (found,))
+    free, helped = (
+        metrics[f"orientation_change.{variant}"].value for variant in ("unassisted", "assisted")
+    )
+    findings = (
+        claim(
+            "Assisted, the errors are smaller by an order of magnitude",
+            f"by a factor of {ratio:.1f}",
+            holds=ratio > 10.0,
+        ),
+        claim(
+            "Unassisted it swerves, assisted it does not",
+            f"{free:.1f} against {helped:.1f} deg",
+            holds=helped < 0.2 * free,
+        ),
+    )
+    return StudyResult(metrics, files, findings)

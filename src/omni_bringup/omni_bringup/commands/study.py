@@ -76,9 +76,17 @@ def _print(result: StudyResult) -> None:
     from rich.table import Table
 
     console = Console()
-    table = Table("quantity", "unit", "value", "reference", "limit", pad_edge=False)
+    table = Table("quantity", "unit", pad_edge=False)
+    table.columns[0].overflow = "fold"  # names are to be looked up whole
+    shown = [
+        kind
+        for kind in ("value", "reference", "limit")
+        if any(getattr(metric, kind) is not None for metric in result.metrics.values())
+    ]
+    for kind in shown:
+        table.add_column(kind, justify="right")
     for name, metric in result.metrics.items():
-        numbers = (metric.value, metric.reference, metric.limit)
+        numbers = (getattr(metric, kind) for kind in shown)
         table.add_row(name, metric.unit, *("" if n is None else f"{n:.4g}" for n in numbers))
     console.print(table)
     for finding in result.findings:
