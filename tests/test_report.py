@@ -132,6 +132,22 @@ def test_it_plays_to_the_end_and_everything_follows(opened: Chromium, sample: Re
     assert len({*seen, top_view(opened)}) == 3
 
 
+def test_zooming_shows_the_plots_about_the_time(opened: Chromium, sample: ReportedRun) -> None:
+    span = sample.history.braking_time[[0, -1]]
+    opened.run("player.seek(0.5)")
+    opened.press("+", "Equal")
+    opened.press("+", "Equal")
+    shown = opened.run("player.window")
+    assert shown[1] - shown[0] == pytest.approx((span[1] - span[0]) / 5.0, rel=1e-5)
+    assert sum(shown) / 2.0 == pytest.approx(0.5, abs=1e-5)
+    assert cursors(opened) == pytest.approx([0.5] * 10, abs=0.01)
+    opened.run(f"player.seek({span[1]})")  # the window follows
+    assert cursors(opened) == pytest.approx([1.0] * 10, abs=0.01)
+    opened.press("-", "Minus")
+    opened.press("-", "Minus")
+    assert opened.run("player.window") == pytest.approx(span.tolist(), abs=1e-5)
+
+
 def test_a_drag_in_a_plot_moves_all_of_them(opened: Chromium, sample: ReportedRun) -> None:
     history = sample.history
     opened.click("#plot-load .curves", across=0.6)
@@ -173,11 +189,11 @@ def test_it_is_used_by_keyboard_alone(opened: Chromium) -> None:
     assert pictures(opened) == others
     # Tab reaches every control and every table that may be wider than the window, in order.
     reached = []
-    for _ in range(9):
+    for _ in range(10):
         opened.press("Tab")
         reached.append(opened.run("document.activeElement.id || document.activeElement.tagName"))
     tables = ["metrics", "differences", "all-values-summary"]
-    assert reached == ["INPUT", "play", "time", "speed", "follow", *tables, "BODY"]
+    assert reached == ["INPUT", "play", "time", "speed", "zoom", "follow", *tables, "BODY"]
 
 
 def test_texts_of_a_recording_stay_texts(opened: Chromium) -> None:

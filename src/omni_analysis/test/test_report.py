@@ -53,10 +53,12 @@ def test_perfect_rolling_slips_nowhere(
     slips = rim_slips(vehicle, rolling)
     moving = np.abs(rolling.wheel_speed) * 0.2 > 0.1
     assert np.max(np.abs(slips[moving])) < 1e-9
-    # A rim slower by a tenth lags behind the ground by a ninth of its own speed.
+    # A rim slower by a tenth lags behind the ground by a tenth of its speed; a locked one wholly.
     slower = dataclasses.replace(rolling, wheel_speed=0.9 * rolling.wheel_speed)
     sliding = rim_slips(vehicle, slower)[moving]
-    assert np.abs(sliding) == pytest.approx(math.cos(math.pi / 4) / 9, rel=1e-4)
+    assert np.abs(sliding) == pytest.approx(0.1, rel=1e-9)
+    locked = dataclasses.replace(rolling, wheel_speed=np.zeros_like(rolling.wheel_speed))
+    assert np.abs(rim_slips(vehicle, locked)[moving]) == pytest.approx(1.0)
 
 
 def test_at_rest_there_is_no_slip_to_speak_of(

@@ -20,26 +20,26 @@ _STANDSTILL = 0.05  # [m/s]
 
 
 def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
-    """Return the slips of the rims along the active directions, Eq. (20) with sign.
+    """Return the slips of the rims along the active directions: 0 rolls, 1 is locked.
 
-    ``(n_w . v_i - omega R (n_w . u_i)) / (R |omega| + v_num)``; where neither ground nor rim moves
-    the quotient means nothing and is NaN.
+    ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``, Eqs. (20), (22)
+    with sign and over the larger speed, as Eq. (20) itself grows without bound where a wheel
+    locks; above 1 the rim turns against the ground. Where neither moves it is NaN.
 
     Args:
         vehicle: with the wheels of the history, in any order.
         history: the run.
 
     Returns:
-        Slips [1], shape (T, N), in the order of the history's wheels.
+        Slips [1], -2 to 2, shape (T, N), in the order of the history's wheels.
     """
     geometry = _geometry(vehicle, history)
     moments = cross(geometry.position, geometry.active)
     hub = history.twist @ np.column_stack((geometry.active, moments)).T  # Eq. (23)
-    rim = history.wheel_speed * geometry.radius
-    along = np.sum(geometry.active * geometry.rolling, axis=1)
-    slips = (hub - rim * along) / (np.abs(rim) + vehicle.tire.slip_speed)  # Eqs. (20), (22)
-    slips[np.maximum(np.abs(hub), np.abs(rim)) < _STANDSTILL] = np.nan
-    return np.asarray(slips, dtype=np.float64)
+    rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    larger = np.maximum(np.abs(hub), np.abs(rim))
+    larger[larger < _STANDSTILL] = np.nan
+    return np.asarray((hub - rim) / larger, dtype=np.float64)
 
 
 def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:

@@ -80,8 +80,7 @@ function finiteRange(columns) {
   return low <= high ? [low, high] : null;
 }
 
-function inDigits(value, digits, largest = Infinity) {
-  if (Math.abs(value) > largest) return value > 0 ? `> ${largest}` : `< −${largest}`;
+function inDigits(value, digits) {
   if (!Number.isFinite(value)) return "–";
   const text = Math.abs(value).toFixed(digits);
   return value < 0 && Number(text) !== 0 ? `−${text}` : text;

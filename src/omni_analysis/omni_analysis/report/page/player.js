@@ -3,15 +3,16 @@
 class Player {
   constructor(report) {
     const get = (name) => document.getElementById(name);
-    Object.assign(this, { play: get("play"), slider: get("time"), clock: get("clock"), speed: get("speed"), follow: get("follow"), state: get("state") });
+    Object.assign(this, { play: get("play"), slider: get("time"), clock: get("clock"), speed: get("speed"), zoom: get("zoom"), follow: get("follow"), state: get("state") });
     this.runs = readRuns(report);
     this.front = this.runs[0];
     const span = finiteRange(this.runs.map((run) => run.times));
     this.span = span[1] > span[0] ? span : [span[0], span[0] + 1];
+    this.window = [...this.span]; // what the plots show
     this.time = this.span[0];
     this.last = null; // [ms] of the frame before, while it plays
     this.view = new TopView(get("top-view"), this.runs);
-    this.plots = PLOTS.map((kind) => new Plot(kind, this.runs, this.span, get("plots"), (time) => this.seek(time)));
+    this.plots = PLOTS.map((kind) => new Plot(kind, this.runs, this.window, get("plots"), (time) => this.seek(time)));
     this.missing = this.plots.filter((plot) => !plot.range).map((plot) => plot.kind.title);
     this.plots = this.plots.filter((plot) => plot.range);
     [this.slider.min, this.slider.max] = this.span;
@@ -21,6 +22,7 @@ class Player {
   listen() {
     this.play.addEventListener("click", () => this.toggle());
     this.slider.addEventListener("input", () => this.seek(this.slider.valueAsNumber));
+    this.zoom.addEventListener("change", () => { this.lookAt(); this.redraw(); });
     this.follow.addEventListener("change", () => this.show());
     document.addEventListener("keydown", (event) => this.onKey(event));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
@@ -54,15 +56,30 @@ class Player {
     this.show();
   }
 
+  // The plots show a share of the time, with this moment in the middle where there is room.
+  lookAt() {
+    const [from, until] = this.span;
+    const width = (until - from) / Number(this.zoom.value);
+    const start = Math.min(Math.max(this.time - width / 2, from), until - width);
+    [this.window[0], this.window[1]] = [start, start + width];
+  }
+
+  zoomBy(places) {
+    const last = this.zoom.options.length - 1;
+    this.zoom.selectedIndex = Math.min(Math.max(this.zoom.selectedIndex + places, 0), last);
+    this.zoom.dispatchEvent(new Event("change"));
+  }
+
   // Keys work wherever they mean nothing else.
   onKey(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    if (event.target.closest("button, select, summary, input:not([type=range])") && !/^[0-9f]$/.test(event.key)) return;
+    if (event.target.closest("button, select, summary, input:not([type=range])") && !/^[0-9f+-]$/.test(event.key)) return;
     const isArrow = event.key === "ArrowLeft" || event.key === "ArrowRight";
     if (isArrow && event.target.closest(".scroll")) return;
     if (event.key === " ") this.toggle();
     else if (isArrow) this.step((event.key === "ArrowLeft" ? -1 : 1) * (event.shiftKey ? 10 : 1));
     else if (event.key === "f") this.follow.click();
+    else if (event.key === "+" || event.key === "-") this.zoomBy(event.key === "+" ? 1 : -1);
     else if (this.runs[event.key - 1]) this.bringToFront(this.runs[event.key - 1]);
     else return;
     event.preventDefault();
@@ -90,6 +107,10 @@ class Player {
   }
 
   show() {
+    if (this.time < this.window[0] || this.time > this.window[1]) {
+      this.lookAt();
+      for (const plot of this.plots) plot.draw(this.front, this.colours);
+    }
     const i = indexAt(this.front.times, this.time);
     const clock = `${inDigits(this.time, 2)} s`;
     this.slider.value = this.time;

@@ -5,7 +5,7 @@ const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
 const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
 // A curve has a label, times, values and the number of its colour; `curves` gives those of a run.
-// A curve runs along its `limits` where it lies beyond; a number beyond `largest` is not told.
+// What was recorded less often than everything else is drawn as `dots`.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
     curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
@@ -17,9 +17,9 @@ const PLOTS = [
     curves: (run) => byWheel(run, run.columns.error) },
   { name: "enable", title: "Brake enables", unit: "filled: brake on", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
-  { name: "slip", title: "Wheel slip", unit: "computed by Eq. (20), shown up to ±1.5", digits: 2, limits: [-1.5, 1.5], largest: 10,
+  { name: "slip", title: "Wheel slip", unit: "0 rolls, ±1 locked; computed", digits: 2,
     curves: (run) => byWheel(run, run.columns.slip) },
-  { name: "force", title: "Wheel force along the active direction", unit: "N, as often as recorded", digits: 0,
+  { name: "force", title: "Wheel force along the active direction", unit: "N, dots: as often as recorded", digits: 0, dots: true,
     curves: forceCurves },
   { name: "load", title: "Wheel load", unit: "N, computed", digits: 0,
     curves: (run) => byWheel(run, run.columns.load) },
@@ -79,8 +79,7 @@ class Plot {
   valueRange() {
     const found = finiteRange(this.curves.flat().map((curve) => curve.values));
     if (!found || this.kind.lanes) return found;
-    const [least, most] = this.kind.limits || [-Infinity, Infinity];
-    const [low, high] = [Math.max(found[0], least), Math.min(found[1], most)];
+    const [low, high] = found;
     const room = 0.06 * (high - low) || 0.5 * Math.abs(high) || 1;
     return [low - room, high + room];
   }
@@ -139,16 +138,15 @@ class Plot {
   }
 
   drawCurves(pen, run, colours) {
-    const [least, most] = this.kind.limits || [-Infinity, Infinity];
     for (const { times, values, colour } of this.curves[run.number]) {
       pen.strokeStyle = colours.series[colour % colours.series.length];
-      pen.setLineDash(DASHES[colour % DASHES.length]);
+      pen.setLineDash(this.kind.dots ? [] : DASHES[colour % DASHES.length]);
       pen.beginPath();
       let drawing = false;
       for (let i = 0; i < times.length; i++) {
-        const place = [this.x(times[i]), this.y(Math.min(Math.max(values[i], least), most))];
-        const known = Number.isFinite(place[1]);
-        if (known) pen[drawing ? "lineTo" : "moveTo"](...place);
+        const known = Number.isFinite(values[i]), place = [this.x(times[i]), this.y(values[i])];
+        if (known && this.kind.dots) pen.rect(place[0] - 1, place[1] - 1, 2, 2);
+        else if (known) pen[drawing ? "lineTo" : "moveTo"](...place);
         drawing = known;
       }
       pen.stroke();
@@ -184,7 +182,7 @@ class Plot {
       swatch(entry, [["line", {
         x1: "0", y1: "6", x2: "23", y2: "6", "stroke-width": "3",
         stroke: colours.series[colour % colours.series.length],
-        "stroke-dasharray": this.kind.lanes ? "" : DASHES[colour % DASHES.length].join(" "),
+        "stroke-dasharray": this.kind.lanes || this.kind.dots ? "" : DASHES[colour % DASHES.length].join(" "),
       }]]);
       entry.append(label);
       return element("span", { className: "value" }, entry);
@@ -198,7 +196,7 @@ class Plot {
       const i = indexAt(times, time);
       this.values[number].textContent = this.kind.lanes
         ? { on: "on", released: "released", up: "pedal up" }[brakeState(front, number, i)]
-        : inDigits(values[i], this.kind.digits, this.kind.largest);
+        : inDigits(values[i], this.kind.digits);
     });
   }
 }
