@@ -45,7 +45,8 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
             chosen = [result for result in results if result.vehicle == vehicle]
             kept = [result for result in chosen if not getattr(result, quantity)]
             broken = [result for result in chosen if getattr(result, quantity)]
-            for part, colour, size in ((kept, BLUE, 5), (broken, VERMILLION, 14)):
+            dots = min(max(3000.0 / max(len(chosen), 1), 3.0), 14.0)
+            for part, colour, size in ((kept, BLUE, dots), (broken, VERMILLION, 24.0)):
                 x, y = _pairs(part, quantity)
                 axes.scatter(x, y, s=size, color=colour, alpha=0.5, linewidths=0)
             largest = max([1.0, *_pairs(chosen, quantity)[0], *_pairs(chosen, quantity)[1]])

@@ -58,10 +58,10 @@ def draw_sideslip(
     for axes in (left, right):
         axes.legend(
             fontsize=TICK_SIZE,
-            facecolor="white",
-            edgecolor="none",
-            framealpha=0.9,
-            loc="upper right" if axes is left else "lower right",
+            frameon=False,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.13),
+            ncols=2,
         )
     return figure
 

@@ -141,17 +141,19 @@ def _panel(
             linewidth=1.0,
             zorder=3,
         )
+    axes.margins(x=0.15)  # the labels stand beside their points
     labelled: list[Trial] = []
     for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
         if not math.isfinite(trial.worst_distance) or (labelled and near(labelled[-1], trial)):
             continue
         labelled.append(trial)
+        last = trial is labelled[0]  # at the right end of the line
         axes.annotate(
             _weighting(trial),
             (trial.worst_distance, trial.worst_rotation),
-            xytext=(-7, -4),
+            xytext=(8, -7) if last else (-7, -4),
             textcoords="offset points",
-            ha="right",
+            ha="left" if last else "right",
             va="center",
             fontsize=style.TICK_SIZE,
         )
