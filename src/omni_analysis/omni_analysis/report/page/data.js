@@ -56,10 +56,17 @@ function speedAt(run, i) {
   return Math.hypot(run.columns.velocity[0][i], run.columns.velocity[1][i]);
 }
 
-// "on", "released" or "up" (the pedal is not pressed). Without an enable the brake is on.
+// With what share of its pressure a wheel brakes. Without an enable the brake is on.
+function brakeShare(run, wheel, i) {
+  if (!(run.columns.pedal[0][i] > 0)) return 0;
+  const share = run.columns.enable[wheel][i];
+  return Number.isNaN(share) ? 1 : Math.min(Math.max(share, 0), 1);
+}
+
+// "on", "released" or "up" (the pedal is not pressed).
 function brakeState(run, wheel, i) {
   if (!(run.columns.pedal[0][i] > 0)) return "up";
-  return run.columns.enable[wheel][i] < 0.5 ? "released" : "on";
+  return brakeShare(run, wheel, i) > 0 ? "on" : "released";
 }
 
 function assistState(run, i) {

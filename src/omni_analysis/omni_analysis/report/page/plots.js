@@ -15,7 +15,7 @@ const PLOTS = [
     curves: (run) => byComponent(run, "heading", ["heading"]) },
   { name: "error", title: "Distance from the sliding manifold, s_i", unit: "m/s", digits: 3,
     curves: (run) => byWheel(run, run.columns.error) },
-  { name: "enable", title: "Brake enables", unit: "filled: brake on", lanes: true,
+  { name: "enable", title: "Brake enables", unit: "filled as far as the brake is on", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
   { name: "slip", title: "Wheel slip", unit: "0 rolls, ±1 locked; computed", digits: 2,
     curves: (run) => byWheel(run, run.columns.slip) },
@@ -153,7 +153,7 @@ class Plot {
     }
   }
 
-  // A lane for each wheel, and in it a strip for each run, filled while the brake is on.
+  // A lane for each wheel, and in it a strip for each run, filled as far as the brake is on.
   drawLanes(pen, run, colours) {
     const curves = this.curves[run.number];
     const lane = this.height / curves.length;
@@ -162,15 +162,13 @@ class Plot {
       const top = wheel * lane + 0.1 * lane + run.number * strip;
       pen.fillStyle = pen.strokeStyle = colours.series[colour % colours.series.length];
       stroke(pen, [0, top + strip], [this.width, top + strip]);
-      let from = null;
-      for (let i = 0; i <= times.length; i++) {
-        const on = i < times.length && brakeState(run, wheel, i) === "on";
-        if (on && from === null) from = times[i];
-        if (!on && from !== null) {
-          const until = times[Math.min(i, times.length - 1)];
-          pen.fillRect(this.x(from), top, this.x(until) - this.x(from), strip);
-          from = null;
-        }
+      let from = 0, share = brakeShare(run, wheel, 0);
+      for (let i = 1; i < times.length; i++) {
+        const next = brakeShare(run, wheel, i);
+        if (next === share && i < times.length - 1) continue;
+        const left = this.x(times[from]);
+        pen.fillRect(left, top + (1 - share) * strip, this.x(times[i]) - left, share * strip);
+        [from, share] = [i, next];
       }
     });
   }
@@ -195,11 +193,13 @@ class Plot {
     this.curves[front.number].forEach(({ times, values }, number) => {
       const i = indexAt(times, time);
       this.values[number].textContent = this.kind.lanes
-        ? { on: "on", released: "released", up: "pedal up" }[brakeState(front, number, i)]
+        ? { on: onWords(brakeShare(front, number, i)), released: "released", up: "pedal up" }[brakeState(front, number, i)]
         : inDigits(values[i], this.kind.digits);
     });
   }
 }
+
+const onWords = (share) => (share < 1 ? `${Math.round(100 * share)} %` : "on");
 
 function stroke(pen, from, to) {
   pen.beginPath();

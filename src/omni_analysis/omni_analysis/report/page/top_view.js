@@ -153,7 +153,7 @@ class TopView {
       pen.fillStyle = colours.ink;
       polygon(pen, [[0.48, 0], [0.38, 0.06], [0.38, -0.06]].map(([x, y]) => [x * length, y * length]));
       pen.fill();
-      wheels.forEach((wheel, number) => this.drawWheel(pen, pixel, wheel, brakeState(run, number, i)));
+      wheels.forEach((wheel, number) => this.drawWheel(pen, pixel, wheel, brakeState(run, number, i), brakeShare(run, number, i)));
       if (loadArm) {
         pen.beginPath();
         line(pen, ...loadArm);
@@ -164,12 +164,16 @@ class TopView {
     });
   }
 
-  // Filled while it brakes, hollow while the assistant releases it: not told by colour alone.
-  drawWheel(pen, pixel, wheel, state) {
-    const { colours } = this.view;
+  // Filled as strongly as it brakes, hollow while the assistant releases it: not told by colour alone.
+  drawWheel(pen, pixel, wheel, state, share) {
+    const { colours } = this.view, alpha = pen.globalAlpha;
     polygon(pen, wheel.outline);
-    pen.fillStyle = state === "on" ? colours.braking : colours.paper;
+    pen.fillStyle = colours.paper;
     pen.fill();
+    pen.fillStyle = colours.braking;
+    pen.globalAlpha = alpha * share;
+    pen.fill();
+    pen.globalAlpha = alpha;
     pen.lineWidth = (state === "released" ? 3 : 1.5) * pixel;
     pen.strokeStyle = state === "released" ? colours.released : colours.ink;
     pen.stroke();

@@ -224,7 +224,9 @@ function write() {
   $("assist-state").textContent = `${(state.assist_state ?? "").replaceAll("_", " ")}: ${state.assist_reason ?? ""}`;
   vehicle.wheels.forEach((_, index) => {
     const cells = $("wheels").rows[index].cells;
-    cells[1].textContent = WORDS[brakeState(index)];
+    const share = state.enable?.[index] ?? 1, condition = brakeState(index);
+    const partly = condition === "braking" && share < 1;
+    cells[1].textContent = partly ? `● ${Math.round(100 * share)} %` : WORDS[condition];
     const error = state.error?.[index] ?? 0;
     cells[2].textContent = `${error < 0 ? "−" : "+"}${Math.abs(error).toFixed(3)}`;
   });
