@@ -6,9 +6,13 @@ import re
 
 from omni_process import WORKSPACE, omni
 
+from omni_analysis.loop.metrics import run_metrics
+from omni_analysis.loop.recorded_run import read_run
 from omni_analysis.studies import study_names
 from omni_bringup.dissertation_page import STATUSES, chapters, page
 from omni_bringup.parameter_reference import reference
+
+RUN = read_run(WORKSPACE / "bags/small_stop/assisted")
 
 
 def test_parameter_reference_is_current() -> None:
@@ -32,6 +36,21 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
         ), row
         if row.status in ("works", "differs"):
             assert row.command, row
+
+
+def test_every_metric_that_the_code_names_is_explained() -> None:
+    explained = set(re.findall(r"`(\w+)`", (WORKSPACE / "docs/metrics.md").read_text("utf-8")))
+    named = re.compile(r'f?"([a-z]\w*)\.[^"\n]*"\]? ?[:=]\s*(?:Metric|results_entry)\(')
+    found = {
+        name
+        for folder in ("omni_analysis", "omni_bringup")
+        for module in (WORKSPACE / "src" / folder / folder).rglob("*.py")
+        for name in named.findall(module.read_text("utf-8"))
+    }
+    assert len(found) > 80
+    assert found <= explained
+    assert set(run_metrics(RUN)) <= explained | {f"brake_switchings.{w}" for w in RUN.wheel_names}
+    assert set(study_names()) <= explained
 
 
 def test_the_safety_case_cites_tests_that_exist() -> None:
