@@ -18,6 +18,8 @@ def start_node(module: str) -> None:
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
+    # numba imports the tool that measures coverage of tests if it finds it: a tenth of the start.
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     try:
         importlib.import_module(module).main()
     except SystemExit as end:

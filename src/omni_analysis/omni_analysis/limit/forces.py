@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
@@ -236,6 +235,8 @@ class LimitVehicle:
         upper = np.concatenate((high, np.full(wheels, lost), np.full(wheels, math.inf)))
         cost = np.concatenate((along, passive_along, np.zeros(wheels))) / self.masses.mass
         chosen = np.zeros((wheels, len(self._slope)), dtype=np.bool_)
+        from scipy.optimize import linprog  # takes half a second: not while nodes start
+
         chosen[:, ::_FIRST] = chosen[:, -1] = True
         while True:
             rows, right = self._friction_rows(case.friction, chosen)
