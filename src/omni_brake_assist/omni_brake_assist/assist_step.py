@@ -11,7 +11,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_brake_assist.braking_line import (
@@ -71,6 +70,7 @@ from omni_brake_assist.observer import (
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 # What a step comes to. In all but ASSISTING every brake is on.
@@ -148,6 +148,8 @@ class Memory(NamedTuple):
         effect: ledger of `effect_monitor`, shape (17,).
         told: enables of the last step, shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
+        speeds: of the wheels that the observer is told [rad/s], shape (N,).
+        desk: what else it is told: reading of the IMU, variance of the twist, shape (2, 3).
     """
 
     trust: NDArray[np.void]
@@ -159,6 +161,8 @@ class Memory(NamedTuple):
     effect: FloatArray
     told: FloatArray
     answer: FloatArray
+    speeds: FloatArray
+    desk: FloatArray
 
 
 class HeardWheels(NamedTuple):
@@ -187,6 +191,9 @@ class HeardImu(NamedTuple):
     problem: int
     stamp_ns: int
     value: FloatArray
+
+
+_Course = tuple[bool, float, float, float, float, float, float]
 
 
 class Inputs(NamedTuple):
@@ -260,10 +267,12 @@ def new_memory(wheels: int) -> Memory:
         effect_memory(),
         np.ones(wheels),
         np.zeros(3),
+        np.zeros(wheels),
+        np.zeros((2, 3)),
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def assist_step(
     constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -281,14 +290,17 @@ def assist_step(
         ``inputs.outside``, or else ``memory.trust[0].cause``.
     """
     error[:] = 0.0
-    ready, motion = listen(constants, memory, inputs)
+    ready, course = _listen(constants, memory, inputs)
+    first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
+    pedal, speed = inputs.pedal, inputs.wheels.speed
+    motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speed)
     answer = NO_HELP
     if ready:
         answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
     return int(act(constants, memory, inputs, Asked(ready, motion, answer), error, enable))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
     """Judge what has been received and follow the line of motion.
 
@@ -300,6 +312,15 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     Returns:
         Whether to ask a law, and what to ask it with.
     """
+    ready, course = _listen(constants, memory, inputs)
+    first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
+    pedal, speed = inputs.pedal, inputs.wheels.speed
+    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speed)
+
+
+@lean
+def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
+    """Return whether to ask a law, and the motion but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line, inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking)
@@ -341,30 +362,30 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
-    speed = inputs.wheels.speed
-    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, speed)
+    return ready, (first, dt, v_x, v_y, yaw_rate, p_x, p_y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _ask_observer(
     constants: Constants, memory: Memory, inputs: Inputs, heard: bool, braking: bool
 ) -> int:
     """Ask the observer for the motion of now, and the monitor for the effect of the last step."""
     step, feedback = memory.step[0], inputs.feedback
     now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
-    speeds, inertial = np.full(memory.told.size, np.nan), np.full(3, np.nan)
-    if inputs.wheels.problem == GOOD and abs(since(now_ns, inputs.wheels.stamp_ns)) <= timeout:
-        speeds[:] = inputs.wheels.speed
-    if inputs.imu.problem == GOOD and abs(since(now_ns, inputs.imu.stamp_ns)) <= timeout:
-        inertial[:] = inputs.imu.value
-    variance = np.zeros(3)
-    if heard:
-        for j in range(3):
-            variance[j] = feedback.covariance[j, j]
+    speeds, inertial, variance = memory.speeds, memory.desk[0], memory.desk[1]
+    wheels, imu = inputs.wheels, inputs.imu
+    known = wheels.problem == GOOD and abs(since(now_ns, wheels.stamp_ns)) <= timeout
+    released = False
+    for i in range(speeds.size):
+        speeds[i] = wheels.speed[i] if known else math.nan
+        released = released or memory.told[i] < 1.0
+    known = imu.problem == GOOD and abs(since(now_ns, imu.stamp_ns)) <= timeout
+    for j in range(3):
+        inertial[j] = imu.value[j] if known else math.nan
+        variance[j] = feedback.covariance[j, j] if heard else 0.0
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
     pedal = inputs.pedal if braking else 0.0
-    released = np.min(memory.told) < 1.0
     step.no_effect = watch_effect(
         constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
     )
@@ -381,7 +402,7 @@ def _ask_observer(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def act(
     constants: Constants,
     memory: Memory,
@@ -418,11 +439,12 @@ def act(
     else:
         enable[:] = 1.0
         open_valves(memory.valves, constants.dwell, elapsed)
-    memory.told[:] = enable
+    for i in range(enable.size):
+        memory.told[i] = enable[i]
     return int(outcome)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _outcome(
     constants: Constants,
     memory: Memory,
@@ -441,7 +463,7 @@ def _outcome(
         if not _are_shares(error, enable):
             distrust(memory.trust[0], LAW_ERROR, 0.0, 0.0, 0.0)
             error[:] = 0.0
-        helps = bool(np.any(enable > 0.0))  # the vehicle never rolls unbraked
+        helps = _is_any_on(enable)  # the vehicle never rolls unbraked
     if not inputs.enabled:
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:
@@ -461,7 +483,15 @@ def _outcome(
     return DEAD_RECKONING if step.reckoned else ASSISTING
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
+def _is_any_on(enable: FloatArray) -> bool:
+    on = False
+    for i in range(enable.size):
+        on |= enable[i] > 0.0
+    return on
+
+
+@lean
 def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
     good = True
     for i in range(enable.size):
@@ -469,7 +499,7 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
     return good
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     """Return whether the fastest wheel centre, Eq. (38), is below the threshold."""
     limit = constants.speed_threshold

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # Entries of the line: whether the start of braking has been seen; whether it had a direction, and
@@ -20,7 +19,7 @@ STORED, DIRECTED, ACROSS_X, ACROSS_Y, HEADING, YAW_RATE = range(6)
 LINE_SIZE = 6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def forget_line(line: FloatArray) -> None:
     """Drop the line, as when the pedal is released.
 
@@ -30,7 +29,7 @@ def forget_line(line: FloatArray) -> None:
     line[:] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def store_line(
     line: FloatArray, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float
 ) -> None:
@@ -53,7 +52,7 @@ def store_line(
         line[ACROSS_Y] = v_x / speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def advance_line(line: FloatArray, dt: float, yaw_rate: float) -> None:
     """Carry the heading on to a new sample.
 
@@ -66,7 +65,7 @@ def advance_line(line: FloatArray, dt: float, yaw_rate: float) -> None:
     line[YAW_RATE] = yaw_rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def perpendicular(line: FloatArray) -> tuple[float, float]:
     """Return ``p`` in the body frame of the last sample [1]; zeros without a direction to keep.
 

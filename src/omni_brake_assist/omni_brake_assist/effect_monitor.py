@@ -24,9 +24,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # Entries of the ledger: path missed [m], path braked [m], whether a bound has been exceeded, the
@@ -118,7 +118,7 @@ def effect_memory() -> FloatArray:
     return np.zeros(LEDGER_SIZE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def watch_effect(
     constants: EffectConstants,
     ledger: FloatArray,
@@ -171,7 +171,7 @@ def watch_effect(
     return bool(ledger[TRIPPED] != 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _share_of_wheels(
     constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, seen: bool
 ) -> float:
@@ -187,7 +187,7 @@ def _share_of_wheels(
     return float(_share(constants, loss, pedal, ledger[BEST_LOSS], ledger[LOSS_PEDAL]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _share_of_force(
     constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, force: FloatArray
 ) -> float:
@@ -204,7 +204,7 @@ def _share_of_force(
     return float(_share(constants, loss, pedal, ledger[BEST_FORCE], ledger[FORCE_PEDAL]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _share(
     constants: EffectConstants, loss: float, pedal: float, best: float, best_pedal: float
 ) -> float:

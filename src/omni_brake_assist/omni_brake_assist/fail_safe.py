@@ -17,11 +17,11 @@ import operator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import AssistState, Fault
+from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
@@ -239,7 +239,7 @@ def fault_in_words(trust: np.void) -> Fault:
     return Fault(state, words.format(value=value, limit=limit, within=within))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def distrust(trust: Any, check: int, value: float, limit: float, within: float) -> None:
     """Withdraw trust for a cause; recovery starts from nothing.
 
@@ -257,7 +257,7 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
     trust.good = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool) -> bool:
     """Examine what has been received at the time of a demand.
 
@@ -290,7 +290,7 @@ def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool)
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def since(later_ns: int, earlier_ns: int) -> int:
     """Return a difference of stamps [ns], cut off where it is longer than 64 bits can hold."""
     difference = float(later_ns) - float(earlier_ns)
@@ -301,7 +301,7 @@ def since(later_ns: int, earlier_ns: int) -> int:
     return later_ns - earlier_ns
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _within(trust: Any, check: int, value: float, limit: float, within: float) -> bool:
     if value <= limit:
         return True
@@ -309,7 +309,7 @@ def _within(trust: Any, check: int, value: float, limit: float, within: float) -
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _in_time(limits: Limits, trust: Any, now_ns: int) -> bool:
     step = since(now_ns, trust.now_ns) if trust.clocked else 0
     trust.clocked = True
@@ -323,20 +323,21 @@ def _in_time(limits: Limits, trust: Any, now_ns: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_finite(trust: Any, heard: Heard) -> bool:
     for number in heard.twist:
         if not math.isfinite(number):
             distrust(trust, TWIST_NOT_FINITE, number, 0.0, 0.0)
             return False
-    for number in heard.covariance.ravel():
-        if not math.isfinite(number):
-            distrust(trust, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
-            return False
+    for row in heard.covariance:
+        for number in row:
+            if not math.isfinite(number):
+                distrust(trust, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
+                return False
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
     age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
     if age > timeout:
@@ -351,7 +352,7 @@ def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_confident(limits: Limits, trust: Any, covariance: FloatArray) -> bool:
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
@@ -368,7 +369,7 @@ def _is_confident(limits: Limits, trust: Any, covariance: FloatArray) -> bool:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_plausible(limits: Limits, trust: Any, twist: FloatArray) -> bool:
     speed = math.hypot(twist[0], twist[1])
     return bool(
@@ -377,13 +378,13 @@ def _is_plausible(limits: Limits, trust: Any, twist: FloatArray) -> bool:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_same(trust: Any, twist: FloatArray) -> bool:
     same: bool = twist[0] == trust.v_x and twist[1] == trust.v_y and twist[2] == trust.yaw_rate
     return same
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _follows(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> bool:
     """Return whether a twist may come after the last good one."""
     if not trust.known:
@@ -414,7 +415,7 @@ def _follows(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braki
     return bool(_within(trust, FROZEN, frozen, limits.frozen_time, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _accept(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
     if trust.known and stamp_ns == trust.last_ns:
         return  # nothing new

@@ -40,11 +40,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -134,6 +134,11 @@ _AGED = 1.5e7  # age from which on a twist says little of now [ns]
 _MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 _DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _HISTORY = 32  # states of the past that a late twist can be compared with
+
+# Rows of the desk: direction of a measurement, gain, state of then, its shift, twist as corrected,
+# innovation and spread in each filter, and two of a product of matrices.
+_H, _GAIN, _THEN, _SHIFT, _TOLD, _INNOVATION, _SPREAD, _PRODUCT = range(8)
+_ROWS = _PRODUCT + 2
 
 
 class Brakes(NamedTuple):
@@ -271,6 +276,7 @@ class ObserverMemory(NamedTuple):
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
+        desk: rows that a step is worked on with, shape (9, 6).
     """
 
     state: FloatArray
@@ -285,6 +291,7 @@ class ObserverMemory(NamedTuple):
     past: FloatArray
     stamps: IntArray
     newest: IntArray
+    desk: FloatArray
 
 
 def observer_constants(
@@ -345,10 +352,32 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.zeros((_HISTORY, FILTERS + 1, STATES)),
         np.full(_HISTORY, -1, np.int64),
         np.zeros(1, np.int64),
+        np.zeros((_ROWS, STATES)),
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+class _Filter(NamedTuple):
+    """State of a filter, shape (6,), and its covariance, shape (6, 6)."""
+
+    state: FloatArray
+    covariance: FloatArray
+
+
+@lean
+def _copy(values: FloatArray, target: FloatArray) -> None:
+    for i in range(values.size):
+        target[i] = values[i]
+
+
+@lean
+def _remember(memory: ObserverMemory) -> None:
+    """Write the states of now into the newest row of the past."""
+    row = memory.newest[0]
+    for k in range(FILTERS + 1):
+        _copy(memory.state[k], memory.past[row, k])
+
+
+@lean
 def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
     """Start all filters at a twist of which little is known."""
     memory.released[:] = 0.0
@@ -375,7 +404,7 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
         memory.covariance[k, _BIAS_Y, _BIAS_Y] = 0.5**2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _predict(
     constants: ObserverConstants,
     state: FloatArray,
@@ -416,7 +445,7 @@ def _predict(
     covariance[_RATE, _RATE] += (constants.turn * dt) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _spread(covariance: FloatArray, h: FloatArray) -> float:
     """Return the variance of ``h . x``."""
     total = 0.0
@@ -427,12 +456,12 @@ def _spread(covariance: FloatArray, h: FloatArray) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _correct(
-    state: FloatArray, covariance: FloatArray, h: FloatArray, innovation: float, variance: float
+    filtered: _Filter, h: FloatArray, innovation: float, variance: float, gain: FloatArray
 ) -> None:
-    """Correct one filter by a scalar measurement ``h . x``."""
-    gain = np.empty(STATES)
+    """Correct one filter by a scalar measurement ``h . x``; its gain is left in `gain`."""
+    state, covariance = filtered
     total = variance
     for i in range(STATES):
         gain[i] = 0.0
@@ -446,11 +475,11 @@ def _correct(
             covariance[i, j] -= gain[i] * gain[j] / total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _of_then(memory: ObserverMemory, k: int, stamp_ns: int, then: FloatArray) -> None:
     """Write the state of a filter at a time; the oldest known one if it is longer ago."""
     row = memory.newest[0]
-    then[:] = memory.state[k]
+    _copy(memory.state[k], then)
     later_ns = memory.stamps[row]
     for _ in range(_HISTORY - 1):
         if later_ns <= stamp_ns:
@@ -464,11 +493,11 @@ def _of_then(memory: ObserverMemory, k: int, stamp_ns: int, then: FloatArray) ->
             for j in range(STATES):
                 then[j] += share * (memory.past[row, k, j] - then[j])
             return
-        then[:] = memory.past[row, k]
+        _copy(memory.past[row, k], then)
         later_ns = earlier_ns
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _hear_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -477,7 +506,7 @@ def _hear_twist(
     variance: FloatArray,
 ) -> None:
     """Correct the filters that hear the twist by it."""
-    h, then = np.zeros(STATES), np.empty(STATES)
+    h, then, shift = memory.desk[_H], memory.desk[_THEN], memory.desk[_SHIFT]
     speed = constants.scale * math.hypot(twist[0], twist[1])
     own = constants.wheel**2 + (0.3 * speed) ** 2
     p_x, p_y = constants.p_x, constants.p_y
@@ -488,7 +517,7 @@ def _hear_twist(
             continue
         state, covariance = memory.state[k], memory.covariance[k]
         _of_then(memory, k, place_ns, then)
-        shift = state.copy()
+        _copy(state, shift)
         for j in range(3):
             h[:] = 0.0
             if j == _RATE:
@@ -501,20 +530,24 @@ def _hear_twist(
             for i in range(STATES):
                 predicted += h[i] * (then[i] + state[i] - shift[i])
             spread = variance[j] + (constants.gyro**2 if j == _RATE else own)
-            _correct(state, covariance, h, twist[j] - predicted, spread)
-        _correct_past(memory, k, place_ns, state - shift)
+            filtered = _Filter(state, covariance)
+            _correct(filtered, h, twist[j] - predicted, spread, memory.desk[_GAIN])
+        for i in range(STATES):
+            shift[i] = state[i] - shift[i]
+        _correct_past(memory, k, place_ns, shift)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _correct_past(memory: ObserverMemory, k: int, since_ns: int, shift: FloatArray) -> None:
     """Shift what a filter remembers, or the next late twist would correct it once more."""
     row = (memory.newest[0] - 1) % _HISTORY
     while row != memory.newest[0] and memory.stamps[row] >= since_ns:
-        memory.past[row, k] += shift
+        for i in range(STATES):
+            memory.past[row, k, i] += shift[i]
         row = (row - 1) % _HISTORY
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _follow_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -527,7 +560,7 @@ def _follow_twist(
     In axes that turn with the gyro, ``U' = f`` if the gyro is right. If the twist's rate is, they
     turn too far by ``d = Omega - gyro``, and the change beyond ``f`` is ``d k x U``.
     """
-    course, path = memory.course, np.empty(STATES)
+    course, path = memory.course, memory.desk[_THEN]
     _of_then(memory, PATH, place_ns, path)
     u_x = twist[0] - twist[2] * constants.p_y
     u_y = twist[1] + twist[2] * constants.p_x
@@ -555,7 +588,21 @@ def _follow_twist(
     course[MARK_GAIN_X], course[MARK_GAIN_Y] = path[_GAIN_X], path[_GAIN_Y]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
+def _fade(memory: ObserverMemory) -> int:
+    """Let what wheels have said count for less; return how many contradict everybody."""
+    strangers = 0
+    for i in range(memory.doubt.size):
+        strangers += memory.doubt[i] >= _DOUBTED
+        for k in range(FILTERS):
+            memory.blame[i, k] *= _FADE
+    for k in range(FILTERS):
+        memory.score[k] *= _FADE
+    memory.score[SPOKEN] *= _FADE
+    return strangers
+
+
+@lean
 def _hear_wheels(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -567,13 +614,10 @@ def _hear_wheels(
 ) -> None:
     """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
     braking, enable = brakes
-    h = np.zeros(STATES)
-    innovations, spreads = np.empty(FILTERS), np.empty(FILTERS)
+    h, innovations, spreads = memory.desk[_H], memory.desk[_INNOVATION], memory.desk[_SPREAD]
+    h[:] = 0.0
     # One may be wrong; if several contradict everybody, they are not.
-    several = np.sum(memory.doubt >= _DOUBTED) > 1
-    memory.score[:FILTERS] *= _FADE
-    memory.blame[:] *= _FADE
-    memory.score[SPOKEN] *= _FADE
+    several = _fade(memory) > 1
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[SCALE])
         before, memory.rim[i] = memory.rim[i], rim
@@ -621,10 +665,11 @@ def _hear_wheels(
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
             if fits or (disputed and misfit <= 12.0):
-                _correct(memory.state[k], memory.covariance[k], h, innovations[k], own)
+                filtered = _Filter(memory.state[k], memory.covariance[k])
+                _correct(filtered, h, innovations[k], own, memory.desk[_GAIN])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _compare_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -649,7 +694,7 @@ def _compare_twist(
     memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / total, 25.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[float, float]:
     """Return the disagreements on velocity and yaw rate in units of what is no dispute."""
     state, cov = memory.state, memory.covariance
@@ -664,7 +709,7 @@ def _differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[
     return worst, abs(state[NO_TWIST, _RATE] - state[NO_GYRO, _RATE]) / gate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> int:
     """Decide whom to leave out; return the filter to use, or NOBODY."""
     belief = memory.belief
@@ -706,7 +751,7 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
     return int(belief[OUT])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     """Return whether the specific force explains how the twist changes, with either yaw rate."""
     course = memory.course
@@ -715,7 +760,7 @@ def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     return bool(min(with_gyro, with_own) <= constants.proof * course[SPREAD])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _odd_one_out(memory: ObserverMemory) -> int:
     """Return the filter that alone fits the wheels, ALL if there is none.
 
@@ -739,7 +784,7 @@ def _odd_one_out(memory: ObserverMemory) -> int:
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _acquit(memory: ObserverMemory) -> None:
     """Forget what wheels have said against the filters."""
     memory.score[:FILTERS] = 0.0
@@ -747,7 +792,7 @@ def _acquit(memory: ObserverMemory) -> None:
     memory.blame[:] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
     """Return the filter whose yaw rate explains how the twist changes, and whether it is proven.
 
@@ -762,7 +807,7 @@ def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int,
     return right, abs(with_gyro - with_own) > constants.proof * course[SPREAD]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _verdict(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
@@ -783,7 +828,7 @@ def _verdict(
     return better, False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
     """Return the filter whose loss of speed is that of a stop, and whether the other's is not.
 
@@ -794,7 +839,7 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
     row = (memory.newest[0] - _LOSS) % _HISTORY
     past = memory.past[row]
     most = constants.walk * (memory.stamps[memory.newest[0]] - memory.stamps[row]) * 1e-9
-    loss = np.zeros(FILTERS)
+    loss = memory.desk[_THEN]
     for k in (NO_TWIST, NO_FORCE):
         loss[k] = math.hypot(past[k, _U_X], past[k, _U_Y])
         loss[k] -= math.hypot(state[k, _U_X], state[k, _U_Y])
@@ -805,7 +850,7 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
     return more, bool(loss[more] > 0.15 and loss[less] < 0.3 * loss[more])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
     """Decide without an IMU: the twist must fit the wheels that roll, and lose speed."""
     belief = memory.belief
@@ -824,7 +869,7 @@ def _judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
     return NOBODY if belief[OUT] != ALL else ALL
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def observe(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -864,7 +909,7 @@ def observe(
         belief[OUT] = belief[DISPUTED] = belief[AGREED] = belief[CONVICTIONS] = 0.0
         _acquit(memory)
     if not braking:
-        memory.course[STILL_RATE:APART] = memory.state[ALL, _BIAS_RATE:]
+        _copy(memory.state[ALL, _BIAS_RATE:], memory.course[STILL_RATE:APART])
         belief[TOP_SPEED] = math.hypot(memory.state[ALL, _U_X], memory.state[ALL, _U_Y])
     belief[PRESSED] = 1.0 if braking else 0.0
     _carry_on(constants, memory, now_ns, dt, inertial)
@@ -872,7 +917,8 @@ def observe(
     fresh = heard and twist_ns > belief[TWIST_NS]
     if fresh and not (braking or disputed):
         _tell_apart(constants, memory, twist[2], variance[2], inertial[0])
-    told = twist.copy()
+    told = memory.desk[_TOLD]
+    _copy(twist, told)
     told[2] -= memory.course[OFFSET]
     _hear_wheels(
         constants, memory, dt, brakes, sensed.speeds, disputed,
@@ -882,16 +928,17 @@ def observe(
     if fresh:
         belief[TWIST_NS] = twist_ns
         _hear_twist(constants, memory, twist_ns, told, variance)
-    memory.past[memory.newest[0]] = memory.state  # as it is known now
+    _remember(memory)  # as it is known now
     if belief[INERTIAL] == 0.0:
         return int(_judge_alone(memory, dt, braking))
     if not braking and _is_slipping(constants, memory):
-        memory.state[NO_TWIST] = memory.state[ALL]
-        memory.covariance[NO_TWIST] = memory.covariance[ALL]
+        _copy(memory.state[ALL], memory.state[NO_TWIST])
+        for i in range(STATES):
+            _copy(memory.covariance[ALL, i], memory.covariance[NO_TWIST, i])
     return int(_answer(constants, memory, _judge(constants, memory, dt), answer))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _tell_apart(
     constants: ObserverConstants, memory: ObserverMemory, rate: float, variance: float, gyro: float
 ) -> None:
@@ -910,11 +957,12 @@ def _tell_apart(
     course[OFFSET] = course[APART] + bias
     for k in (ALL, NO_TWIST, NO_FORCE):
         memory.state[k, _BIAS_RATE] = bias
-        memory.covariance[k, _BIAS_RATE, :] = memory.covariance[k, :, _BIAS_RATE] = 0.0
+        for i in range(STATES):
+            memory.covariance[k, _BIAS_RATE, i] = memory.covariance[k, i, _BIAS_RATE] = 0.0
         memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = (0.1 * _LARGEST_BIAS) ** 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     """Return whether driven wheels are what pulls twist and IMU apart, pedal up.
 
@@ -926,7 +974,7 @@ def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     return bool(settled and velocity >= 1.0 and _explains(constants, memory))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _carry_on(
     constants: ObserverConstants,
     memory: ObserverMemory,
@@ -942,7 +990,8 @@ def _carry_on(
     if gyro and force:
         memory.belief[INERTIAL] = 1.0
     _carry_path(memory, dt, rate if gyro else math.nan, f_x if force else math.nan, f_y)
-    product, h = np.empty((2, STATES)), np.zeros(STATES)
+    product, h = memory.desk[_PRODUCT : _PRODUCT + 2], memory.desk[_H]
+    h[:] = 0.0
     h[_RATE] = h[_BIAS_RATE] = 1.0
     for k in range(FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
@@ -950,14 +999,15 @@ def _carry_on(
         _predict(constants, state, covariance, dt, measured, product)
         if gyro and k != NO_GYRO:
             innovation = rate - state[_RATE] - state[_BIAS_RATE]
-            _correct(state, covariance, h, innovation, constants.gyro**2)
+            filtered = _Filter(state, covariance)
+            _correct(filtered, h, innovation, constants.gyro**2, memory.desk[_GAIN])
     row = (memory.newest[0] + 1) % _HISTORY
     memory.newest[0] = row
     memory.stamps[row] = now_ns
-    memory.past[row] = memory.state
+    _remember(memory)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y: float) -> None:
     """Turn the path by the gyro and add the specific force to it; no number where there is none."""
     path, course = memory.state[PATH], memory.course
@@ -974,7 +1024,7 @@ def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y:
         path[_GAIN_Y] += dt * (s * a_x + c * a_y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _answer(
     constants: ObserverConstants, memory: ObserverMemory, chosen: int, answer: FloatArray
 ) -> int:

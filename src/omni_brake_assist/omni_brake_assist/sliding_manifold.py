@@ -27,10 +27,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_brake_assist.weighting import ZERO, Weighting, psi
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
 
@@ -56,7 +56,7 @@ class Manifold(NamedTuple):
     k: int
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def wheel_error(
     manifold: Manifold, i: int, v_x: float, v_y: float, omega: float, p_x: float, p_y: float
 ) -> tuple[float, float, float]:
@@ -94,7 +94,7 @@ def wheel_error(
     return s_perp, s_omega, weight * (force * (n_x * e_x + n_y * e_y)) * along  # Eq. (57)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
     """Return the speed of the fastest wheel centre [m/s], Eq. (38); arguments as `wheel_error`."""
     largest = 0.0
@@ -104,7 +104,7 @@ def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omeg
     return math.sqrt(largest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _errors(
     manifold: Manifold,
     twist: FloatArray,

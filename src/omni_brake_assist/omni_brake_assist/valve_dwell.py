@@ -8,8 +8,7 @@ valve does at every step what it is told.
 
 from __future__ import annotations
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # Columns of the valves: whether it is shut, so that its wheel rolls free; for how long it must
@@ -18,7 +17,7 @@ SHUT, HELD = range(2)
 VALVE_SIZE = 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def open_valves(valves: FloatArray, dwell: float, elapsed: float) -> None:
     """Let all brakes act, however short a time ago their valves were shut.
 
@@ -34,7 +33,7 @@ def open_valves(valves: FloatArray, dwell: float, elapsed: float) -> None:
             valves[i, HELD] = dwell
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def switch_valves(valves: FloatArray, dwell: float, elapsed: float, enable: FloatArray) -> None:
     """Switch the valves that may switch already.
 

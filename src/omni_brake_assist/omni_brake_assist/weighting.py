@@ -11,15 +11,15 @@ import dataclasses
 import math
 
 import numpy as np
-from numba import njit
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 WEIGHTINGS = ("zero", "cosine", "enhanced")
 ZERO, COSINE, ENHANCED = range(3)  # their places
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def psi(kind: int, k: int, delta: float) -> float:
     """Return the weight of a wheel [1].
 

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
@@ -53,7 +53,7 @@ def build_encoders(configuration: EncoderConfiguration, wheels: int) -> Encoders
     return Encoders(count, configuration.noise, np.zeros(wheels))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def read_encoders(
     encoders: Encoders,
     step: int,

@@ -23,9 +23,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
@@ -146,7 +146,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _lie(  # noqa: PLR0911, PLR0912 - a line for each kind
     row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
 ) -> float:
@@ -183,7 +183,7 @@ def _lie(  # noqa: PLR0911, PLR0912 - a line for each kind
     return a * y + (1.0 - a) * held
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def corrupt(
     faults: Faults,
     channel: int,

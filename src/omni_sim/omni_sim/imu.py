@@ -18,9 +18,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.loads import GRAVITY
 
@@ -110,7 +110,7 @@ def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def read_imu(
     imu: Imu,
     step: int,

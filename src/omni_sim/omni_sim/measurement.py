@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
 from omni_sim.faults import (
@@ -85,7 +84,7 @@ def draws(wheels: int) -> int:
     return 2 * (IMU_DRAWS + wheels) + 3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: Readings) -> None:
     """Read all sensors; once per stamp.
 

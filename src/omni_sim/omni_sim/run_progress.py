@@ -6,9 +6,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import lean
 from omni_sim.simulator import Observation, SimulationConfiguration, SimulatorConfiguration
 
 _NEWS = 0.01  # smallest change of the share worth telling
@@ -47,14 +47,14 @@ def rest_memory() -> NDArray[np.void]:
     return np.zeros(1, _REST)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def rim_speed(twist: NDArray[np.float64]) -> float:
     """Return the speed of a body twist (v_x, v_y, yaw rate) at the rim of the platform [m/s]."""
     speed: float = math.hypot(twist[0], twist[1]) + _REACH * abs(twist[2])
     return speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float) -> int:
     """Take a control stamp into account and return RUNNING, STOPPED or TIME_LIMIT.
 

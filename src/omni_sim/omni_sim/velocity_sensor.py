@@ -11,10 +11,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import Twist
 
@@ -127,7 +127,7 @@ def sensor_memory() -> NDArray[np.void]:
     return memory
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
     """Return whether a sample is due [ns]; one that fails takes none."""
     if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
@@ -136,7 +136,7 @@ def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
     return due
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def read(
     sensor: SensorConstants,
     memory: Any,
@@ -172,7 +172,7 @@ def read(
     return int(held.stamp_ns)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
     """Write the covariance of uniform noise proportional to a reading.
 

@@ -8,26 +8,37 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_sim.wheel.brake_pressure import brake_torques, build_brake_pressure, passed
+from omni_sim.wheel.brake_pressure import BrakePressure, ask, build_brake_pressure, passed, press
 
 LAG, DEAD, STEP = 0.03, 0.007, 0.0005
 SHARES = np.array([1.0, 0.0, 0.4])
 ASKED = 1500.0 * SHARES
 
 
+def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray[np.float64]:
+    """Return what each brake can exert in each step under a constant demand [N m]."""
+    ask(pressure, demand, SHARES)
+    rows = []
+    for _ in range(steps):
+        press(pressure)
+        rows.append(pressure.acting.copy())
+    return np.array(rows)
+
+
 def test_pressure_without_lag_is_what_is_asked() -> None:
     pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
-    np.testing.assert_array_equal(brake_torques(pressure, 1500.0, SHARES, 20), [ASKED])
+    np.testing.assert_array_equal(brake_torques(pressure, 1500.0, 20), [ASKED] * 20)
 
 
 def test_dead_time_alone_shifts_what_is_asked() -> None:
     pressure = build_brake_pressure(0.0, DEAD, 3, STEP)
     steps = round(DEAD / STEP)
-    torques = [brake_torques(pressure, c * 1500.0, SHARES, 10) for c in (1.0, 0.5, 0.2)]
+    torques = [brake_torques(pressure, c * 1500.0, 10) for c in (1.0, 0.5, 0.2)]
     shares = np.concatenate((np.zeros(steps), np.repeat([1.0, 0.5], 10)))[:30]
     np.testing.assert_array_equal(np.concatenate(torques), np.outer(shares, ASKED))
 
@@ -37,7 +48,7 @@ def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
     """The integral of ``p`` after 0.1 s of demand and 0.1 s without."""
     pressure = build_brake_pressure(LAG, DEAD, 3, step)
     on, off = 0.1, 0.1
-    rows = [brake_torques(pressure, asked, SHARES, round(0.1 / step)) for asked in (1500.0, 0.0)]
+    rows = [brake_torques(pressure, asked, round(0.1 / step)) for asked in (1500.0, 0.0)]
     impulse = step * np.concatenate(rows).sum(axis=0)
     top = 1.0 - math.exp(-on / LAG)
     rising = on - LAG * top
@@ -98,4 +109,4 @@ def test_valves_are_open_or_shut_and_proportional_ones_take_steps() -> None:
     enable = np.array([0.0, 0.24, 0.49, 0.51, 1.0])
     for grain, shares in ((0.0, enable), (1.0, [0, 0, 0, 1, 1]), (0.25, [0, 0.25, 0.5, 0.5, 1])):
         pressure = build_brake_pressure(0.0, 0.0, 5, STEP, grain)
-        np.testing.assert_allclose(passed(pressure, enable), shares)
+        np.testing.assert_allclose([passed(pressure, share) for share in enable], shares)

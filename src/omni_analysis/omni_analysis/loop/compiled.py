@@ -36,6 +36,7 @@ from omni_brake_assist.fail_safe import ABSENT, GOOD, Heard
 from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
 from omni_brake_assist.laws.registry import own_law
 from omni_platform.configuration import ConfigurationError
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
@@ -51,7 +52,7 @@ from omni_sim.run_progress import (
 )
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
-from omni_sim.vehicle.state import WHEEL, Control, Log, State
+from omni_sim.vehicle.state import Control, Log, State
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.velocity_sensor import (
     SensorConstants,
@@ -307,28 +308,6 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _advance(
-    state: State, loop: _Loop, stamp: int, yaw: float, enable: FloatArray, scratch: FloatArray
-) -> None:
-    """Advance the vehicle by one control period, as `Simulator.advance` does."""
-    pedal = loop.pedal[stamp]
-    twist = loop.command[stamp].copy()
-    if loop.hold_world:
-        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
-    no_wheels, no_energy = np.empty((0, enable.size), WHEEL), np.empty((0, 5))
-    control = Control(
-        pedal * loop.brake_torque,
-        enable,
-        loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
-        twist,
-        loop.hold_world,
-        0.0,
-        0.0,
-    )
-    dynamics.advance(state, control, Log(scratch, no_wheels, no_energy))
-
-
 class _Desk(NamedTuple):
     """Arrays that a stamp is worked on with, N wheels."""
 
@@ -337,7 +316,10 @@ class _Desk(NamedTuple):
     wheel_speed: FloatArray  # as measured, (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
-    scratch: FloatArray  # trajectory of a control period
+    angle: FloatArray  # of the wheels, (N,)
+    speed: FloatArray  # of the wheels in truth, (N,)
+    command: FloatArray  # of the drive, (3,)
+    log: Log  # of a control period
 
 
 def _new_desk(wheels: int, steps: int) -> _Desk:
@@ -347,8 +329,31 @@ def _new_desk(wheels: int, steps: int) -> _Desk:
         np.full(wheels, np.nan),
         np.empty(wheels),
         np.empty(wheels),
-        np.empty((steps + 1, 6)),
+        np.empty(wheels),
+        np.empty(wheels),
+        np.empty(3),
+        Log.of(steps, wheels, logged=False),
     )
+
+
+@lean
+def _advance(state: State, loop: _Loop, desk: _Desk, stamp: int, yaw: float) -> None:
+    """Advance the vehicle by one control period, as `Simulator.advance` does."""
+    pedal, twist = loop.pedal[stamp], desk.command
+    for j in range(3):
+        twist[j] = loop.command[stamp, j]
+    if loop.hold_world:
+        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
+    control = Control(
+        pedal * loop.brake_torque,
+        desk.enable,
+        loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
+        twist,
+        loop.hold_world,
+        0.0,
+        0.0,
+    )
+    dynamics.advance(state, control, desk.log)
 
 
 class _Run(NamedTuple):
@@ -376,13 +381,15 @@ def _listen(run: _Run, stamp: int) -> Inputs:
     sensors.drawn[0] += due
     taken_ns = read(velocity, held, now_ns, row[3:6], draw, feedback)
     if loop.measures:
+        for i in range(desk.angle.size):
+            desk.angle[i], desk.speed[i] = state.wheels[i].angle, state.wheels[i].speed
         truth = Truth(
             stamp,
             loop.period_ns,
             row[:6],
             (state.body[0].tilt_x, state.body[0].tilt_y),
-            state.wheels["angle"].copy(),
-            state.wheels["speed"].copy(),
+            desk.angle,
+            desk.speed,
         )
         noise = sensors.noise[stamp % sensors.noise.shape[0]]
         measure(sensors.instruments, truth, noise, Readings(feedback, desk.imu, desk.wheel_speed))
@@ -399,7 +406,7 @@ def _listen(run: _Run, stamp: int) -> Inputs:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
     for stamp in range(first, last):
@@ -424,7 +431,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     return last, RUNNING
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     """Return what the assistant hears, whether to ask the law and what to ask it with."""
     inputs = _listen(run, stamp)
@@ -433,7 +440,7 @@ def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     return inputs, ready, motion
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@lean
 def _go_on(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
     state, loop, desk = run.state, run.loop, run.desk
@@ -451,5 +458,5 @@ def _go_on(run: _Run, stamp: int) -> int:
     now_ns, speed = stamp * loop.period_ns, rim_speed(row[3:6])
     outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == RUNNING:
-        _advance(state, loop, stamp, row[2], desk.enable, desk.scratch)
+        _advance(state, loop, desk, stamp, row[2])
     return outcome

@@ -36,6 +36,7 @@ from omni_brake_assist.laws.wheel_model import (
     turn_on,
 )
 from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81
@@ -184,7 +185,7 @@ class _Wheels(NamedTuple):
     stands: FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -225,7 +226,7 @@ def step(
     return ASSIST
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _start(law: Constants, memory: Memory, motion: Motion) -> None:
     """Forget everything but the guess that the wheels share the nominal mass."""
     body, wheel = memory.body[0], memory.wheel
@@ -240,7 +241,7 @@ def _start(law: Constants, memory: Memory, motion: Motion) -> None:
         wheel[i].capacity = wheel[i].wanted = law.mass * _GRAVITY / wheel.size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _look(law: Constants, motion: Motion) -> _Wheels:
     n = law.rim.size
     sign, hub, spin, slip = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -259,7 +260,7 @@ def _look(law: Constants, motion: Motion) -> _Wheels:
     return _Wheels(sign, hub, spin, slip, rim, stands)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _observe(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> None:
     """Observe the forces of the last period: ``f = (T + I dw/dt) / g``."""
     for i in range(law.rim.size):
@@ -278,7 +279,7 @@ def _observe(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) ->
         wheel.force += wheel.risen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _explain(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> None:
     """Compare the accelerations of the last period with the forces; learn mass and the rest."""
     body, dt = memory.body[0], motion.dt
@@ -305,7 +306,7 @@ def _explain(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) ->
     body.aside += share * (aside - body.aside)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
     """Learn what the wheels can bear: down by a slide, up where none came."""
     for i in range(law.rim.size):
@@ -351,7 +352,7 @@ class _Task(NamedTuple):
     most: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total: float) -> _Task:
     """Return deceleration, line and heading as sums of forces over the sum of capacities."""
     n = law.rim.size
@@ -382,7 +383,7 @@ def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _turn_rate(law: Constants, body: Any, side: float) -> float:
     """Return the largest (side 1) or least (-1) yaw acceleration that keeps within the limit.
 
@@ -397,7 +398,7 @@ def _turn_rate(law: Constants, body: Any, side: float) -> float:
     return float(side * (rate - side * body.yaw_rate) / _YAW_TIME)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> None:
     """Want the forces with the largest deceleration that heading and line allow."""
     n = wheels.hub.size
@@ -425,7 +426,7 @@ def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> Non
         wheel[i].wanted = wanted[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _keep(bounded: _Bounded, squares: _Squares, wanted: FloatArray) -> bool:
     """Bring a sum of forces back to its bounds if it is beyond; return whether it was."""
     row, least, most, weight = bounded
@@ -450,7 +451,7 @@ def _braked(law: Constants, memory: Memory, wheels: _Wheels, i: int) -> BrakedWh
     return BrakedWheel(capacity, _TARGET_SLIP, wheels.rim[i], law.radius[i], law.inertia)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _in_time(
     law: Constants, memory: Memory, wheels: _Wheels, hub: float, dt: float, i: int
 ) -> tuple[float, float, float]:
@@ -469,7 +470,7 @@ def _in_time(
     return spin, torque, force
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _share_out(
     law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, enable: FloatArray
 ) -> None:
@@ -504,7 +505,7 @@ def _share_out(
         enable[neediest] = max(brake.grain, _LEAST_SHARE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _choose(
     law: Constants,
     memory: Memory,
@@ -563,7 +564,7 @@ def _choose(
         enable[changed] = 1.0 - enable[changed]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _cost(
     task: _Task, wheels: _Wheels, forces: FloatArray, deep: FloatArray, enable: FloatArray
 ) -> float:
@@ -584,7 +585,7 @@ def _cost(
     return cost + _LINE_WEIGHT * pushed * pushed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _remember(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
     """Keep what is asked of the brakes, and what they will do until the next step."""
     dt = motion.dt if motion.dt > 0.0 else _PERIOD

@@ -9,15 +9,15 @@ method ends; the limit of its steps is for a broken ``H`` only.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
 _FREE, _LOW, _HIGH = range(3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _solve_free(
     hessian: FloatArray, gradient: FloatArray, place: NDArray[np.int64], step: FloatArray
 ) -> None:
@@ -51,7 +51,7 @@ def _solve_free(
         step[index[i]] = y[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def box_least_squares(
     hessian: FloatArray, linear: FloatArray, upper: FloatArray, solution: FloatArray
 ) -> None:
@@ -97,7 +97,7 @@ def box_least_squares(
         place[loosest] = _FREE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _loosest(
     hessian: FloatArray,
     linear: FloatArray,

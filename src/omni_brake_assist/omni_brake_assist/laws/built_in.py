@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, sliding_mode
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 SLIDING_MODE, ALLOCATION = range(2)
@@ -56,7 +55,7 @@ def law_constants(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def step(
     laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.sliding_manifold import Manifold, SlidingManifold, wheel_error
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
     """Let the brakes act whose error is negative; arguments as `Law.step`."""
     outcome = NO_HELP

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _SUBSTEPS = 2
@@ -55,7 +54,7 @@ class BrakedWheel(NamedTuple):
     inertia: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     """Return the torque that was asked of brake `i` a number of steps ago [N m].
 
@@ -71,7 +70,7 @@ def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     return float((1.0 - share) * late + share * later)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def lagged(brake: NominalBrake, torque: float, asked: float, dt: float) -> tuple[float, float]:
     """Return the torque of a brake after a step, and its mean over the step [N m]."""
     if brake.time_constant <= 0.0:
@@ -82,7 +81,7 @@ def lagged(brake: NominalBrake, torque: float, asked: float, dt: float) -> tuple
     return asked + missing * math.exp(-ratio), mean
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def friction(slip: float, peak_slip: float, capacity: float) -> tuple[float, float]:
     """Return the assumed force [N] and its slope over the slip [N]."""
     if slip >= peak_slip:
@@ -93,7 +92,7 @@ def friction(slip: float, peak_slip: float, capacity: float) -> tuple[float, flo
     return capacity * (1.0 - missing * missing), 2.0 * capacity * missing / peak_slip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def turn_on(
     wheel: BrakedWheel, spin: float, torque: float, hub: float, dt: float
 ) -> tuple[float, float]:

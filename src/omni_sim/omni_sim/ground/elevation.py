@@ -18,9 +18,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
@@ -160,7 +160,7 @@ class ElevationConfiguration(Configuration):
         return np.array(rows, dtype=np.float64).reshape(len(rows), 5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def elevation_at(table: FloatArray, x: float, y: float) -> float:
     """Return the height of the ground ``z(x, y)`` [m].
 

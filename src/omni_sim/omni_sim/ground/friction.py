@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
@@ -83,7 +83,7 @@ class FrictionMap:
         return float(friction_at(self.base, self.table, x, y))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def friction_at(base: float, table: FloatArray, x: float, y: float) -> float:
     """Return the friction factor [1] at a point [m]; arguments as in `FrictionMap`."""
     for row in range(table.shape[0] - 1, -1, -1):

@@ -17,9 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import flat_together
 from omni_sim.tire.tmeasy import (
@@ -42,7 +42,7 @@ class _Contacts(NamedTuple):
     friction: FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
     """Return the factors ``n_x``, ``n_y`` that normalise the slips [1]; their sum is 2.
 
@@ -58,7 +58,7 @@ def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
     return x[1] / peak + knee_x / knee, y[1] / peak + knee_y / knee
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurvePoint:
     """Return the curve of force [N] over normalised slip [1] in a direction.
 
@@ -78,7 +78,7 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -> Pair:
     """Return the steady force, with the signs of the slips.
 
@@ -102,7 +102,7 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
     return force * q[0], force * q[1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _combined_forces(
     x: FloatArray, y: FloatArray, largest_load: float, contacts: _Contacts, force: FloatArray
 ) -> None:

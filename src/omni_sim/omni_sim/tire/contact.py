@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_sim.tire.model import force_at
 
 _TOLERANCE = 1e-13
@@ -18,7 +17,7 @@ _MAXIMUM_ITERATIONS = 100
 _TURN_ITERATIONS = 40
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _root(
     demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
 ) -> tuple[float, float]:
@@ -44,7 +43,7 @@ def _root(
     return slip, force
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
     """Return the slip between `falling` and `rising` where ``R`` turns, on its rising side."""
     for _ in range(_TURN_ITERATIONS):
@@ -56,7 +55,7 @@ def _turning_point(viscous: float, gain: float, curve: Any, falling: float, risi
     return rising
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:

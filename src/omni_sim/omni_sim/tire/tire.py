@@ -11,10 +11,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.configuration import Configuration, parameter, section
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
@@ -98,7 +98,7 @@ class TireConfiguration(_ModelFields):
         return float(self.tire_model.largest_load(self.model_parameters))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def steady_forces(
     parameters: Any,
     largest_load: float,

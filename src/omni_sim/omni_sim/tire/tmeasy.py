@@ -20,9 +20,9 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
@@ -206,7 +206,7 @@ class CurvePoint(NamedTuple):
     slide_force: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def curve_at_load(coefficients: FloatArray, load: float, friction: float) -> CurvePoint:
     """Return ``(dF0, s_max, F_max, s_slide, F_slide)`` at a load, Eq. (3).
 
@@ -226,7 +226,7 @@ def curve_at_load(coefficients: FloatArray, load: float, friction: float) -> Cur
     return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def adhesion_force(initial: float, bend: float, sigma: float) -> float:
     """Return the force [N] of the adhesion section, the rational first part of the curve.
 
@@ -238,13 +238,13 @@ def adhesion_force(initial: float, bend: float, sigma: float) -> float:
     return initial * sigma / (1.0 + sigma * (sigma + bend))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def falling_force(peak_force: float, slide_force: float, sigma: float) -> float:
     """Return the force [N] between peak (``sigma = 0``) and full sliding (``sigma = 1``)."""
     return peak_force - (peak_force - slide_force) * sigma * sigma * (3.0 - 2.0 * sigma)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def steady_force(
     slope: float,
     peak_slip: float,

@@ -19,9 +19,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import njit
-
+from omni_platform.kernels import lean, lean_inline
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
@@ -41,7 +39,7 @@ from omni_sim.vehicle.state import (
     Triple,
 )
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
-from omni_sim.wheel.brake_pressure import brake_torques
+from omni_sim.wheel.brake_pressure import ask, press
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
@@ -51,7 +49,7 @@ from omni_sim.wheel.single import Patch, TireConstants
 _LEAST_PRESSING = 0.1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -> None:
     """Advance the body by one step: the whole motion in the plane.
 
@@ -83,7 +81,7 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
     body.yaw_rate += d_rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def advance(state: State, control: Control, log: Log) -> None:
     """Advance a vehicle in place.
 
@@ -95,10 +93,10 @@ def advance(state: State, control: Control, log: Log) -> None:
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt, mass = plant.dt, plant.mass
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
-    loads = np.empty(wheels.shape[0])
+    loads = state.loads
     start_yaw = body.yaw
     n_steps = log.trajectory.shape[0] - 1
-    torques = brake_torques(state.pressure, control.brake, control.enable, n_steps)
+    ask(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     _write_pose(plant, body, log.trajectory[0])
@@ -133,12 +131,12 @@ def advance(state: State, control: Control, log: Log) -> None:
             (drive_x, drive_y, control.twist[2]),
             control.drive_stiffness,
         )
-        brake = torques[min(k, torques.shape[0] - 1)]
+        press(state.pressure)
         if lossy:
             _resist(state, body, step, loads)
         if plant.roller_pitch > 0.0 and state.rollers is None:
             displace_contacts(plant, wheels, state.contacts)
-        _step_wheels(state, state.rollers, step, brake, loads)
+        _step_wheels(state, state.rollers, step, state.pressure.acting, loads)
         pull = _resultant(state, state.rollers)
         body.a_x += plant.filter_share * (pull[0] / mass - body.a_x)
         body.a_y += plant.filter_share * (pull[1] / mass - body.a_y)
@@ -152,14 +150,14 @@ def advance(state: State, control: Control, log: Log) -> None:
                 log.energy[k, j] = energy[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float]:
     """Return the components of a velocity [m/s] in axes turned by an angle [rad]."""
     cos, sin = math.cos(turned), math.sin(turned)
     return cos * v_x + sin * v_y, cos * v_y - sin * v_x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def base_motion(body: Record, centre: Pair, motion: FloatArray) -> None:
     """Write pose and twist of `base_link` from the motion of the centre of gravity, Eq. (23).
 
@@ -182,7 +180,7 @@ def base_motion(body: Record, centre: Pair, motion: FloatArray) -> None:
     motion[5] = rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
@@ -200,7 +198,7 @@ def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
     row[5] = body.yaw_rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def energies(state: State) -> Energies:
     """Return the energies of a vehicle."""
     plant, body = state.plant, state.body[0]
@@ -217,7 +215,7 @@ def energies(state: State) -> Energies:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
     """Return the energy of all wheels' spin and that of their deflection [J]."""
     squared_speed, squared_deflection = 0.0, 0.0
@@ -231,7 +229,7 @@ def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
     return spin + roller_spin, elastic
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def standing(state: State, ahead: float) -> tuple[float, float, float, float, float, float]:
     """Return how the vehicle will stand after a time [s], as `uneven_ground.stand`."""
     body, plant = state.body[0], state.plant
@@ -247,7 +245,7 @@ def standing(state: State, ahead: float) -> tuple[float, float, float, float, fl
     return result
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
     """Turn yaw and velocity into the path plane at the middle of the step.
 
@@ -273,7 +271,7 @@ def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
     return GRAVITY * normal - bend, (weight * new_x, weight * new_y), -weight * turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def _resultant(state: State, rollers: Rollers | None) -> Triple:
     """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
     wheels, losses = state.wheels, state.losses
@@ -294,7 +292,7 @@ def _resultant(state: State, rollers: Rollers | None) -> Triple:
     return pull_x, pull_y, turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
     """Compute the losses of all wheels for the step to come; arguments as in `_step_wheels`."""
     plant, losses = state.plant, state.losses
@@ -326,7 +324,7 @@ def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
         wheel.gain = -dt * lever * force / plant.wheel_inertia
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
     """Move the contacts to where the rollers touch the ground, Eqs. (9), (10).
 
@@ -347,7 +345,7 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
         contact.rim = rim
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def _step_wheels(
     state: State, rollers: Rollers | None, step: Step, brake: FloatArray, loads: FloatArray
 ) -> None:
@@ -380,7 +378,7 @@ def _step_wheels(
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def _step_wheel(state: State, step: Step, i: int, brake: float, drive: Drive) -> None:
     """Advance a wheel under its load by one step; see `wheel_step`."""
     plant, wheel, contact = state.plant, state.wheels[i], state.contacts[i]

@@ -8,9 +8,9 @@ zero-moment point relative to the centre of gravity [m]; `loads`, receives the l
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -18,7 +18,7 @@ IntArray = NDArray[np.int64]
 _MAXIMUM_ITERATIONS = 100
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
@@ -43,7 +43,7 @@ def stand_on_edge(
     return outside
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
@@ -56,7 +56,7 @@ def _spring_energy(
     return energy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
     """Return the wheels that a plane presses down, one bit each."""
     contact = 0
@@ -66,7 +66,7 @@ def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
     return contact
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _newton_step(
     position: FloatArray,
     contact: int,
@@ -116,7 +116,7 @@ def _newton_step(
     return d_a, d_b, d_c, -(r_a * d_a + r_b * d_b + r_c * d_c), exact
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
@@ -153,7 +153,7 @@ def stand_on_some(
     return 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def stand_on_triangle(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> None:

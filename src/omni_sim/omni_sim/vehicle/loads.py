@@ -15,11 +15,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import cross
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
 
@@ -118,7 +118,7 @@ def load_plane(position: FloatArray) -> FloatArray:
     return np.ascontiguousarray(rows, dtype=np.float64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def wheel_loads(
     position: FloatArray,
     plane: FloatArray,

@@ -14,14 +14,14 @@ import dataclasses
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain, elevation_at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def plane_of_points(
     front: float, back: float, left: float, right: float, distance: float
 ) -> tuple[float, float, float, float]:
@@ -46,7 +46,7 @@ def plane_of_points(
     return 0.25 * (front + back + left + right), -along * up, -across * up, up
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def road_plane_at(
     terrain: Terrain, x: float, y: float, cos: float, sin: float
 ) -> tuple[float, float, float, float]:

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.state import Pair, Plant, Record, Rollers, Step, Structured
@@ -47,7 +46,7 @@ class _Touch(NamedTuple):
     turning: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
@@ -125,7 +124,7 @@ def _step_contact(
     return after.speed, after.brake
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
     """Relax all rollers of a wheel but those on the ground; they spin on."""
     for k in range(rollers.shape[0]):
@@ -137,7 +136,7 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
             roller.sliding = False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
@@ -180,7 +179,7 @@ def step_roller_wheel(
     wheel.limit = limit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def roller_energies(rollers: Rollers) -> Pair:
     """Return the energy of all rollers' spin and that of their deflection [J]."""
     spin, elastic = 0.0, 0.0

@@ -200,6 +200,7 @@ class State(NamedTuple):
         wheels: `WHEEL`, shape (N,).
         counters: `COUNTERS`, shape (1,).
         pressure: in the brakes.
+        loads: of the wheels in the step at hand [N], shape (N,).
     """
 
     plant: Plant
@@ -211,6 +212,7 @@ class State(NamedTuple):
     wheels: Structured
     counters: Structured
     pressure: BrakePressure
+    loads: FloatArray
 
 
 class Control(NamedTuple):

@@ -26,14 +26,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import Terrain
 from omni_sim.vehicle.road_plane import road_plane_at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, float]:
     """Return the level components of a vector of the path plane.
 
@@ -48,7 +48,7 @@ def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, floa
     return x - tilt_x * along, y - tilt_y * along
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def stand(
     terrain: Terrain,
     position: FloatArray,
@@ -86,7 +86,7 @@ def stand(
     return height, forward, left, -slope_x * up, -slope_y * up, turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
     """Return by how much directions turn in the frame of the path plane as ``n`` changes [rad].
 

@@ -112,6 +112,7 @@ class Vehicle:
             pressure=build_brake_pressure(
                 brake.time_constant, brake.dead_time, n, physics_step, brake.grain
             ),
+            loads=np.empty(n),
         )
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)

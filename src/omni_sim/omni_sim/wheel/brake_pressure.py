@@ -17,9 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -31,7 +31,9 @@ class BrakePressure(NamedTuple):
     Attributes:
         remainder: of a difference to what is asked, after a step [1].
         mean_remainder: of such a difference, on average over a step [1].
-        torque: that each brake can exert [N m], shape (N,).
+        asked: of each brake, by pedal and valve [N m], shape (N,).
+        torque: that each can exert at the end of the step [N m], shape (N,).
+        acting: that each can exert on average over the step [N m], shape (N,).
         delayed: what was asked in the last D steps of the dead time [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
         grain: step of the share that a valve can let pass [1], 1 for on and off, 0 for any.
@@ -39,7 +41,9 @@ class BrakePressure(NamedTuple):
 
     remainder: float
     mean_remainder: float
+    asked: FloatArray
     torque: FloatArray
+    acting: FloatArray
     delayed: FloatArray
     oldest: IntArray
     grain: float = 0.0
@@ -66,6 +70,8 @@ def build_brake_pressure(
         remainder,
         mean_remainder,
         np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(wheels),
         np.zeros((delay, wheels)),
         np.zeros(1, dtype=np.int64),
         grain,
@@ -79,49 +85,42 @@ def release(pressure: BrakePressure) -> None:
     pressure.oldest[0] = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def passed(pressure: BrakePressure, enable: FloatArray) -> FloatArray:
-    """Return the shares of the pressure that the valves let pass when told to [1], shape (N,)."""
-    shares = enable.copy()
+@lean
+def passed(pressure: BrakePressure, share: float) -> float:
+    """Return the share of the pressure that a valve lets pass when told to [1]."""
     if pressure.grain > 0.0:
-        for i in range(enable.size):
-            shares[i] = min(math.floor(enable[i] / pressure.grain + 0.5) * pressure.grain, 1.0)
-    return shares
+        return min(math.floor(share / pressure.grain + 0.5) * pressure.grain, 1.0)
+    return share
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def brake_torques(
-    pressure: BrakePressure, demand: float, enable: FloatArray, n_steps: int
-) -> FloatArray:
-    """Advance the pressure by some physics steps under a constant demand.
+@lean
+def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
+    """Set the valves.
 
     Args:
         pressure: changed in place.
         demand: of the pedal, the torque of a brake that gets all of it [N m].
         enable: share that each valve is told to let pass [1], shape (N,).
-        n_steps: number of physics steps.
-
-    Returns:
-        Torque that each brake can exert in each step [N m], shape (n_steps, N); a single row that
-        holds for all steps, (1, N), where the pressure follows at once.
     """
+    for i in range(enable.size):
+        pressure.asked[i] = passed(pressure, enable[i]) * demand
+
+
+@lean
+def press(pressure: BrakePressure) -> None:
+    """Advance the pressure by a physics step; `acting` is what each brake can exert in it."""
     delay = pressure.delayed.shape[0]
-    asked: FloatArray = passed(pressure, enable)
-    for i in range(asked.size):
-        asked[i] *= demand
-    if pressure.remainder == 0.0 and delay == 0:
-        return asked.reshape((1, asked.size))
-    torques = np.empty((n_steps, asked.size))
-    for k in range(n_steps):
-        row = pressure.oldest[0]
-        for i in range(asked.size):
-            target = asked[i]
-            if delay > 0:
-                target = pressure.delayed[row, i]
-                pressure.delayed[row, i] = asked[i]
-            missing = pressure.torque[i] - target
-            torques[k, i] = target + missing * pressure.mean_remainder
-            pressure.torque[i] = target + missing * pressure.remainder
+    row = pressure.oldest[0]
+    for i in range(pressure.asked.size):
+        target = pressure.asked[i]
         if delay > 0:
-            pressure.oldest[0] = (row + 1) % delay
-    return torques
+            target = pressure.delayed[row, i]
+            pressure.delayed[row, i] = pressure.asked[i]
+        if pressure.remainder == 0.0:
+            pressure.acting[i] = target
+            continue
+        missing = pressure.torque[i] - target
+        pressure.acting[i] = target + missing * pressure.mean_remainder
+        pressure.torque[i] = target + missing * pressure.remainder
+    if delay > 0:
+        pressure.oldest[0] = (row + 1) % delay

@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean_inline
 from omni_sim.tire.model import Curve
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
@@ -83,7 +82,7 @@ class WheelStep(NamedTuple):
     sliding: bool
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
 ) -> WheelStep:
@@ -100,7 +99,7 @@ def _rolling(
     return WheelStep(force, deflection, speed, 0.0, velocity, sliding)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def _braked(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
 ) -> WheelStep:
@@ -127,7 +126,7 @@ def _braked(
     return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def wheel_step(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, drive: Drive
 ) -> WheelStep:

@@ -22,9 +22,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from numba import njit
-
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,7 +88,7 @@ class PassiveLossConfiguration(Configuration):
         return max(self.constant_share, self.growing_share, self.inertia) > 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def passive_force(
     coming: float,
     now: float,

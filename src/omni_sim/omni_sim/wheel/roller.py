@@ -26,8 +26,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean
 from omni_sim.tire.roller import curve_in_direction
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
@@ -38,7 +37,7 @@ _MAXIMUM_ITERATIONS = 20
 _TOLERANCE = 1e-16  # of the squared change of direction
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     """Return the share of the wheel's load that the lowest roller carries, 0.5..1.
 
@@ -116,7 +115,7 @@ class RollerStep(NamedTuple):
     limit: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def roller_step(
     tire: TireConstants,
     curves: tuple[Any, Any],

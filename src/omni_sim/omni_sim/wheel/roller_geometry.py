@@ -22,9 +22,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "distance")])
@@ -32,7 +32,7 @@ AXIS = np.dtype([(name, np.float64) for name in ("u_x", "u_y", "cos", "sin", "di
 roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def nearest_roller(angle: float, pitch: float) -> float:
     """Return the number of the roller that is lowest, not wrapped to 0..n-1 [1].
 
@@ -43,7 +43,7 @@ def nearest_roller(angle: float, pitch: float) -> float:
     return math.floor(angle / pitch + 0.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
     """Return where and in which direction a roller touches the ground.
 

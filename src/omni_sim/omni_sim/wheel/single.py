@@ -25,8 +25,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
+from omni_platform.kernels import lean_inline
 from omni_sim.tire.model import Curve, contact_friction
 
 
@@ -58,7 +57,7 @@ class Patch(NamedTuple):
     sliding: bool
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@lean_inline
 def tire_force(
     tire: TireConstants, curve: Curve, patch: Patch, free_velocity: float, mobility: float
 ) -> tuple[float, float, float, bool]:

@@ -11,9 +11,9 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 
@@ -47,7 +47,7 @@ class LinearCurve(NamedTuple):
     slide_force: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def curve_at(parameters: LinearParameters, load: float, friction: float) -> LinearCurve:
     """Return the curve at a load [N] and a friction factor [1]."""
     slope = parameters.stiffness * load
@@ -56,7 +56,7 @@ def curve_at(parameters: LinearParameters, load: float, friction: float) -> Line
     return LinearCurve(slope, peak_slip, peak_force, peak_force)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def force_at(curve: LinearCurve, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
     if slip < curve.peak_slip:
@@ -64,7 +64,7 @@ def force_at(curve: LinearCurve, slip: float) -> tuple[float, float]:
     return curve.peak_force, 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: LinearCurve, _sliding: bool
 ) -> tuple[float, float, bool]:

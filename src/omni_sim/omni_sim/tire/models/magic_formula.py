@@ -22,9 +22,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.contact import solve_contact
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
@@ -117,7 +117,7 @@ class MagicFormulaCurve(NamedTuple):
     curvature: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
     """Return ``F / D`` and its derivative by ``x = B s`` [1]."""
     bend = math.atan(x)
@@ -127,7 +127,7 @@ def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
     return math.sin(angle), math.cos(angle) * shape * inner_gradient / (1.0 + inner * inner)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -> MagicFormulaCurve:
     """Return the curve at a load [N] and a friction factor [1]."""
     p = parameters
@@ -150,7 +150,7 @@ def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def force_at(curve: MagicFormulaCurve, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
     if curve.peak_force <= 0.0:

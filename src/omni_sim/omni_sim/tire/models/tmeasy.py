@@ -12,8 +12,8 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 from omni_sim.tire.tmeasy import (
@@ -37,7 +37,7 @@ class TMeasyParameters(NamedTuple):
     coefficients: FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _adhesion_root(
     demand: float, viscous: float, initial: float, bend: float, gain: float
 ) -> float:
@@ -71,7 +71,7 @@ def _adhesion_root(
     return sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _falling_root(
     demand: float, base: float, viscous: float, drop: float, low: float, high: float
 ) -> float:
@@ -94,7 +94,7 @@ def _falling_root(
     return sigma
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def contact(
     demand: float,
     damping: float,
@@ -141,14 +141,14 @@ def contact(
     return falling_force(peak_force, slide_force, sigma), slip * speed, sigma > 0.5
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> CurvePoint:
     """Return the curve at a load [N] and a friction factor [1]."""
     curve: CurvePoint = curve_at_load(parameters.coefficients, load, friction)
     return curve
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
     slope, peak_slip, peak_force, slide_slip, slide_force = curve

@@ -1,0 +1,21 @@
+"""How compiled kernels are declared.
+
+numba counts the references to every array whenever it passes or unpacks it. Kernels that get all
+state of a vehicle or an assistant as one tuple of dozens of arrays spent two thirds of their time
+on that, and as much of their compilation. A `lean` kernel does not count. It may therefore neither
+make an array (slices assigned from other arrays make one) nor return one, also not within a tuple;
+what it works on comes from its caller. One that does is a `kernel`, and short.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=True)
+"""Declares a kernel that makes or returns arrays."""
+
+lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+"""Declares a kernel whose arrays are all its caller's; what it calls, too, says which it is."""
+
+lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
+"""As `lean`, for what one place calls with so many arguments that handing them on is dear."""
