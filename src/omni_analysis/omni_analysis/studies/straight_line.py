@@ -1,4 +1,4 @@
-"""Emergency braking straight ahead, assisted and not: Figures 30 to 32."""
+"""Emergency braking of Table 2's vehicle straight ahead, assisted and not: Figures 30 to 32."""
 
 from __future__ import annotations
 
@@ -54,6 +54,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         metrics[f"orientation_change.{variant}"].value for variant in ("unassisted", "assisted")
     )
     findings = (
+        f"Braked is {options.vehicle} on the ground identified with it, as in the dissertation; "
+        "`omni run straight_line` brakes the vehicle of the experiment's own file",
         claim(
             "Assisted, the errors are smaller by an order of magnitude",
             f"by a factor of {ratio:.1f}",
