@@ -21,7 +21,7 @@ PAGES = (
     "bags/README.md",
     "benchmarks/README.md",
 )
-_OF_THE_LAUNCHER = ("exec", "test", "docs")
+_OF_THE_LAUNCHER = ("exec", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
