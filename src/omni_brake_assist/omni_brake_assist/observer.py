@@ -133,6 +133,10 @@ _APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/
 _AGED = 1.5e7  # age from which on a twist says little of now [ns]
 _MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 _DOUBTED = 4.0  # contradictions from which on a wheel is not heard
+_GAIN_FADE = 0.7  # of what a rim has gained, per step
+_LARGEST_GAIN = 0.2  # of a rim in a step that counts [m/s]
+# Slip of driven wheels by acceleration [s^2/m], [s^4/m^2]; all readings of the last steps share it.
+_SLIP, _SLIP_GROWTH, _SLIP_SHARED = 0.01, 0.002, 40.0
 _HISTORY = 32  # states of the past that a late twist can be compared with
 
 # Rows of the desk: direction of a measurement, gain, state of then, its shift, twist as corrected,
@@ -221,6 +225,7 @@ class ObserverConstants(NamedTuple):
         velocity_deviation: of the answer, largest [m/s].
         rate_deviation: likewise of the yaw rate [rad/s].
         spin_up: time since its release after which a wheel rolls [s].
+        spinning: gain of a rim from which on it still spins up [m/s].
         rebound: how much faster than it rolls a wheel may spin after its release, while the tire
             springs back [m/s].
         blind_rebound: likewise where wheels alone judge the twist [m/s].
@@ -251,6 +256,7 @@ class ObserverConstants(NamedTuple):
     velocity_deviation: float
     rate_deviation: float
     spin_up: float
+    spinning: float
     rebound: float
     blind_rebound: float
     rebound_time: float
@@ -269,6 +275,7 @@ class ObserverMemory(NamedTuple):
         belief: see the constants of the module, shape (13,).
         released: for how long each wheel's brake has been released [s], shape (N,).
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
+        gain: by how much each rim has lately become faster [m/s], shape (N,).
         doubt: how often each has contradicted everybody lately [1], shape (N,).
         score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
         blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
@@ -284,6 +291,7 @@ class ObserverMemory(NamedTuple):
     belief: FloatArray
     released: FloatArray
     rim: FloatArray
+    gain: FloatArray
     doubt: FloatArray
     score: FloatArray
     blame: FloatArray
@@ -327,6 +335,7 @@ def observer_constants(
         rate_deviation=0.15,
         # A brake that lags acts for a while after its release.
         spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
+        spinning=0.1,
         rebound=0.25,
         blind_rebound=0.1,
         rebound_time=0.15,
@@ -345,6 +354,7 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.zeros(BELIEF_SIZE),
         np.zeros(wheels),
         np.full(wheels, np.nan),
+        np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(SCORES),
         np.zeros((wheels, FILTERS)),
@@ -382,6 +392,7 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
     """Start all filters at a twist of which little is known."""
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
+    memory.gain[:] = 0.0
     memory.doubt[:] = 0.0
     memory.stamps[:] = -1
     memory.score[:] = 0.0
@@ -608,19 +619,24 @@ def _hear_wheels(
     memory: ObserverMemory,
     dt: float,
     brakes: Brakes,
-    speeds: FloatArray,
+    sensed: Sensed,
     disputed: bool,
     twist: PassedTwist,
 ) -> None:
     """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
     braking, enable = brakes
+    speeds = sensed.speeds
     h, innovations, spreads = memory.desk[_H], memory.desk[_INNOVATION], memory.desk[_SPREAD]
     h[:] = 0.0
     # One may be wrong; if several contradict everybody, they are not.
     several = _fade(memory) > 1
+    slip = 0.0 if braking else _SLIP_SHARED * _driven_slip(memory, sensed.inertial) ** 2
+    inertial = memory.belief[INERTIAL] != 0.0  # without, wheels are all that contradicts a twist
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[SCALE])
         before, memory.rim[i] = memory.rim[i], rim
+        h[_U_X], h[_U_Y], h[_RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
+        spins_up = _gain_of(memory, i, h, rim - before, dt) > constants.spinning
         held = braking and enable[i] > 0.0
         memory.released[i] = 0.0 if held else memory.released[i] + dt
         limit = 8.0 * dt + 2.0 * constants.wheel
@@ -629,13 +645,12 @@ def _hear_wheels(
             and memory.released[i] >= constants.spin_up
             and abs(rim) < _FASTEST_RIM
             and abs(rim - before) <= limit
-            and not (braking and abs(rim) < 0.1)
+            and not (braking and (abs(rim) < 0.1 or (inertial and spins_up)))
         )
         if not rolls:
             continue
-        h[_U_X], h[_U_Y], h[_RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
         # A wheel that still spins up is slower than it will be by some of its changes.
-        own = constants.wheel**2 + (constants.scale * rim) ** 2 + 16.0 * (rim - before) ** 2
+        own = constants.wheel**2 + (constants.scale**2 + slip) * rim**2 + 16.0 * (rim - before) ** 2
         blind = own + 0.05**2
         if braking:
             fresh = min(constants.rebound_time / memory.released[i], 1.0)
@@ -667,6 +682,40 @@ def _hear_wheels(
             if fits or (disputed and misfit <= 12.0):
                 filtered = _Filter(memory.state[k], memory.covariance[k])
                 _correct(filtered, h, innovations[k], own, memory.desk[_GAIN])
+
+
+@lean
+def _gain_of(memory: ObserverMemory, i: int, h: FloatArray, gained: float, dt: float) -> float:
+    """Return by how much a rim has lately become faster than the turning vehicle explains.
+
+    Braking takes speed from a wheel that rolls. On ice one spins up so slowly that no single step
+    shows it.
+    """
+    state, row = memory.state[ALL], (memory.newest[0] - 1) % _HISTORY
+    turned = h[_U_X] * state[_U_Y] - h[_U_Y] * state[_U_X]
+    explained = turned * state[_RATE] * dt + h[_RATE] * (
+        state[_RATE] - memory.past[row, ALL, _RATE]
+    )
+    gain = gained - explained if memory.rim[i] >= 0.0 else explained - gained
+    if not abs(gain) < _LARGEST_GAIN:
+        gain = _LARGEST_GAIN  # a rim that was not known, or has just been let go
+    memory.gain[i] = max(_GAIN_FADE * memory.gain[i] + gain, 0.0)
+    return float(memory.gain[i])
+
+
+@lean
+def _driven_slip(memory: ObserverMemory, inertial: FloatArray) -> float:
+    """Return by which share driven wheels may slip in a turn, pedal up [1].
+
+    The harder they push, the more; specific force and turning must both say that they do.
+    """
+    f_x, f_y = inertial[1], inertial[2]
+    if not (abs(f_x) < _LARGEST_FORCE and abs(f_y) < _LARGEST_FORCE):
+        return 0.0
+    state = memory.state[ALL]
+    turning = abs(state[_RATE]) * math.hypot(state[_U_X], state[_U_Y])
+    push = min(turning, math.hypot(f_x - state[_BIAS_X], f_y - state[_BIAS_Y]))
+    return float(_SLIP * push + _SLIP_GROWTH * push * push)
 
 
 @lean
@@ -921,7 +970,7 @@ def observe(
     _copy(twist, told)
     told[2] -= memory.course[OFFSET]
     _hear_wheels(
-        constants, memory, dt, brakes, sensed.speeds, disputed,
+        constants, memory, dt, brakes, sensed, disputed,
         PassedTwist(fresh, twist_ns, told, variance),
     )  # fmt: skip
     belief[TWIST_AGE] = 0.0 if heard else belief[TWIST_AGE] + dt
@@ -931,10 +980,8 @@ def observe(
     _remember(memory)  # as it is known now
     if belief[INERTIAL] == 0.0:
         return int(_judge_alone(memory, dt, braking))
-    if not braking and _is_slipping(constants, memory):
-        _copy(memory.state[ALL], memory.state[NO_TWIST])
-        for i in range(STATES):
-            _copy(memory.covariance[ALL, i], memory.covariance[NO_TWIST, i])
+    if not braking:
+        _excuse_wheels(constants, memory, inertial)
     return int(_answer(constants, memory, _judge(constants, memory, dt), answer))
 
 
@@ -960,6 +1007,27 @@ def _tell_apart(
         for i in range(STATES):
             memory.covariance[k, _BIAS_RATE, i] = memory.covariance[k, i, _BIAS_RATE] = 0.0
         memory.covariance[k, _BIAS_RATE, _BIAS_RATE] = (0.1 * _LARGEST_BIAS) ** 2
+
+
+@lean
+def _excuse_wheels(
+    constants: ObserverConstants, memory: ObserverMemory, inertial: FloatArray
+) -> None:
+    """Let the filter without twist start from it where driven wheels slip, pedal up.
+
+    How fast the vehicle is, it knows from nobody else then; by how much they may slip, it doubts
+    that, and wheels that roll correct it once the pedal is down.
+    """
+    state = memory.state[ALL]
+    doubt = _driven_slip(memory, inertial) * math.hypot(state[_U_X], state[_U_Y])
+    settled = memory.belief[OUT] == ALL and memory.course[MARKED] != 0.0
+    slides = settled and doubt > constants.velocity_gate and _explains(constants, memory)
+    if slides or _is_slipping(constants, memory):
+        _copy(state, memory.state[NO_TWIST])
+        for i in range(STATES):
+            _copy(memory.covariance[ALL, i], memory.covariance[NO_TWIST, i])
+        memory.covariance[NO_TWIST, _U_X, _U_X] += doubt**2
+        memory.covariance[NO_TWIST, _U_Y, _U_Y] += doubt**2
 
 
 @lean

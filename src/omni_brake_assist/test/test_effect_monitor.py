@@ -138,3 +138,43 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
         speeds[2] = value
         force = np.array([-4.0, 0.0])
         assert not watch_effect(constants, ledger, DT, 1.0, True, speeds, force)
+
+
+def told_on_ice(constants: EffectConstants, by_law: float, by_all: float) -> tuple[float, bool]:
+    """Return for how long all brakes were put on [s], and whether they were at the end.
+
+    The law takes 6 m/s^2 of the speed on grippy ground; half a second later it comes on ice.
+
+    Args:
+        constants: of the vehicle.
+        by_law: loss of speed that the law achieves on ice [m/s^2].
+        by_all: likewise with all brakes on.
+    """
+    ledger, speed, told, total = effect_memory(), 2.0 * START, False, 0.0
+    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    for step in range(1, 3000):
+        loss = 6.0 if step * DT <= 0.5 else by_all if told else by_law
+        speed -= loss * DT
+        if speed <= 0.1:
+            break
+        force = np.array([-loss, 0.0])
+        rims = (0.0 if told else speed) / constants.roll
+        told = watch_effect(constants, ledger, DT, 1.0, not told, rims, force)
+        total += DT * told
+    return total, told
+
+
+def test_a_law_on_ice_goes_on_where_all_brakes_do_no_better(constants: EffectConstants) -> None:
+    total, told = told_on_ice(constants, 1.1, 1.2)
+    assert not told
+    assert total == pytest.approx(constants.trial, abs=3 * DT)
+
+
+def test_a_law_that_brakes_less_than_all_brakes_would_is_ended(constants: EffectConstants) -> None:
+    total, told = told_on_ice(constants, 1.1, 3.0)
+    assert told
+    assert total > constants.trial + 3 * DT
+
+
+def test_an_accelerometer_that_feels_nothing_acquits_nobody(constants: EffectConstants) -> None:
+    assert told_on_ice(constants, 0.05, 0.05)[1]

@@ -95,6 +95,8 @@ class Drive:
             if braking:
                 enable[0] = 0.0
                 speeds[1:] = 0.0
+            if told and lie == "ice":
+                speeds[0] = min(speeds[0], size * (step - onset))
             answer = np.full(3, np.nan)
             self.chosen.append(
                 observe(
@@ -193,3 +195,15 @@ def test_a_release_of_the_pedal_forgives(drive: Drive) -> None:
         answer,
     )
     assert drive.memory.belief[0] == ALL
+
+
+def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    drive = Drive(mecanum)
+    radius = mecanum["front_left"].radius
+    drive.run(170, "ice", onset=80, size=0.08 / radius)  # 8 m/s^2 at the rim
+    for step in range(80, 170):
+        truth = drive.truth(step)[0]
+        assert np.hypot(*(drive.answers[step][:2] - truth[:2])) < 0.1
+        assert np.hypot(*(drive.memory.state[NO_TWIST, :2] - drive.truth(169)[0][:2])) < 0.1
