@@ -157,6 +157,23 @@ def test_a_broken_file_is_refused(
         library.load(str(path), "assisted")
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("brake_assist.law=nowhere:Law", "cannot import 'nowhere'"),
+        ("brake_assist.law=os:Law", "os has no class 'Law'"),
+        ("brake_assist.law=io:StringIO", "'io:StringIO' has no method 'step'"),
+        ("feedback=nowhere:Odometry", "cannot import 'nowhere'"),
+    ],
+)
+def test_a_part_from_outside_that_is_none_is_refused_before_anything_starts(
+    library: ExperimentLibrary, change: str, words: str
+) -> None:
+    configuration = library.load("straight_line", "assisted", [change])
+    with pytest.raises(ConfigurationError, match=words):
+        configuration.check_drivable()
+
+
 def test_a_file_that_is_not_there_is_named(library: ExperimentLibrary, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"cannot read .*nothing\.yaml"):
         library.load(str(tmp_path / "nothing.yaml"), "assisted")

@@ -17,10 +17,11 @@ from typing import Any
 import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
-from linescan_odometry.registry import ODOMETRY_GROUP
+from linescan_odometry.registry import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist import check_placement
 from omni_analysis.loop.demands import read_demands
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_brake_assist.laws.registry import own_law
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -29,6 +30,7 @@ from omni_platform.configuration import (
     join_key,
     parameter,
 )
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.plugins import check_name
 from omni_platform.sensors import LineSensor
 from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
@@ -93,13 +95,18 @@ class ExperimentConfiguration(SimulatorConfiguration):
             )
 
     def check_drivable(self) -> None:
-        """Refuse what cannot work with a simulated vehicle, which has no axle that grips sideways.
+        """Refuse what cannot work with a simulated vehicle, and parts from outside that fail.
 
-        A recording may be of one that has, and be replayed with the same configuration.
+        Such a vehicle has no axle that grips sideways; a recording may be of one that has, and be
+        replayed with the same configuration.
 
         Raises:
-            ConfigurationError: the odometry needs such an axle for its twist.
+            ConfigurationError: the odometry needs such an axle for its twist, or a law or an
+                odometry from outside cannot be imported or made.
         """
+        own_law(self.brake_assist, PlatformGeometry.from_wheels(self.brake_assist.wheels))
+        if self.own_odometry:
+            make_odometry(self.own_odometry, self.odometry)
         odometry = self.odometry
         if self.feedback != "optical" or odometry.kinematics.axle is None:
             return
