@@ -6,6 +6,7 @@ Figures are made with matplotlib's objects, never with pyplot, so nothing global
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -50,6 +51,13 @@ def time_label(histories: Iterable[RunHistory]) -> str:
     """Return what `RunHistory.braking_time` of these runs counts."""
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
+
+
+def picture_of(figure: Figure, dots_per_inch: int = 80) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    return stream.getvalue()
 
 
 def save_figure(figure: Figure, path: Path | str) -> Path:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from omni_analysis.report.document import report_document
@@ -20,12 +20,15 @@ from omni_analysis.report.recording import ReportedRun
 _SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
 
 
-def report_page(title: str, runs: Sequence[ReportedRun]) -> str:
+def report_page(
+    title: str, runs: Sequence[ReportedRun], seen: Mapping[str, bytes] | None = None
+) -> str:
     """Return the HTML text of a report.
 
     Args:
         title: what the runs have in common.
         runs: in the order in which they are listed; at least one.
+        seen: pictures (PNG) of what their cameras saw, by the words about each.
 
     Raises:
         ValueError: there is no run.
@@ -34,7 +37,9 @@ def report_page(title: str, runs: Sequence[ReportedRun]) -> str:
         raise ValueError("a report needs at least one run")
     style = _part("report.css")
     script = '"use strict";\n' + "".join(_part(name) for name in _SCRIPTS)
-    data = json.dumps(report_document(title, runs), allow_nan=False, separators=(",", ":"))
+    pictures = {words: base64.b64encode(png).decode("ascii") for words, png in (seen or {}).items()}
+    document = report_document(title, runs) | {"seen": pictures}
+    data = json.dumps(document, allow_nan=False, separators=(",", ":"))
     parts = {
         "POLICY": (
             "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "

@@ -1,7 +1,8 @@
 """``./omni report``: show recordings as a page for a browser.
 
 Write one HTML file that needs nothing else: the vehicle from above, the plots in step with it, the
-results, and the configuration with its differences.
+results, what the line cameras saw as the pedal went down, and the configuration with its
+differences.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration
+from omni_platform.configuration import Configuration, ConfigurationError
 
 if TYPE_CHECKING:
     from omni_analysis.report.recording import ReportedRun
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".html", ".htm")
 _LONGEST_TITLE = 200  # characters
+_SEEN = 0.2  # [s] of lines that are shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,7 @@ def run(options: Options, _workspace: Path) -> int:
     from omni_analysis.report.page import report_page
     from omni_analysis.report.recording import read_reported_runs, run_names
     from omni_bringup.commands.bag import printable
+    from omni_bringup.progress_bar import progress_bar
     from omni_recording.error import BagError
 
     file: Path = options.out or options.bags[0].resolve().parent / "report.html"
@@ -60,7 +63,12 @@ def run(options: Options, _workspace: Path) -> int:
             for path, name in zip(options.bags, names, strict=True)
             for run in read_reported_runs(path, name)
         ]
-        page = report_page(_title(runs), runs)
+        with progress_bar("report") as report:
+            seen: dict[str, bytes] = {}
+            for place, (path, name) in enumerate(zip(options.bags, names, strict=True)):
+                report(place / len(names), f"lines of {name}")
+                seen |= _seen(path, name)
+        page = report_page(_title(runs), runs, seen)
     except (BagError, ValueError) as error:
         print(f"omni report: {printable(str(error))}", file=sys.stderr)
         return EXIT_REFUSED
@@ -78,6 +86,32 @@ def run(options: Options, _workspace: Path) -> int:
                 print(printable(f"{run.name}: {note}"))
         print(f"report {file} ({file.stat().st_size / 1e6:.1f} MB)")
     return EXIT_OK
+
+
+def _seen(path: Path, name: str) -> dict[str, bytes]:
+    """Return a picture (PNG) of a recording's lines about the pedal, if it holds any."""
+    from omni_analysis.figures.style import picture_of
+    from omni_analysis.line_files.kymograph import draw_sights, see
+    from omni_analysis.loop.recorded_run import read_run
+    from omni_bringup.replay.lines import read_batches
+    from omni_bringup.replay.plan import lines_topic, recorded_configuration
+    from omni_recording.folder import bag_summary, open_vehicle
+
+    bag = open_vehicle(path)
+    try:
+        odometry = recorded_configuration(bag, (), "", "").odometry
+    except ConfigurationError:
+        return {}  # the notes of the run say so
+    counts = bag_summary(bag).counts
+    cameras = [camera for camera in odometry.sensors if counts.get(lines_topic(camera))]
+    if not cameras:
+        return {}
+    braking = -float(read_run(path).braking_time[0])
+    batches = read_batches(bag, cameras, max(braking - 0.25 * _SEEN, 0.0), _SEEN)
+    sights = {
+        camera: see(odometry.sensors[camera], own, odometry) for camera, own in batches.items()
+    }
+    return {name: picture_of(draw_sights(sights, ""))}
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:

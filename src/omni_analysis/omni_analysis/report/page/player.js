@@ -145,6 +145,13 @@ function start() {
   if (player.missing.length) notes.push(`Without data: ${player.missing.join(", ")}`);
   fillList(document.getElementById("notes"), notes);
   fillMetrics(report, names);
+  for (const [name, png] of Object.entries(report.seen)) {
+    const section = document.getElementById("seen");
+    element("h3", { textContent: name }, section);
+    const box = element("div", { className: "scroll", tabIndex: 0 }, section);
+    element("img", { src: `data:image/png;base64,${png}`, alt: `Lines, displacements and correlations of ${name}` }, box);
+    section.hidden = false;
+  }
   fillConfiguration(report, names);
   player.follow.checked = matchMedia("(max-width: 40rem)").matches;
   player.redraw();
