@@ -110,18 +110,18 @@ def test_identified_values_lie_in_the_box_that_was_searched(bases: Bases) -> Non
         assert quantity.low <= found[quantity.name] <= quantity.high
 
 
-def test_search_is_reproducible_and_gets_better(bases: Bases) -> None:
+def test_search_gets_better(bases: Bases) -> None:
     costs: list[float] = []
     first = search(bases, seed=3, generations=1, on_generation=lambda _, best: costs.append(best))
-    assert search(bases, seed=3, generations=1) == first
     assert cost(bases, first, 4) == pytest.approx(costs[-1])
     assert cost(bases, first) < cost(bases, MIDDLE)
 
 
-def test_refinement_makes_the_largest_deviation_smaller(bases: Bases) -> None:
+def test_refinement_is_reproducible_and_makes_the_largest_deviation_smaller(bases: Bases) -> None:
     found = parameters_of(bases["k7"])
     slower = {**found, "speed": found["speed"] - 0.15}
     better = refine(bases, slower, seed=1, generations=1)
+    assert refine(bases, slower, seed=1, generations=1) == better
     assert cost(bases, better, 4) < cost(bases, slower, 4)
 
 
