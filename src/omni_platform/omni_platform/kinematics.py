@@ -8,6 +8,7 @@ is garbled in print; it is read as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -51,20 +52,29 @@ class PlatformKinematics:
         lever = np.sum(geometry.position * geometry.passive, axis=1)
         self.matrix: FloatArray = -np.column_stack((geometry.active, lever))
         _require_rank_three(self.matrix, geometry)
-        # Eqs. (30), (32)
-        self._inverse: FloatArray = self.matrix / (geometry.radius * cos_gamma)[:, np.newaxis]
-        self._forward: FloatArray = np.linalg.pinv(self._inverse).astype(np.float64)
+        self._inverse = self._inverse_with(geometry.radius)
 
-    def wheel_speeds(self, twist: FloatArray) -> FloatArray:
+    def _inverse_with(self, radius: FloatArray) -> FloatArray:
+        """Return the matrix of Eqs. (30), (32) for wheels of some radii [m], shape (N, 3)."""
+        cos_gamma = np.cos(self.geometry.roller_angle)
+        inverse: FloatArray = self.matrix / (radius * cos_gamma)[:, np.newaxis]
+        return inverse
+
+    @cached_property
+    def _forward(self) -> FloatArray:
+        return np.linalg.pinv(self._inverse).astype(np.float64)
+
+    def wheel_speeds(self, twist: FloatArray, radius: FloatArray | None = None) -> FloatArray:
         """Return the wheel speeds of perfect rolling, Eqs. (28), (32).
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
+            radius: on which the wheels roll [m], shape (N,); that of the geometry by default.
 
         Returns:
             Wheel speeds [rad/s], shape (..., N).
         """
-        return twist @ self._inverse.T
+        return twist @ (self._inverse if radius is None else self._inverse_with(radius)).T
 
     def twist(self, wheel_speeds: FloatArray) -> FloatArray:
         """Return the body twist that fits the wheel speeds best, in the least-squares sense.

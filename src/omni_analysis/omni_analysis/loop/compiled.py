@@ -71,7 +71,7 @@ _BODY_COLUMNS = 11
 _TRUST, _STORED = 9, 10
 _ANGLE, _SPEED, _TORQUE, _ENABLE, _ERROR = range(5)
 _WHEEL_COLUMNS = 5
-_CHUNK = 256  # stamps that are run, and noise that is drawn, at once
+_CHUNK = 512  # stamps that are run, and noise that is drawn, at once
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-
 import numpy as np
 
-from omni_platform.geometry import WheelMount, cross
+from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap
@@ -80,11 +77,7 @@ def build_plant(
         roller_pitch=pitch,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
-    mounts: Mapping[str, WheelMount] = {
-        name: dataclasses.replace(mount, radius=float(rolling_radius))
-        for (name, mount), rolling_radius in zip(configuration.wheels.items(), radius, strict=True)
-    }
-    return plant._replace(rolling=PlatformKinematics(mounts).wheel_speeds(np.eye(3)).T.copy())
+    return plant._replace(rolling=kinematics.wheel_speeds(np.eye(3), radius).T.copy())
 
 
 def build_losses(
