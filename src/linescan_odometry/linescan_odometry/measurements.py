@@ -66,6 +66,9 @@ class SensorReading:
         remark: what is wrong with the lines although they can be used; empty if nothing is.
         lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
         lasting: how alike they are, shifted, over how alike neighbouring lines are [1].
+        batch_time: between the ends of the batch, where all its lines were matched together [s].
+        batch_lasting: how alike these are, likewise [1].
+        batch_doubt: variance of the velocity if what lasts is grain [m^2/s^2].
         doubt: part of the variance that comes from the direction of the ground [m^2/s^2].
         structures: number of independent structures of the ground in the view.
         unlike: whether the camera sees a ground, but one whose lines do not match.
@@ -81,6 +84,9 @@ class SensorReading:
     remark: str = ""
     lasting_time: float = 0.0
     lasting: float = 0.0
+    batch_time: float = 0.0
+    batch_lasting: float = 0.0
+    batch_doubt: float = math.inf
     doubt: float = 0.0
     structures: float = math.inf
     unlike: bool = False
@@ -96,9 +102,19 @@ class SensorReading:
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
     """A batch shows no velocity; carries the reading that says why."""
 
-    def __init__(self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False) -> None:
-        """Take the reason, the share of pairs that could be used, and whether they are unlike."""
+    def __init__(
+        self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False, open: bool = False
+    ) -> None:
+        """Take the reason.
+
+        Args:
+            reason: why.
+            inlier_share: of pairs that could be used.
+            unlike: whether the lines of a ground are unlike each other.
+            open: whether all lines together may still tell.
+        """
         super().__init__(reason)
+        self.open = open
         reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
         self.reading = dataclasses.replace(reading, unlike=unlike)
 

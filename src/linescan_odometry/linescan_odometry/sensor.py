@@ -10,15 +10,15 @@ import dataclasses
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching.median import average, mark_inliers
-from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
+from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher, count_identical
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS, SubpixelRefiner
+from linescan_odometry.matching.whitened import Whitened, WhitenedMatcher
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
@@ -34,6 +34,7 @@ _FAINT = 0.15  # correlation of what moves before something that stands still
 _FAR_DIVISOR = 4  # of a line: displacements beyond are compared with smaller ones
 _AS_WELL, _AS_WELL_AT_ALL = 1.0, 0.05  # loss of correlation by which one fits worse
 _FEWEST_PLACES = 3.0  # of a view whose slopes a displacement is matched by
+_LONE_PLACES = 2.0  # below which nothing else is seen
 _ALIKE = 0.3  # correlation of the detail of lines that show the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
@@ -43,6 +44,8 @@ _STEPPING = 0.2  # structure of the change from line to line over that from the 
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
 _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
+_MOVES = 0.5  # px per line, that what stands still is not taken for
+_CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
 
 
@@ -55,7 +58,10 @@ class _Mean:
         variance: of it [px^2].
         correlation: mean similarity of the pairs that entered [1].
         share: of the pairs that entered, 0..1.
-        places: over how many places of a line the slopes are spread that were matched.
+        places: over how many places of a line the slopes are spread that were matched; infinite
+            for all lines together.
+        ends: coherence of the ends of the batch [1], how far they are apart [s], and the variance
+            if what lasts is grain [px^2].
     """
 
     displacement: float
@@ -63,19 +69,7 @@ class _Mean:
     correlation: float
     share: float
     places: float
-
-
-@njit(cache=True, nogil=True)
-def _count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
-    """Mark the lines that are identical with the one before; return how many are."""
-    count = 0
-    for row in range(1, lines.shape[0]):
-        i = 0
-        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
-            i += 1
-        same[row - 1] = i == lines.shape[1]
-        count += same[row - 1]
-    return count
+    ends: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def _mean_of(
@@ -121,6 +115,7 @@ class SensorOdometry:
             for step in steps(sensor.pixels)
             if sharp_pixels(sensor.pixels, step) >= 2 * FEWEST_PIXELS
         }
+        self._whitened = WhitenedMatcher(sensor.pixels, limit)
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
         self._keyframe = Keyframe(sensor.pixels)
         self._structures = StructureCounter(sensor.pixels)
@@ -145,17 +140,7 @@ class SensorOdometry:
             pairs = self._matcher.match(lines)
             frozen = self._mark_frozen(lines, pairs)
             implausible = self._plausibility.mark(batch.stamp_ns, pairs)
-            mean = self._average(lines, pairs, frozen, implausible)
-            self._doubt_far(lines, mean)
-            finer = self._finer(lines, mean)
-            mean = finer or self._span(lines, mean)
-            if mean.places < _FEWEST_PLACES:
-                raise Unmeasured(
-                    f"{mean.places:.1f} places of the view rule the match: an edge of light or a "
-                    "spot, or a ground of few edges",
-                    mean.share,
-                )
-            mean = self._doubt_still(lines, mean)
+            mean = self._together(lines, pairs, frozen, implausible, batch.stamp_ns)
             self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
             return self._reading(batch.stamp_ns, lines, mean)
         except Unmeasured as nothing:
@@ -184,10 +169,76 @@ class SensorOdometry:
     def _mark_frozen(self, lines: Lines, pairs: PairDisplacements) -> int:
         """Mark pairs of identical lines, which the noise of a live camera rules out."""
         same = np.empty(len(lines) - 1, np.bool_)
-        frozen: int = _count_identical(lines, same)
+        frozen: int = count_identical(lines, same)
         if frozen >= _FROZEN_PAIRS:
             pairs.usable[same] = False
         return frozen
+
+    def _together(
+        self,
+        lines: Lines,
+        pairs: PairDisplacements,
+        frozen: int,
+        implausible: int,
+        stamp_ns: int,
+    ) -> _Mean:
+        """Return the mean of the pairs, or that of all lines together where it tells more.
+
+        Raises:
+            Unmeasured: neither tells.
+        """
+        try:
+            mean = self._of_pairs(lines, pairs, frozen, implausible)
+        except Unmeasured as doubtful:
+            if not doubtful.open:
+                raise
+            mean = None
+            doubt = doubtful
+        settled = self._flat_field.settled or not self._flat_field.active
+        whole = self._whitened.match(lines, settled=settled)
+        sure = (
+            whole is not None
+            and whole.lone
+            and abs(whole.displacement) <= self._near
+            and whole.places >= _FEWEST_PLACES
+            and bool(self._plausibility.judge(stamp_ns, np.array([whole.displacement]))[0])
+        )
+        if mean is None:
+            # What stands still in the view has refused the pairs, and would rule all lines too.
+            still = whole is not None and not settled and abs(whole.displacement) < _MOVES
+            if whole is None or not sure or still or not math.isfinite(whole.doubt):
+                doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
+                raise doubt
+            whole = whole._replace(variance=max(whole.variance, whole.doubt))
+            return self._of_all(whole, float(np.median(pairs.similarity)), 1.0)
+        if whole is None or not sure or 1.0 - whole.lasting < _CHANGING:
+            return mean
+        return self._of_all(whole, mean.correlation, mean.share)
+
+    def _of_all(self, whole: Whitened, correlation: float, share: float) -> _Mean:
+        """Return the mean of all lines together."""
+        ends = whole.lasting, whole.apart / self._sensor.line_rate, whole.doubt
+        return _Mean(whole.displacement, whole.variance, correlation, share, math.inf, ends)
+
+    def _of_pairs(
+        self, lines: Lines, pairs: PairDisplacements, frozen: int, implausible: int
+    ) -> _Mean:
+        """Return the mean of the displacements of consecutive lines.
+
+        Raises:
+            Unmeasured: they do not agree, or not on the ground.
+        """
+        mean = self._average(lines, pairs, frozen, implausible)
+        self._doubt_far(lines, mean)
+        mean = self._finer(lines, mean) or self._span(lines, mean)
+        if mean.places < _FEWEST_PLACES:
+            raise Unmeasured(
+                f"{mean.places:.1f} places of the view rule the match: an edge of light or a "
+                "spot, or a ground of few edges",
+                mean.share,
+                open=mean.places > _LONE_PLACES,
+            )
+        return self._doubt_still(lines, mean)
 
     def _average(
         self, lines: Lines, pairs: PairDisplacements, frozen: int, implausible: int
@@ -205,9 +256,10 @@ class SensorOdometry:
         count = int(np.count_nonzero(inlier))
         share = count / len(inlier)
         if count == 0 or share < settings.minimum_inlier_share:
-            unlike = frozen == implausible == 0 and int(lines.min()) < int(lines.max())
+            seen = 2 * frozen <= len(inlier) and int(lines.min()) < int(lines.max())
+            unlike = seen and frozen == implausible == 0
             reason = self._describe(lines, pairs, frozen, implausible)
-            raise Unmeasured(reason, share, unlike=unlike)
+            raise Unmeasured(reason, share, unlike=unlike, open=seen)
         return _mean_of(self._matcher, pairs, inlier, share)
 
     def _doubt_far(self, lines: Lines, mean: _Mean) -> None:
@@ -257,6 +309,7 @@ class SensorOdometry:
                 f"two things move in the view: the lines by {mean.displacement:.3g} px, their "
                 f"detail by {middle:.3g} px",
                 share,
+                open=True,
             )
         return _mean_of(matcher, whole, inlier, share)
 
@@ -310,7 +363,8 @@ class SensorOdometry:
         if abs(median - mean.displacement) > self._configuration.median_tolerance:
             raise Unmeasured(
                 "something stands still in the view: less the mean of all lines, the lines of the "
-                "batch " + ("do not match" if math.isinf(median) else f"move by {median:.3g} px")
+                "batch " + ("do not match" if math.isinf(median) else f"move by {median:.3g} px"),
+                open=True,
             )
         near = usable[np.abs(usable - median) <= self._configuration.median_tolerance]
         if len(near) == 0:
@@ -338,7 +392,14 @@ class SensorOdometry:
             still_time=self._still_time(lines, mean),
             lasting_time=age,
             lasting=lasting,
-            structures=self._structures.count(lines, mean.displacement),
+            batch_time=mean.ends[1],
+            batch_lasting=mean.ends[0],
+            batch_doubt=mean.ends[2] * scale**2,
+            structures=(
+                self._structures.count(lines, mean.displacement)
+                if math.isfinite(mean.places)
+                else math.inf
+            ),
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
@@ -78,3 +79,16 @@ class PairMatcher:
             weight: of each in the mean, zero for those left out, sum 1, shape (m,).
         """
         return self._refiner.mean_variance(displacement, weight)
+
+
+@njit(cache=True, nogil=True)
+def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
+    """Mark the lines that are identical with the one before; return how many are."""
+    count = 0
+    for row in range(1, lines.shape[0]):
+        i = 0
+        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
+            i += 1
+        same[row - 1] = i == lines.shape[1]
+        count += same[row - 1]
+    return count

@@ -40,6 +40,7 @@ _FAR_ENOUGH = 0.5  # of both, from which it can be told
 _EXCESS = 0.35  # of correlation over that of a ground without grain
 _CLEAR_EXCESS = 0.65  # the same, seen only once
 _USUAL_EXCESS = 0.2
+_LOST_TOO_SOON = 0.5  # of correlation, less than what the motion leaves
 _PULL = 0.5  # of the velocity across the axis, along it, by an excess of 1
 _SLOWEST = 0.03  # m/s across, below which grain does no harm
 
@@ -257,24 +258,39 @@ class Grain:
             across = float(self._rows[name] @ twist)
             speed = abs(across)
             lasting = self._sensors[name].width + _STONE
-            way = self._way(name, stamp_ns, reading.lasting_time, across)
+            way, likeness = speed * reading.batch_time, reading.batch_lasting
+            of_batch = way > _FAR_ENOUGH * lasting
+            if not of_batch:
+                way = self._way(name, stamp_ns, reading.lasting_time, across)
+                likeness = reading.lasting
             share = pull(reading.structures)
             if way > _FAR_ENOUGH * lasting:
-                excess = reading.lasting - max(0.0, 1.0 - way / lasting)
+                excess = likeness - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.
                 lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.lasting != lasting_before:  # a reading comes again with its doubt
+                if likeness != lasting_before:  # a reading comes again with its doubt
                     self._excess[name] = min(excess, excess_before)
-                    self._before[name] = reading.lasting, excess
+                    self._before[name] = likeness, excess
                 least = self._excess.get(name, 0.0)
                 share = max(share, _PULL * (least - _USUAL_EXCESS))
                 self._found.pop(name, None)
                 if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
                         f"grain: {1e3 * way:.3g} mm across the axis the view is still "
-                        f"{100.0 * reading.lasting:.0f} % alike"
+                        f"{100.0 * likeness:.0f} % alike"
                     )
+            kept = 1.0 - speed * reading.batch_time / self._sensors[name].width
+            if reading.batch_time > 0.0 and kept - reading.batch_lasting > _LOST_TOO_SOON:
+                misled[name] = SensorReading.unmeasured(
+                    f"the view changes faster than it moves: {100.0 * reading.batch_lasting:.0f} % "
+                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis",
+                    reading.correlation,
+                )
+                continue
             doubt = (share * speed) ** 2
+            if of_batch and name in self._found and math.isfinite(reading.batch_doubt):
+                del self._found[name]  # what does not last tells the motion too
+                doubt = reading.batch_doubt
             if doubt > 2.0 * reading.doubt:
                 misled[name] = dataclasses.replace(
                     reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
