@@ -336,7 +336,7 @@ def _new_desk(wheels: int, steps: int) -> _Desk:
     )
 
 
-@lean
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _advance(state: State, loop: _Loop, desk: _Desk, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does."""
     pedal, twist = loop.pedal[stamp], desk.command
@@ -440,7 +440,7 @@ def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     return inputs, ready, motion
 
 
-@lean
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _go_on(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
     state, loop, desk = run.state, run.loop, run.desk
