@@ -44,6 +44,7 @@ _STEPPING = 0.2  # structure of the change from line to line over that from the 
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
 _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
+_FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
 _MOVES = 0.5  # px per line, that what stands still is not taken for
 _CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
@@ -81,6 +82,21 @@ def _mean_of(
     variance = matcher.mean_variance(pairs.displacement, weight)
     correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
     return _Mean(displacement, variance, correlation, share, matcher.places)
+
+
+def _stays(lines: Lines, mean: _Mean) -> bool:
+    """Return whether no new ground enters the view: lines far apart are as alike as neighbours."""
+    span, pixels = len(lines) - 1, lines.shape[1]
+    apart = min(span, int(_FAR_SHARE * pixels / max(abs(mean.displacement), 1e-3)))
+    if apart < 2:
+        return False
+    shift = round(apart * mean.displacement)
+    new = lines[-1, max(0, -shift) : pixels - max(0, shift)].astype(np.float64)
+    old = lines[-1 - apart, max(0, shift) : pixels - max(0, -shift)].astype(np.float64)
+    new -= new.mean()
+    old -= old.mean()
+    norm = math.sqrt(float(new @ new) * float(old @ old))
+    return float(new @ old) > _STAYS * mean.correlation * norm
 
 
 class SensorOdometry:
@@ -194,6 +210,8 @@ class SensorOdometry:
                 raise
             mean = None
             doubt = doubtful
+        if mean is not None and _stays(lines, mean):
+            return mean
         settled = self._flat_field.settled or not self._flat_field.active
         whole = self._whitened.match(lines, settled=settled)
         sure = (
