@@ -210,7 +210,7 @@ class SensorOdometry:
                 raise
             mean = None
             doubt = doubtful
-        if mean is not None and _stays(lines, mean):
+        if mean is not None and (frozen >= _FROZEN_PAIRS or _stays(lines, mean)):
             return mean
         settled = self._flat_field.settled or not self._flat_field.active
         whole = self._whitened.match(lines, settled=settled)
@@ -274,7 +274,7 @@ class SensorOdometry:
         count = int(np.count_nonzero(inlier))
         share = count / len(inlier)
         if count == 0 or share < settings.minimum_inlier_share:
-            seen = 2 * frozen <= len(inlier) and int(lines.min()) < int(lines.max())
+            seen = frozen < _FROZEN_PAIRS and int(lines.min()) < int(lines.max())
             unlike = seen and frozen == implausible == 0
             reason = self._describe(lines, pairs, frozen, implausible)
             raise Unmeasured(reason, share, unlike=unlike, open=seen)
