@@ -46,6 +46,7 @@ _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
 _FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
 _MOVES = 0.5  # px per line, that what stands still is not taken for
+_OPPOSED = -0.4  # coherence at a displacement, below which it is another one
 _CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
 
@@ -219,6 +220,7 @@ class SensorOdometry:
             and whole.lone
             and abs(whole.displacement) <= self._near
             and whole.places >= _FEWEST_PLACES
+            and whole.lasting > _OPPOSED
             and bool(self._plausibility.judge(stamp_ns, np.array([whole.displacement]))[0])
         )
         if mean is None:
