@@ -13,7 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
-    install_requires=["numpy"],  # the nodes need ROS too
+    install_requires=["numba", "numpy"],  # the nodes need ROS too
     package_data={name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

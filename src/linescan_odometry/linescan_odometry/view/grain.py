@@ -40,7 +40,7 @@ _FAR_ENOUGH = 0.5  # of both, from which it can be told
 _EXCESS = 0.35  # of correlation over that of a ground without grain
 _CLEAR_EXCESS = 0.65  # the same, seen only once
 _USUAL_EXCESS = 0.2
-_LOST_TOO_SOON = 0.5  # of correlation, less than what the motion leaves
+_LOST_TOO_SOON = 0.65  # of correlation, less than what the motion leaves; 0.45 is usual
 _PULL = 0.5  # of the velocity across the axis, along it, by an excess of 1
 _SLOWEST = 0.03  # m/s across, below which grain does no harm
 

@@ -40,7 +40,7 @@ def draw_sideslip(
         speed: the one whose errors are drawn over the angle [m/s].
         slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
     """
-    figure = Figure(figsize=(12.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     draw_title(figure, "Sideslip angle of a wheel from one line camera along its axis of rotation")
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
@@ -61,7 +61,7 @@ def draw_sideslip(
             frameon=False,
             loc="upper center",
             bbox_to_anchor=(0.5, -0.13),
-            ncols=2,
+            ncols=1,
         )
     return figure
 
