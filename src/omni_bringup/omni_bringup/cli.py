@@ -87,7 +87,7 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
     for name, line in sorted((known | (_OF_THE_LAUNCHER if top else {})).items()):
         choices.add_parser(name, help=line.replace("%", "%%"))
     if words and not words[0].startswith("-"):
-        hint = did_you_mean(words[0], known)
+        hint = did_you_mean(words[0], [*known, *(_OF_THE_LAUNCHER if top else ())])
         parser.error(f"{words[0]!r} is not one of {', '.join(known)}{hint}")
     if top:
         parser.add_argument("--version", action="version", version=_version())

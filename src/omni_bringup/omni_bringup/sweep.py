@@ -85,6 +85,7 @@ def _configurations(
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
     from omni_analysis.loop.sweep import combinations
+    from omni_analysis.vehicles.plausibility import remarks
     from omni_sim.texture.cache import TextureCache
 
     library = ExperimentLibrary(workspace / "config")
@@ -97,12 +98,15 @@ def _configurations(
     for _, _, configuration in configurations:
         configuration.check_drivable()
     prepare_grounds([entry[2] for entry in configurations], TextureCache.of_user())
+    for remark in dict.fromkeys(r for _, _, one in configurations for r in remarks(one)):
+        print(f"omni run: note: {remark}", file=sys.stderr)
     return configurations
 
 
 def _print(runs: Sequence[SweptRun]) -> None:
     from rich import box
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from omni_analysis.figures.comparison_table import metric_label, metric_number
@@ -110,11 +114,12 @@ def _print(runs: Sequence[SweptRun]) -> None:
 
     table = Table(pad_edge=False, box=box.SIMPLE_HEAD)
     for key in runs[0].values:
-        table.add_column(key.replace(".", ".\n"), justify="right")
+        table.add_column(key.replace(".", ".\n"), justify="right", overflow="fold")
     table.add_column("variant")
     for quantity in SHOWN:
         unit = runs[0].metrics[quantity].unit
-        table.add_column(f"{metric_label(quantity)}\n[{unit}]", justify="right")
+        label = metric_label(quantity).replace(" ", "\n")
+        table.add_column(f"{label}\n{escape(f'[{unit}]')}", justify="right", overflow="fold")
     for run in runs:
         numbers = (metric_number(m.value, m.unit) for m in (run.metrics[q] for q in SHOWN))
         table.add_row(*run.values.values(), run.variant, *numbers)

@@ -46,9 +46,12 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
             kept = [result for result in chosen if not getattr(result, quantity)]
             broken = [result for result in chosen if getattr(result, quantity)]
             dots = min(max(3000.0 / max(len(chosen), 1), 3.0), 14.0)
-            for part, colour, size in ((kept, BLUE, dots), (broken, VERMILLION, 24.0)):
-                x, y = _pairs(part, quantity)
-                axes.scatter(x, y, s=size, color=colour, alpha=0.5, linewidths=0)
+            for part, look in (
+                (kept, {"s": dots, "color": BLUE, "alpha": 0.5}),
+                # Whole, on the axis too.
+                (broken, {"s": 24.0, "color": VERMILLION, "clip_on": False, "zorder": 5}),
+            ):
+                axes.scatter(*_pairs(part, quantity), linewidths=0, **look)
             largest = max([1.0, *_pairs(chosen, quantity)[0], *_pairs(chosen, quantity)[1]])
             line = np.array([0.0, largest])
             axes.plot(line, line, color=GREY, linewidth=0.8)

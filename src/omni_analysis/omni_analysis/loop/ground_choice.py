@@ -61,7 +61,17 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
             ground = cache.texture(texture)
         except ConfigurationError as error:
             raise error.below("ground.texture") from None
-        check_footprints(configuration.sensors, ground)
+        try:
+            check_footprints(configuration.sensors, ground)
+        except ConfigurationError as error:
+            if texture.kind != PICTURE:
+                raise
+            needed = max(sensor.length for sensor in configuration.sensors.values())
+            raise ConfigurationError(
+                "ground.texture.picture",
+                f"{texture.picture} shows {ground.size:.3g} m of ground at {texture.dpi:g} dpi, "
+                f"and {error}; take a picture of at least {needed:g} m, or check the dpi",
+            ) from None
 
 
 def is_picture(ground: str) -> bool:
