@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
@@ -35,17 +37,24 @@ def omni(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
     )
 
 
-def drive_process(recording: Path | None = None) -> subprocess.Popen[str]:
-    """Start ``omni drive`` without cameras; it prints its address, and may record to a folder."""
+@contextlib.contextmanager
+def drive_process(recording: Path | None = None) -> Iterator[subprocess.Popen[str]]:
+    """Run ``omni drive`` without cameras; it prints its address, and may record to a folder."""
     plain = ["--set", "feedback=velocity_sensor", "--set", "simulation.render_lines=false"]
     out = [] if recording is None else ["--out", str(recording)]
-    return subprocess.Popen(
+    process = subprocess.Popen(
         omni_command(["drive", *plain, *out]),
         env=omni_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=RUN_TIMEOUT)
 
 
 def node_processes(session_of: int) -> list[int]:

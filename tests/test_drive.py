@@ -103,12 +103,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def drive(recording: Path) -> Iterator[Drive]:
-    process = drive_process(recording)
-    try:
+    with drive_process(recording) as process:
         yield Drive(process)
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
 
 
 @pytest.fixture

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import signal
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -32,26 +35,28 @@ def stop_from(browser: Chromium, speed: float, number: int) -> str:
     return str(browser.run("document.querySelector('#stops li').textContent"))
 
 
+@contextlib.contextmanager
+def page_of(process: subprocess.Popen[str], width: int) -> Iterator[Chromium]:
+    """Show the page of a drive in a window so many pixels wide, once the vehicle answers."""
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+    with chromium() as browser:
+        browser.show(width, 800)
+        browser.call("Page.navigate", url=url)
+        browser.wait("document.getElementById('banner')?.hidden === false")
+        yield browser
+
+
 def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path) -> None:
     recording = tmp_path / "drive"
-    process = drive_process(recording)
-    try:
-        assert process.stdout is not None
-        url = process.stdout.readline().strip()
-        with chromium() as browser:
-            browser.show(1280, 800)
-            browser.call("Page.navigate", url=url)
-            browser.wait("document.getElementById('banner')?.hidden === false")
-            cards = [stop_from(browser, 1.5, 1)]
-            assert browser.run("document.getElementById('ice-legend').hidden") is False
-            hold(browser, "KeyB", down=True)  # the assistant is switched off
-            hold(browser, "KeyB", down=False)
-            browser.wait("document.getElementById('banner').textContent.includes('OFF')")
-            cards.append(stop_from(browser, 1.5, 2))
-            assert browser.complaints == []
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
+    with drive_process(recording) as process, page_of(process, 1280) as browser:
+        cards = [stop_from(browser, 1.5, 1)]
+        assert browser.run("document.getElementById('ice-legend').hidden") is False
+        hold(browser, "KeyB", down=True)  # the assistant is switched off
+        hold(browser, "KeyB", down=False)
+        browser.wait("document.getElementById('banner').textContent.includes('OFF')")
+        cards.append(stop_from(browser, 1.5, 2))
+        assert browser.complaints == []
     assert "Stop 1: assisted" in cards[0]
     assert "Stop 2: unassisted" in cards[1]
 
@@ -83,13 +88,8 @@ def choose(browser: Chromium, kind: str, name: str) -> None:
 
 
 def test_the_page_chooses_what_is_driven() -> None:
-    process = drive_process()
-    try:
-        assert process.stdout is not None
-        url = process.stdout.readline().strip()
-        with chromium() as browser:
-            browser.show(400, 800)
-            browser.call("Page.navigate", url=url)
+    with drive_process() as process:
+        with page_of(process, 400) as browser:
             browser.wait("document.getElementById('choose-vehicle')?.value === 'mecanum_forklift'")
             choose(browser, "vehicle", "three_wheel_robot")
             assert browser.run("vehicle.wheels.length") == 3
@@ -97,7 +97,6 @@ def test_the_page_chooses_what_is_driven() -> None:
             assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
             assert "assisted by allocation" in stop_from(browser, 1.0, 1)
             assert browser.run("document.documentElement.scrollWidth") <= 400
-    finally:
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=PATIENCE)
     assert out == ""  # one address, which stayed
