@@ -71,6 +71,11 @@ class ExperimentConfiguration(SimulatorConfiguration):
         return self.feedback != "velocity_sensor"
 
     @property
+    def twist_period(self) -> float:
+        """Time between two twists that the assistant hears [s], 0 if every step has its own."""
+        return 0.0 if self.hears_lines else self.velocity_sensor.sample_time
+
+    @property
     def own_odometry(self) -> str:
         """Name of the odometry from outside that hears the lines, empty for the built-in one."""
         return "" if self.feedback in FEEDBACKS else self.feedback

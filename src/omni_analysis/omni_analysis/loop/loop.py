@@ -151,14 +151,13 @@ def _until_over(
     progress = RunProgress(configuration)
     # An odometry on which the assistant does not depend is heard by the record alone.
     witness: Estimator | None = None
-    hears_lines = configuration.feedback != "velocity_sensor"
-    if configuration.simulation.render_lines and not hears_lines:
+    if configuration.simulation.render_lines and not configuration.hears_lines:
         witness = LineEstimator(make_odometry("", configuration.odometry))
     for moment in moments:
         if witness is not None:
             yield moment, witness.estimate(moment.observation)
         else:
-            yield moment, moment.feedback if hears_lines else None
+            yield moment, moment.feedback if configuration.hears_lines else None
         progress.update(moment.observation)
         if progress.finished:
             return

@@ -115,12 +115,11 @@ def brake_assist(
         _flat(configuration.brake_assist)
         | _timing(lockstep)
         | {"subscribers": listeners, "lockstep": lockstep}
-        | {"await_imu": configuration.imu.enabled}
+        | {"await_imu": configuration.imu.enabled, "twist_period": configuration.twist_period}
     )
     remaps = []
     if not configuration.hears_lines:
         remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
-        parameters["twist_period"] = configuration.velocity_sensor.sample_time
     return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
 
 

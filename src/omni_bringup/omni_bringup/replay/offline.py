@@ -144,9 +144,7 @@ class _Brakes:
         self._pairing = StepPairing(
             second_opinion=limits.second_opinion,
             imu=configuration.imu.enabled,
-            twist_period_ns=0
-            if configuration.hears_lines
-            else round(configuration.velocity_sensor.sample_time * 1e9),
+            twist_period_ns=round(configuration.twist_period * 1e9),
         )
 
     def take_wheel_states(self, message: Any) -> Iterable[Result]:
