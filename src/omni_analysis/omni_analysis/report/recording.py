@@ -59,18 +59,9 @@ class ReportedRun:
     notes: tuple[str, ...] = ()
 
 
-def read_reported_runs(path: Path, name: str) -> list[ReportedRun]:
-    """Read a recording as the runs of a report: each stop of a drive is one, named after it.
-
-    Args:
-        path: rosbag2 folder, or a single ``.mcap`` file.
-        name: tells it from the others of the report.
-
-    Raises:
-        BagError: the recording cannot be read or is not one of a run.
-    """
-    whole = read_reported_run(path, name)
-    return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, name)]
+def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
+    """Return a recording as the runs of a report: each stop of a drive is one, named after it."""
+    return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError
+from omni_platform.configuration import Configuration
 
 if TYPE_CHECKING:
     from omni_analysis.report.recording import ReportedRun
@@ -48,7 +48,7 @@ def run(options: Options, _workspace: Path) -> int:
     """Write the report that the command line asks for and return the exit code."""
     from omni_analysis.loop.metrics import results_document
     from omni_analysis.report.page import report_page
-    from omni_analysis.report.recording import read_reported_runs, run_names
+    from omni_analysis.report.recording import read_reported_run, run_names, stops_apart
     from omni_bringup.commands.bag import printable
     from omni_bringup.progress_bar import progress_bar
     from omni_recording.error import BagError
@@ -57,17 +57,15 @@ def run(options: Options, _workspace: Path) -> int:
     try:
         if file.suffix not in _SUFFIXES:
             raise ValueError(f"--out: {file} must end in {' or '.join(_SUFFIXES)}")
+        runs: list[ReportedRun] = []
+        seen: dict[str, bytes] = {}
         names = run_names(options.bags)
-        runs = [
-            run
-            for path, name in zip(options.bags, names, strict=True)
-            for run in read_reported_runs(path, name)
-        ]
         with progress_bar("report") as report:
-            seen: dict[str, bytes] = {}
             for place, (path, name) in enumerate(zip(options.bags, names, strict=True)):
-                report(place / len(names), f"lines of {name}")
-                seen |= _seen(path, name)
+                report(place / len(names), name)
+                whole = read_reported_run(path, name)
+                runs += stops_apart(whole)
+                seen |= _seen(path, whole)
         page = report_page(_title(runs), runs, seen)
     except (BagError, ValueError) as error:
         print(f"omni report: {printable(str(error))}", file=sys.stderr)
@@ -88,30 +86,27 @@ def run(options: Options, _workspace: Path) -> int:
     return EXIT_OK
 
 
-def _seen(path: Path, name: str) -> dict[str, bytes]:
+def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
     """Return a picture (PNG) of a recording's lines about the pedal, if it holds any."""
     from omni_analysis.figures.style import picture_of
     from omni_analysis.line_files.kymograph import draw_sights, see
-    from omni_analysis.loop.recorded_run import read_run
     from omni_bringup.replay.lines import read_batches
-    from omni_bringup.replay.plan import lines_topic, recorded_configuration
+    from omni_bringup.replay.plan import lines_topic
     from omni_recording.folder import bag_summary, open_vehicle
 
-    bag = open_vehicle(path)
-    try:
-        odometry = recorded_configuration(bag, (), "", "").odometry
-    except ConfigurationError:
+    if run.configuration is None:
         return {}  # the notes of the run say so
+    bag, odometry = open_vehicle(path), run.configuration.odometry
     counts = bag_summary(bag).counts
     cameras = [camera for camera in odometry.sensors if counts.get(lines_topic(camera))]
     if not cameras:
         return {}
-    braking = -float(read_run(path).braking_time[0])
+    braking = -float(run.history.braking_time[0])
     batches = read_batches(bag, cameras, max(braking - 0.25 * _SEEN, 0.0), _SEEN)
     sights = {
         camera: see(odometry.sensors[camera], own, odometry) for camera, own in batches.items()
     }
-    return {name: picture_of(draw_sights(sights, ""))}
+    return {run.name: picture_of(draw_sights(sights, ""))}
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:
