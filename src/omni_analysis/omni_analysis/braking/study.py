@@ -119,6 +119,11 @@ Values = Mapping[str, float]
 Findings = Callable[[Values], Sequence[str]]
 
 
+def keeps_orientation(turned: float, unassisted: float) -> bool:
+    """Return whether a stop turns by a small part of what it does unassisted, both in [deg]."""
+    return turned < 0.2 * unassisted
+
+
 def braking_study(
     experiment: str, drawings: Mapping[int, Drawing], findings: Findings
 ) -> Callable[[BrakingOptions, StudyRun], StudyResult]:
@@ -131,7 +136,7 @@ def braking_study(
     """
 
     def run(options: BrakingOptions, study: StudyRun) -> StudyResult:
-        runs = run_experiment(study.library, experiment, options.changes)
+        runs = run_experiment(study.experiments, experiment, options.changes)
         metrics, files = runs.metrics, draw(runs, drawings, study.folder)
         values = {name: metric.value for name, metric in metrics.items()}
         return StudyResult(metrics, files, tuple(findings(values)))

@@ -31,12 +31,12 @@ class StudyRun:
     """Where a study runs.
 
     Attributes:
-        library: the configuration files by name.
+        experiments: the configuration files by name.
         folder: for its figures and data.
         report: called as the study goes on.
     """
 
-    library: ExperimentLibrary
+    experiments: ExperimentLibrary
     folder: Path
     report: Report = _silent
 

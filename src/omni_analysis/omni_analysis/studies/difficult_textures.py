@@ -38,7 +38,7 @@ class Options(TextureOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Move over the grounds with each noise; write figure, data and metrics."""
-    grounds = grounds_of(options, study.library)
+    grounds = grounds_of(options, study.experiments)
     metrics: dict[str, Metric] = {}
     surfaces: dict[tuple[str, str], list[Shifts]] = {}
     overlap = np.zeros((0, 0))

@@ -42,12 +42,12 @@ class Options(CampaignOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the stops, write their table, the worst of them and a figure."""
-    work = LyingSensors(study.library)
+    work = LyingSensors(study.experiments)
     seeds = range(options.seed, options.seed + options.runs)
     path = study.folder / "stops.csv"
     stops = run_campaign(work, seeds, Stop, options, path, work.fingerprint, study.report)
     metrics = _metrics(stops)
-    rotation = loss_of_twist(study.library, _LOSS_ONSET)
+    rotation = loss_of_twist(study.experiments, _LOSS_ONSET)
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg", limit=_LOSS_LIMIT)
     files = (
         path,

@@ -5,6 +5,7 @@ from omni_analysis.braking.study import (
     Values,
     braking_study,
     from_above,
+    keeps_orientation,
     over_time,
 )
 from omni_analysis.studies import claim
@@ -20,7 +21,7 @@ def _findings(values: Values) -> list[str]:
             "Assisted, orientation and direction do not change much",
             f"{helped:.1f} against {free:.1f} deg, "
             f"{values['lateral_deviation.assisted']:.2f} m aside",
-            holds=helped < 0.2 * free,
+            holds=keeps_orientation(helped, free),
         ),
         claim(
             "It stops farther away, by almost half of the platform's width",

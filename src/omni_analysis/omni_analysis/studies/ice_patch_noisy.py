@@ -14,6 +14,7 @@ from omni_analysis.braking.study import (
     Values,
     braking_study,
     from_above,
+    keeps_orientation,
 )
 from omni_analysis.figures.data_table import TIME
 from omni_analysis.studies import claim
@@ -71,14 +72,14 @@ def _columns(runs: ExperimentRuns, *, errors: bool) -> dict[str, Any]:
 
 
 def _findings(values: Values) -> list[str]:
-    turned = values["orientation_change.noisy"]
+    free, turned = values["orientation_change.unassisted"], values["orientation_change.noisy"]
     longer = values["stopping_distance.noisy"] - values["stopping_distance.assisted"]
     aside = values["lateral_deviation.noisy"] - values["lateral_deviation.assisted"]
     return [
         claim(
             "With noise it does not swerve either",
-            f"{turned:.1f} against {values['orientation_change.unassisted']:.1f} deg unassisted",
-            holds=turned < 0.2 * values["orientation_change.unassisted"],
+            f"{turned:.1f} against {free:.1f} deg unassisted",
+            holds=keeps_orientation(turned, free),
         ),
         claim(
             "Noise tells most on the stopping distance",

@@ -141,7 +141,7 @@ def _label(law: str) -> str:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every case, hold the numbers against targets and bounds, and draw them."""
-    library = study.library
+    library = study.experiments
     cases = dict(_cases(library, not options.without_optical, options.law))
     for law in options.law:  # refused before anything runs
         library.load("straight_line", "assisted", (f"brake_assist.law={law}",))

@@ -63,7 +63,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Brake in every engine and write figure, data and metrics."""
     load_mujoco()
     experiments = {
-        variant: study.library.load("straight_line", variant, [f"vehicle={options.vehicle}"])
+        variant: study.experiments.load("straight_line", variant, [f"vehicle={options.vehicle}"])
         for variant in _VARIANTS
     }
     vehicle = experiments["assisted"].vehicle

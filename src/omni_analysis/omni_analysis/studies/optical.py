@@ -46,7 +46,7 @@ class Options(Configuration):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every assisted variant with either feedback and report the difference."""
-    comparisons = compare(study.library, options.experiment, options.overrides, study.report)
+    comparisons = compare(study.experiments, options.experiment, options.overrides, study.report)
     files = (
         write_columns(study.folder / "stops.csv", _columns(comparisons)),
         write_columns(study.folder / "orientations.csv", _orientation_columns(comparisons)),

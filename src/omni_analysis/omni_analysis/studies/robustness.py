@@ -48,7 +48,7 @@ class Options(CampaignOptions, LoopOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
-    braking = RandomBraking(study.library, options.changes)
+    braking = RandomBraking(study.experiments, options.changes)
     results = run_campaign(
         partial(outcome, braking),
         range(options.seed, options.seed + options.runs),

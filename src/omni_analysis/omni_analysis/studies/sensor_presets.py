@@ -52,8 +52,8 @@ class Options(TextureOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute and simulate the speeds; write figure, data and metrics."""
-    grounds = grounds_of(options, study.library)
-    sensors = {name: _preset(study.library, preset) for name, preset in _PRESETS.items()}
+    grounds = grounds_of(options, study.experiments)
+    sensors = {name: _preset(study.experiments, preset) for name, preset in _PRESETS.items()}
     computed = {name: (1.0 - _OVERLAP) * s.width * s.line_rate for name, s in sensors.items()}
     speeds = {name: _SHARES * value for name, value in computed.items()}
     found: dict[str, dict[str, list[Shifts]]] = {name: {} for name in sensors}

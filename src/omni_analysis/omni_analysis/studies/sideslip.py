@@ -62,8 +62,8 @@ class Options(TextureOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
-    grounds = grounds_of(options, study.library)
-    cameras = {name: _camera(study.library, name) for name in options.sensors}
+    grounds = grounds_of(options, study.experiments)
+    cameras = {name: _camera(study.experiments, name) for name in options.sensors}
     trials: dict[Case, list[Angles]] = {}
     for ground, texture in grounds.items():
         for name, camera in cameras.items():

@@ -141,7 +141,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics: dict[str, Metric] = {}
     files: list[Path] = []
     for name, vehicle in _PLATFORMS.items():
-        experiment = study.library.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
+        experiment = study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
         figure = draw_snapshots(

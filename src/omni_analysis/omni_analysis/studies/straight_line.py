@@ -8,6 +8,7 @@ from omni_analysis.braking.study import (
     BrakingOptions,
     draw,
     from_above,
+    keeps_orientation,
     over_time,
     run_experiment,
 )
@@ -45,8 +46,8 @@ def overrides(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the experiment on the velocity sensor, as the dissertation did, and draw its figures."""
-    chosen = [*overrides(study.library, options.vehicle), *options.changes]
-    runs = run_experiment(study.library, "straight_line", chosen)
+    chosen = [*overrides(study.experiments, options.vehicle), *options.changes]
+    runs = run_experiment(study.experiments, "straight_line", chosen)
     files = draw(runs, _FIGURES, study.folder)
     metrics = runs.metrics
     ratio = metrics["largest_error.unassisted"].value / metrics["largest_error.assisted"].value
@@ -64,7 +65,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         claim(
             "Unassisted it swerves, assisted it does not",
             f"{free:.1f} against {helped:.1f} deg",
-            holds=helped < 0.2 * free,
+            holds=keeps_orientation(helped, free),
         ),
     )
     return StudyResult(metrics, files, findings)

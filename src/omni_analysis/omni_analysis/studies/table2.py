@@ -47,7 +47,7 @@ class Options(Configuration):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Measure the ten numbers and how they depend on what was identified."""
-    bases = {case: study.library.load(_EXPERIMENT, case) for case in table_2.CASES}
+    bases = {case: study.experiments.load(_EXPERIMENT, case) for case in table_2.CASES}
     files: list[Path] = []
     if options.identify:
         done = 0

@@ -50,7 +50,7 @@ class Options(TextureOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Move in both directions; write figure, data and metrics."""
-    grounds = grounds_of(options, study.library)
+    grounds = grounds_of(options, study.experiments)
     metrics: dict[str, Metric] = {}
     surfaces: dict[tuple[str, str], list[Shifts]] = {}
     overlap = np.zeros((0, 0))
@@ -62,7 +62,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             found, overlap = look_at_shapes(texture, trial)
             surfaces[ground, direction] = found
             case = f"{ground}_{direction}"
-            metrics |= _odometry(texture, trial, study.library, case)
+            metrics |= _odometry(texture, trial, study.experiments, case)
             metrics |= surface_metrics(case, found, overlap)
     rows = [
         {_TITLES[d]: as_map([f.mean_error for f in surfaces[ground, d]]) for d in _AXES}

@@ -5,6 +5,7 @@ from omni_analysis.braking.study import (
     Values,
     braking_study,
     from_above,
+    keeps_orientation,
     over_time,
 )
 from omni_analysis.studies import claim
@@ -26,7 +27,7 @@ def _findings(values: Values) -> list[str]:
             f"turned by {helped:.2f} against {free:.1f} deg, "
             f"{values['lateral_deviation.assisted']:.2f} against "
             f"{values['lateral_deviation.unassisted']:.2f} m aside of its line",
-            holds=helped < 0.2 * free,
+            holds=keeps_orientation(helped, free),
         ),
     ]
 

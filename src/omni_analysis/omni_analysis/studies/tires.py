@@ -43,13 +43,13 @@ class Options(Configuration):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Draw the characteristics, and try each tire under the vehicle."""
-    table = _vehicle(study.library, options.vehicle, _TABLE_1).tire.tmeasy
+    table = _vehicle(study.experiments, options.vehicle, _TABLE_1).tire.tmeasy
     vehicles = {}
     for name in options.tire:
         case = Path(name).stem
         if case in vehicles:
             raise ConfigurationError("--tire", f"two of the tires are called {case!r}")
-        vehicles[case] = _vehicle(study.library, options.vehicle, name)
+        vehicles[case] = _vehicle(study.experiments, options.vehicle, name)
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
     files = [*_figures(table, tires, study.folder), *_data(table, tires, study.folder)]
     metrics = _characteristic_metrics(table)

@@ -87,8 +87,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Try every setting, and recommend one within the limits."""
     overrides = [f"vehicle={options.vehicle}"] if options.vehicle else []
     overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.changes]
-    variant = study.library.variants(options.experiment)[0]
-    base = study.library.load(options.experiment, variant, overrides)
+    variant = study.experiments.variants(options.experiment)[0]
+    base = study.experiments.load(options.experiment, variant, overrides)
     brake = base.vehicle.brake
     own = BrakeLag(brake.dead_time, brake.time_constant)
     lags = tuple(dict.fromkeys((own, *map(_lag, options.brakes))))

@@ -70,7 +70,7 @@ class Options(Configuration):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Compare the wheels and write figures, data and metrics."""
     vehicles = {
-        name: study.library.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
+        name: study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
         for name, vehicle in _PLATFORMS.items()
     }
     singles: dict[str, dict[str, Outcome]] = {}
