@@ -144,7 +144,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     library = study.experiments
     cases = dict(_cases(library, not options.without_optical, options.law))
     for law in options.law:  # refused before anything runs
-        library.load("straight_line", "assisted", (f"brake_assist.law={law}",))
+        library.load("straight_line", "assisted", (f"brake_assist.law={law}",)).check_drivable()
     metrics: dict[str, Metric] = {}
     for done, (name, case) in enumerate(cases.items()):
         study.report(0.6 * done / len(cases), name)
