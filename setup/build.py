@@ -84,6 +84,9 @@ def compile_kernels(
     """
     folder = workspace.cache / "numba"
     stamp_modules(workspace.root, workspace.libraries)
+    # The stamps have made colcon's bytecode stale, and who may not write any would do without.
+    compiling = ["-m", "compileall", "-q", "-j", "0", *workspace.libraries]
+    steps.run([workspace.python, *compiling], venv_environment(workspace, libraries))
     forget_kernels(folder, before, module_stamps(workspace.libraries))
     more = [file_digest(workspace.lock_file), processor(), os.path.realpath(workspace.python)]
     kernels = hashlib.sha256("\n".join(more).encode()).hexdigest()[:16]
