@@ -1,4 +1,4 @@
-"""The start of a node's process: a signal ends it quietly, also while it still imports."""
+"""The start of a process: of a node, which a signal ends quietly also while it still imports."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import importlib
 import os
 import signal
 import sys
+
+
+def without_coverage() -> None:
+    """Keep numba from importing the tool that measures coverage of tests: a tenth of a start."""
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
 
 
 def start_node(module: str) -> None:
@@ -18,8 +23,7 @@ def start_node(module: str) -> None:
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
-    # numba imports the tool that measures coverage of tests if it finds it: a tenth of the start.
-    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+    without_coverage()
     try:
         importlib.import_module(module).main()
     except SystemExit as end:

@@ -10,10 +10,8 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration, load_yaml
 from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
 from omni_platform.configuration import ConfigurationError
 
@@ -89,6 +87,10 @@ def sweep(
 
 
 def _run(configuration: ExperimentConfiguration) -> RunHistory:
+    # What is no sweep starts without them.
+    from omni_analysis.loop.compiled import run_fast_loop
+    from omni_analysis.loop.loop import run_closed_loop
+
     if configuration.feedback == "velocity_sensor" and not configuration.simulation.render_lines:
         return run_fast_loop(configuration).history()
     return run_closed_loop(configuration)
