@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
 from PIL import Image
 
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.cli import main
 
 TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
@@ -53,6 +55,28 @@ def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
         assert "note:" not in finished.stderr + finished.stdout, shlex.join(words)
 
 
+def test_a_person_on_a_terminal_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = ["0.6", "wide", "0.5", "40", "0.06", "round", "kiwi", "", "5", ""]
+    terminal = io.StringIO("\n".join(answers) + "\n")
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin", terminal)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    with pytest.raises(SystemExit) as ended:
+        main(["new-vehicle", "mine"])
+    said = capsys.readouterr()
+    assert ended.value.code == 0, said.err
+    for wrong in ("wide", "round"):
+        assert f"{wrong!r} is not a value" in said.err
+    vehicle = ExperimentLibrary(WORKSPACE / "config").vehicle(str(tmp_path / "mine/vehicle.yaml"))
+    assert len(vehicle.wheels) == 3
+    assert vehicle.load.mass == 5.0
+    assert vehicle.drive.max_torque == vehicle.brake.max_torque
+    assert {mount.roller_angle_deg for mount in vehicle.wheels.values()} == {0.0}
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -63,6 +87,10 @@ def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
         (["list", "vehicle"], "did you mean 'vehicles'"),
         (["run", "--variant", "asisted"], "did you mean 'assisted'"),
         (["study", "accuracy", "--metric", "pearsn"], "did you mean 'pearson'"),
+        (["show", "tabel2"], "did you mean 'table2'"),
+        (["run", "--replace", "brake_asist=external"], "did you mean 'brake_assist=external'"),
+        (["replay", str(WORKSPACE / "bags/small_stop/assisted"), "--nodes", "brake_asist"],
+         "did you mean 'brake_assist'"),
         (["new-vehicle", "mine", "--length", "1"], "--width: is required"),
         (["new-vehicle", "mine", "--wheel-radius", "9", "--length", "1", "--width", "1",
           "--mass", "9"], "--wheel-radius"),

@@ -10,11 +10,17 @@ import yaml
 
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_analysis.vehicles.estimates import Measured, new_vehicle
-from omni_analysis.vehicles.plausibility import camera_speed, remarks, wheel_facts
+from omni_analysis.vehicles.plausibility import (
+    RemarkingLibrary,
+    camera_speed,
+    remarks,
+    wheel_facts,
+)
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 
-LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")
+CONFIG = Path(__file__).parents[3] / "config"
+LIBRARY = ExperimentLibrary(CONFIG)
 
 SMALL = Measured(length=0.58, width=0.38, mass=30.0, wheel_radius=0.05)
 VEHICLES = {
@@ -22,6 +28,9 @@ VEHICLES = {
     "forklift": Measured(length=1.6, width=1.2, mass=1000.0, wheel_radius=0.2, load=250.0),
     "heavy": Measured(length=4.0, width=2.0, mass=6000.0, wheel_radius=0.25, wheels=8),
     "round": Measured(length=0.5, width=0.5, mass=25.0, wheel_radius=0.06, kind="omni", wheels=3),
+    "square": Measured(
+        length=0.6, width=0.5, mass=40.0, wheel_radius=0.06, kind="omni", drive_torque=4.0
+    ),
 }
 
 
@@ -57,13 +66,16 @@ def test_numbers_of_wheels_that_are_no_pairs_are_refused(wheels: int) -> None:
         ("vehicle.tire=rill_table_1", "far heavier vehicle"),
         ("vehicle.brake.max_torque=2000", "times what the ground can take"),
         ("vehicle.brake.max_torque=1", "never lock"),
+        ("vehicle.drive.max_torque=1500", "would spin the wheels too"),
         ("vehicle.body.yaw_inertia=330", "check mass, size and inertia"),
         ("vehicle.wheel_inertia=1.0", "solid disc"),
         ("vehicle.load={mass: 60, height: 0.1}", "take a stronger tire"),
         ("sensors.front={x: 0.6, y: 0, heading_deg: 90}", "beyond the edge"),
         ("maneuver.speed=45", "less than 60 %"),
+        ("maneuver.demands={time: [0, 1], forward: [0, 30], left: [0, 0], turn: [0, 0], "
+         "pedal: [0, 0]}", "less than 60 %"),
     ],
-)
+)  # fmt: skip
 def test_a_value_of_another_vehicle_is_seen(override: str, words: str, tmp_path: Path) -> None:
     new_vehicle("small", SMALL).write(tmp_path)
     assert any(words in remark for remark in remarks(load(tmp_path, override)))
@@ -82,8 +94,18 @@ def test_two_lines_at_the_camera_speed_share_60_percent() -> None:
     assert camera_speed(sensor, np.pi / 2) == pytest.approx(0.4 * 0.05 * 2500)
 
 
+def test_the_speed_of_a_table_counts_and_not_the_default_one(tmp_path: Path) -> None:
+    new_vehicle("small", SMALL).write(tmp_path)
+    slow = "{time: [0, 1], forward: [1, 0], left: [0, 1], turn: [1, 0], pedal: [0, 1]}"
+    assert not remarks(load(tmp_path, f"maneuver.demands={slow}", "maneuver.speed=45"))
+
+
 @pytest.mark.parametrize(
-    "key", ["chassis_length", "tire", "wheel_inertia", "brake.max_torque", "body.yaw_inertia"]
+    "key",
+    [
+        *("chassis_length", "tire", "wheel_inertia", "brake.max_torque", "body.yaw_inertia"),
+        *("drive", "drive.max_torque", "drive.stiffness"),
+    ],
 )
 def test_a_file_that_leaves_a_value_to_another_vehicle_is_refused(key: str, tmp_path: Path) -> None:
     new_vehicle("small", SMALL).write(tmp_path)
@@ -94,3 +116,27 @@ def test_a_file_that_leaves_a_value_to_another_vehicle_is_refused(key: str, tmp_
     path.write_text(yaml.safe_dump(tree))
     with pytest.raises(ConfigurationError, match=rf"vehicle\.{key}: is missing in .*new-vehicle"):
         load(tmp_path)
+
+
+def test_a_vehicle_within_an_experiment_must_be_complete_too(tmp_path: Path) -> None:
+    new_vehicle("small", SMALL).write(tmp_path)
+    path = tmp_path / "experiment.yaml"
+    tree = yaml.safe_load(path.read_text())
+    tree["vehicle"] = yaml.safe_load((tmp_path / "vehicle.yaml").read_text())
+    path.write_text(yaml.safe_dump(tree))
+    assert remarks(load(tmp_path)) == ()
+    del tree["vehicle"]["brake"]
+    path.write_text(yaml.safe_dump(tree))
+    with pytest.raises(ConfigurationError, match=r"vehicle\.brake: is missing"):
+        load(tmp_path)
+
+
+def test_a_library_says_once_what_does_not_fit(tmp_path: Path) -> None:
+    new_vehicle("small", SMALL).write(tmp_path)
+    said: list[str] = []
+    library = RemarkingLibrary(CONFIG, said.append)
+    for _ in range(2):
+        library.load(str(tmp_path / "experiment.yaml"), "assisted", ["vehicle.wheel_inertia=1"])
+    library.vehicle("mecanum_forklift")
+    assert len(said) == 1
+    assert "solid disc" in said[0]

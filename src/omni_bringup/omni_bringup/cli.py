@@ -12,12 +12,14 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
 from omni_bringup import commands
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_REFUSED
 from omni_bringup.interruption import leave_at_once_on_signals
+from omni_bringup.progress_bar import at_work
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError, did_you_mean
 from omni_ros.start import without_coverage
@@ -70,7 +72,8 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
 def _run(words: Sequence[str]) -> int:
     program, command, options = understand(words)
     try:
-        code: int = command.run(options, workspace())
+        with at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext():
+            code: int = command.run(options, workspace())
     except ConfigurationError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return EXIT_REFUSED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,6 +34,31 @@ def progress_bar(name: str) -> Iterator[Callable[[float, str], None]]:
             bar.update(task, completed=share, description=words, visible=True)
 
         yield report
+
+
+@contextmanager
+def at_work(program: str, words: str, every: float = _EVERY) -> Iterator[None]:
+    """Say every few seconds that a command that cannot tell its share is still at work.
+
+    Args:
+        program: at the beginning of each line.
+        words: what it is at.
+        every: time between lines [s].
+    """
+    done = threading.Event()
+
+    def say() -> None:
+        begun = time.monotonic()
+        while not done.wait(every):
+            print(f"{program}: {words}, {time.monotonic() - begun:.0f} s", file=sys.stderr)
+
+    thread = threading.Thread(target=say, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def progress_lines(

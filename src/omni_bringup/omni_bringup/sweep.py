@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_bringup.noting import noting_library
 from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
@@ -82,13 +83,11 @@ def _configurations(
     options: Any, workspace: Path
 ) -> list[tuple[str, dict[str, str], ExperimentConfiguration]]:
     """Check every combination before the first one runs."""
-    from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
     from omni_analysis.loop.sweep import combinations
-    from omni_analysis.vehicles.plausibility import remarks
     from omni_sim.texture.cache import TextureCache
 
-    library = ExperimentLibrary(workspace / "config")
+    library = noting_library(workspace, "omni run")
     ground = ground_overrides(options.ground, options.dpi)
     configurations = [
         (variant, values, library.load(options.experiment, variant, [*ground, *overrides]))
@@ -98,8 +97,6 @@ def _configurations(
     for _, _, configuration in configurations:
         configuration.check_drivable()
     prepare_grounds([entry[2] for entry in configurations], TextureCache.of_user())
-    for remark in dict.fromkeys(r for _, _, one in configurations for r in remarks(one)):
-        print(f"omni run: note: {remark}", file=sys.stderr)
     return configurations
 
 
@@ -109,18 +106,19 @@ def _print(runs: Sequence[SweptRun]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from omni_analysis.figures.comparison_table import metric_label, metric_number
+    from omni_analysis.figures.comparison_table import in_small_units, metric_label, metric_number
     from omni_analysis.loop.sweep import SHOWN
 
     table = Table(pad_edge=False, box=box.SIMPLE_HEAD)
     for key in runs[0].values:
         table.add_column(key.replace(".", ".\n"), justify="right", overflow="fold")
     table.add_column("variant")
+    columns = []
     for quantity in SHOWN:
-        unit = runs[0].metrics[quantity].unit
+        unit, entries = in_small_units([run.metrics[quantity] for run in runs])
+        columns.append(["-" if one is None else metric_number(one.value, unit) for one in entries])
         label = metric_label(quantity).replace(" ", "\n")
         table.add_column(f"{label}\n{escape(f'[{unit}]')}", justify="right", overflow="fold")
-    for run in runs:
-        numbers = (metric_number(m.value, m.unit) for m in (run.metrics[q] for q in SHOWN))
+    for run, *numbers in zip(runs, *columns, strict=True):
         table.add_row(*run.values.values(), run.variant, *numbers)
     Console().print(table)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_analysis.figures import style
-from omni_analysis.figures.comparison_table import metric_label
+from omni_analysis.figures.comparison_table import in_small_units, metric_label
 from omni_analysis.loop.sweep import SHOWN, SweptRun, number
 
 
@@ -36,8 +36,10 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
     style.draw_title(figure, title)
     grid = figure.subplots(2, 2, sharex=True)
     for axes, quantity in zip(grid.flat, SHOWN, strict=True):
-        _draw(axes, quantity, lines, key, place)
-        label = f"{metric_label(quantity)} [{runs[0].metrics[quantity].unit}]"
+        unit, _ = in_small_units([run.metrics[quantity] for run in runs])
+        factor = 1.0 if unit == runs[0].metrics[quantity].unit else 1000.0
+        _draw(axes, quantity, lines, key, place, factor)
+        label = f"{metric_label(quantity)} [{unit}]"
         axes.set_ylabel(label, fontsize=style.LABEL_SIZE)
         axes.set_ylim(bottom=0.0)
         if words:
@@ -52,11 +54,18 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
 
 
 def _draw(
-    axes: Axes, quantity: str, lines: dict[str, list[SweptRun]], key: str, place: dict[str, float]
+    axes: Axes,
+    quantity: str,
+    lines: dict[str, list[SweptRun]],
+    key: str,
+    place: dict[str, float],
+    factor: float,
 ) -> None:
     looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLOURS))
     for (name, runs), (marker, colour) in zip(lines.items(), looks, strict=False):
-        points = sorted((place[run.values[key]], run.metrics[quantity].value) for run in runs)
+        points = sorted(
+            (place[run.values[key]], factor * run.metrics[quantity].value) for run in runs
+        )
         axes.plot(
             [x for x, _ in points],
             [y for _, y in points],

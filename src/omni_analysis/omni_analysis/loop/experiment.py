@@ -41,10 +41,11 @@ _DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
 _DEEPEST = 20  # parts of a key
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 _EXPERIMENTS = "experiments"
-# What the file of a vehicle must say.
+# What must be said of a vehicle, in a file of its own or in an experiment.
 _REQUIRED = (
     *("wheels", "chassis_length", "chassis_width", "body", "body.yaw_inertia"),
-    *("tire", "brake", "brake.max_torque", "wheel_inertia"),
+    *("tire", "brake", "brake.max_torque", "drive", "drive.max_torque", "drive.stiffness"),
+    "wheel_inertia",
 )
 
 FEEDBACKS = ("optical", "velocity_sensor")
@@ -195,6 +196,7 @@ class ExperimentLibrary:
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
         _tell(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
+            _check_complete(vehicle, "vehicle", experiment)
             _tell(tree, "brake_assist", "brake", vehicle.get("brake"))
             _tell(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
         return from_mapping(ExperimentConfiguration, tree)
@@ -300,7 +302,7 @@ def _nearest(name: str, near: Path | None) -> str:
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Refuse the file of a vehicle for which another one's values would stand in unseen."""
+    """Refuse a vehicle for which another one's values would stand in unseen."""
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):

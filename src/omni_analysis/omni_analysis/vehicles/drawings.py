@@ -20,7 +20,7 @@ from omni_analysis.figures.style import (
     draw_title,
     style_axes,
 )
-from omni_analysis.vehicles.plausibility import camera_speed, wheel_facts
+from omni_analysis.vehicles.plausibility import camera_speed, plain, wheel_facts
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import LineSensor
 from omni_sim.simulator import GroundConfiguration
@@ -44,12 +44,12 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
     return {
         "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
         "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of it load, "
-        f"{masses.yaw_inertia:.3g} kg m^2 about the vertical",
-        "centre of gravity": f"({x:.3g}, {y:.3g}) m",
+        f"{plain(masses.yaw_inertia)} kg m^2 about the vertical",
+        "centre of gravity": f"({plain(x)}, {plain(y)}) m",
         "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
         f"{', '.join(vehicle.wheels)}",
-        "wheel loads": f"{min(loads):.3g} to {max(loads):.3g} N; the tire is for up to "
-        f"{vehicle.tire.largest_load:.3g} N",
+        "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is for up to "
+        f"{plain(vehicle.tire.largest_load)} N",
         "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes / max(grip, 1e-9):.2g} times what "
         "dry ground holds",
         "tire": vehicle.tire.model,
@@ -84,6 +84,18 @@ def draw_vehicle(
         axes.plot(
             *turn(ends).T, color=BLUE, linewidth=2.0, label="pushes along" if not row else None
         )
+    for (name, fact), (x, y), radius in zip(
+        wheel_facts(vehicle).items(), turn(geometry.position), geometry.radius, strict=True
+    ):
+        # Beside the wheel, away from the middle.
+        side = 1.0 if x >= 0.0 else -1.0
+        axes.annotate(
+            f"{name.replace('_', ' ')}\n{plain(fact.load)} N",
+            (x + 1.8 * side * radius, y),
+            ha="left" if side > 0.0 else "right",
+            va="center",
+            fontsize=LABEL_SIZE,
+        )
     masses = MassProperties.of(vehicle.body, vehicle.load)
     axes.plot(*turn(masses.centre[None])[0], "o", color=VERMILLION, label="centre of gravity")
     for index, (name, sensor) in enumerate((sensors or {}).items()):
@@ -94,13 +106,13 @@ def draw_vehicle(
         if not index:
             axes.plot([], [], "s", color=ORANGE, label="line camera")
     axes.set_aspect("equal")
-    axes.margins(0.1)
+    axes.margins(0.35, 0.1)
     axes.autoscale_view()
     axes.set_xlabel("right of the middle [m]", fontsize=LABEL_SIZE)
     axes.set_ylabel("ahead of the middle [m]", fontsize=LABEL_SIZE)
     style_axes(axes)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    draw_title(figure, "seen from above, forward is up")
+    draw_title(figure, "seen from above, forward is up; what each wheel carries")
     return figure
 
 
@@ -111,10 +123,10 @@ def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
     return {
         "model": tire.model,
         "largest load": f"{tire.largest_load:g} N",
-        f"at {half:g} N": f"largest force {curve.peak_force:.4g} N at a slip of "
-        f"{curve.peak_slip:.3g}, sliding {curve.slide_force:.4g} N",
-        "stiffness": f"{tire.stiffness:g} N/m horizontally, {tire.vertical_stiffness:g} N/m "
-        "vertically",
+        f"at {half:g} N": f"largest force {plain(curve.peak_force)} N at a slip of "
+        f"{plain(curve.peak_slip)}, sliding {plain(curve.slide_force)} N",
+        "stiffness": f"{plain(tire.stiffness)} N/m horizontally, "
+        f"{plain(tire.vertical_stiffness)} N/m vertically",
     }
 
 
@@ -166,8 +178,8 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "
-        f"up to {camera_speed(one, 0.0):.3g} m/s forward, {camera_speed(one, math.pi / 2):.3g} m/s "
-        "sideways"
+        f"up to {plain(camera_speed(one, 0.0))} m/s forward, "
+        f"{plain(camera_speed(one, math.pi / 2))} m/s sideways"
         for name, one in sensors.items()
     }
 

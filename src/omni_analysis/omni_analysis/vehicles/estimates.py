@@ -17,6 +17,7 @@ _WHEEL_WIDTH = 0.4  # over the diameter
 _DENSITY = 2500.0  # of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub
 _HEIGHT = 1.5  # centre of gravity above the ground, over the radius of a wheel
 _BRAKE = 2.0  # torque of a brake over what locks the wheel
+_CLUTCH = 15.0  # stiffness of the drive's clutch over torque and radius of the wheel [s/m]
 _REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1
 _DECELERATION = 5.0  # [m/s^2], to choose a speed whose stop is a few lengths long
 _MECANUM, _OMNI = "mecanum", "omni"
@@ -39,13 +40,20 @@ class Measured(Configuration):
     kind: str = parameter(
         _MECANUM,
         choices=(_MECANUM, _OMNI),
-        description="wheels: mecanum in pairs along the sides, or three omni-wheels on a circle",
+        description="wheels: mecanum in pairs along the sides, or omni-wheels on a circle",
     )
     wheels: int = parameter(
-        4, minimum=3, maximum=12, description="how many; mecanum an even number, omni 3"
+        4, minimum=3, maximum=12, description="how many; mecanum an even number"
     )
     load: float = parameter(
         0.0, unit="kg", minimum=0.0, description="mass of a load, put to the front left"
+    )
+    drive_torque: float | None = parameter(
+        None,
+        unit="N m",
+        above=0.0,
+        maximum=1.0e5,
+        description="largest torque of a drive at its wheel; without it that of the brake",
     )
 
     def check_consistency(self) -> None:
@@ -100,6 +108,7 @@ def _vehicle(name: str, measured: Measured) -> str:
     carried = mass * GRAVITY / len(wheels)
     wheel_mass = math.pi * radius**2 * (_WHEEL_WIDTH * 2.0 * radius) * _DENSITY
     torque = _BRAKE * carried * radius
+    drive = measured.drive_torque or torque
     size = measured.length**2 + measured.width**2
     parts = [
         f"# {name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
@@ -128,9 +137,11 @@ def _vehicle(name: str, measured: Measured) -> str:
     parts += [
         f"brake: {{max_torque: {_round(torque)}}} # estimate: locks a wheel with a factor of "
         f"{_BRAKE:g}",
-        "drive: # estimate: as strong as the brake",
-        f"  max_torque: {_round(torque)}",
-        f"  stiffness: {_round(3.0 * torque * radius / 0.2)}",
+        "drive:",
+        f"  max_torque: {_round(drive)}"
+        + ("" if measured.drive_torque else " # estimate: the brake's"),
+        f"  stiffness: {_round(_CLUTCH * drive * radius)} # estimate: slips by "
+        f"{100.0 / _CLUTCH:.2g} cm/s under its largest torque",
         f"wheel_inertia: {_round(0.5 * wheel_mass * radius**2)} # estimate: a solid disc of "
         f"{wheel_mass:.2g} kg",
         "tire: # estimate: Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
@@ -166,11 +177,14 @@ def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     """Return wheels on a circle, their axes outward, rollers at 0 deg (Eq. (34))."""
     out = min(measured.length, measured.width) / 2.0 - _WHEEL_WIDTH * measured.wheel_radius
     wheels = {}
+    # Left and right alike, and no wheel on the axis ahead.
+    apart = math.pi / measured.wheels
+    first = math.pi / 2.0 - apart if measured.wheels % 2 else apart
     for row in range(measured.wheels):
-        angle = math.tau * row / measured.wheels + math.pi / 6.0
+        angle = first + 2.0 * apart * row
         wheels[f"wheel_{row + 1}"] = {
-            "x": _round(out * math.cos(angle)),
-            "y": _round(out * math.sin(angle)),
+            "x": round(out * math.cos(angle), 6),
+            "y": round(out * math.sin(angle), 6),
             "heading_deg": round(math.degrees(angle) - 90.0, 6),
             "roller_angle_deg": 0.0,
             "radius": measured.wheel_radius,

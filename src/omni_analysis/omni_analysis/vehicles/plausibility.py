@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
-from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import LineSensor
+from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
@@ -19,6 +21,7 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 _OVERLOAD = 1.1  # of the largest load; beyond it the model holds the force
 _IDLE_TIRE = 0.05  # of the largest load, below which a tire is for much heavier vehicles
 _WEAK_BRAKE, _STRONG_BRAKE = 1.0, 6.0  # torque over what the ground can take
+_STRONG_DRIVE = 12.0  # likewise; beyond it that of another vehicle
 _NARROW, _WIDE = 0.2, 4.0  # yaw inertia over that of a plate of the chassis' size
 _HEAVY_WHEEL = 0.5  # inertia over radius squared, in shares of the mass that a wheel carries
 _OVERLAP = 0.6  # of two consecutive lines, which the dissertation asks for
@@ -37,6 +40,12 @@ class WheelFacts:
     load: float
     grip: float
     brake_force: float
+
+
+def plain(value: float) -> str:
+    """Return a number with three digits that count, never with an exponent."""
+    words = f"{value:.3g}"
+    return f"{float(words):.0f}" if "e+" in words else words
 
 
 def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[str, WheelFacts]:
@@ -72,13 +81,52 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
 
 def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
     """Return what does not fit together, most dangerous for the result first."""
-    vehicle = experiment.vehicle
+    cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
+    return (*vehicle_remarks(experiment.vehicle, experiment.ground.friction), *cameras)
+
+
+def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tuple[str, ...]:
+    """Return what does not fit together in a vehicle alone.
+
+    Args:
+        vehicle: to judge.
+        friction: of the ground, as a factor [1].
+    """
     return (
-        *_tire_remarks(vehicle, experiment.ground.friction),
-        *_brake_remarks(vehicle, experiment.ground.friction),
+        *_tire_remarks(vehicle, friction),
+        *_brake_remarks(vehicle, friction),
+        *_drive_remarks(vehicle),
         *_inertia_remarks(vehicle),
-        *(_camera_remarks(experiment) if experiment.feedback == "optical" else ()),
     )
+
+
+class RemarkingLibrary(ExperimentLibrary):
+    """Experiments and vehicles by name, of which it is said once what does not fit together."""
+
+    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+        super().__init__(folder)
+        self._say = say
+        self._said: set[str] = set()
+
+    def load(
+        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+    ) -> ExperimentConfiguration:
+        """Compose an experiment as `ExperimentLibrary` does."""
+        loaded = super().load(experiment, variant, overrides)
+        self._tell(remarks(loaded))
+        return loaded
+
+    def vehicle(self, name: str) -> VehicleConfiguration:
+        """Read a vehicle as `ExperimentLibrary` does."""
+        loaded = super().vehicle(name)
+        self._tell(vehicle_remarks(loaded))
+        return loaded
+
+    def _tell(self, words: Iterable[str]) -> None:
+        for remark in words:
+            if remark not in self._said:
+                self._said.add(remark)
+                self._say(remark)
 
 
 def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:
@@ -88,14 +136,14 @@ def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[st
     load = facts[heaviest].load
     if load > _OVERLOAD * largest:
         yield (
-            f"vehicle.tire: wheel {heaviest} stands with {load:.3g} N on a tire for at most "
-            f"{largest:.3g} N; take a stronger tire, or more wheels"
+            f"vehicle.tire: wheel {heaviest} stands with {plain(load)} N on a tire for at most "
+            f"{plain(largest)} N; take a stronger tire, or more wheels"
         )
     elif load < _IDLE_TIRE * largest:
         yield (
-            f"vehicle.tire: the tire is for up to {largest:.3g} N and no wheel carries more than "
-            f"{load:.3g} N, so that its stiffness is that of a far heavier vehicle; take the tire "
-            "that ./omni new-vehicle scales to the load, or fit one with ./omni fit-tire"
+            f"vehicle.tire: the tire is for up to {plain(largest)} N and no wheel carries more "
+            f"than {plain(load)} N, so that its stiffness is that of a far heavier vehicle; take "
+            "the tire that ./omni new-vehicle scales to the load, or fit one with ./omni fit-tire"
         )
 
 
@@ -106,14 +154,28 @@ def _brake_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[s
     needed = vehicle.brake.max_torque / max(ratio, 1e-9)
     if ratio < _WEAK_BRAKE:
         yield (
-            f"vehicle.brake.max_torque: {vehicle.brake.max_torque:.3g} N m reach {100 * ratio:.0f} "
-            f"% of the grip, so that the wheels never lock and hardly swerve; locking takes "
-            f"{needed:.3g} N m"
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m reach "
+            f"{100 * ratio:.0f} % of the grip, so that the wheels never lock and hardly swerve; "
+            f"locking takes {plain(needed)} N m"
         )
     elif ratio > _STRONG_BRAKE:
         yield (
-            f"vehicle.brake.max_torque: {vehicle.brake.max_torque:.3g} N m are {ratio:.0f} times "
-            f"what the ground can take; about {2 * needed:.3g} N m would lock the wheels as well"
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m are {ratio:.0f} "
+            f"times what the ground can take; about {plain(2 * needed)} N m would lock the wheels "
+            "as well"
+        )
+
+
+def _drive_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
+    facts = wheel_facts(vehicle)
+    grips = [facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()]
+    needed = sum(grips) / len(grips)
+    torque = vehicle.drive.max_torque
+    if torque > _STRONG_DRIVE * needed:
+        yield (
+            f"vehicle.drive.max_torque: {plain(torque)} N m are {torque / max(needed, 1e-9):.0f} "
+            f"times what the ground can take; about {plain(2 * needed)} N m would spin the wheels "
+            "too"
         )
 
 
@@ -123,24 +185,24 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     ratio = masses.yaw_inertia / plate
     if not _NARROW < ratio < _WIDE:
         yield (
-            f"vehicle.body.yaw_inertia: {masses.yaw_inertia:.3g} kg m^2 with the load, where a "
+            f"vehicle.body.yaw_inertia: {plain(masses.yaw_inertia)} kg m^2 with the load, where a "
             f"plate of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m and this mass has "
-            f"{plate:.3g} kg m^2; check mass, size and inertia"
+            f"{plain(plate)} kg m^2; check mass, size and inertia"
         )
     carried = masses.mass / len(vehicle.wheels)
     for name, mount in vehicle.wheels.items():
         moved = vehicle.wheel_inertia / mount.radius**2
         if moved > _HEAVY_WHEEL * carried:
             yield (
-                f"vehicle.wheel_inertia: {vehicle.wheel_inertia:.3g} kg m^2 act at the rim of "
-                f"wheel {name} as {moved:.3g} kg, beside {carried:.3g} kg that it carries; a solid "
-                "disc has half of its mass times its radius squared"
+                f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 act at the rim of "
+                f"wheel {name} as {plain(moved)} kg, beside {plain(carried)} kg that it carries; a "
+                "solid disc has half of its mass times its radius squared"
             )
             return
 
 
 def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
-    vehicle, maneuver = experiment.vehicle, experiment.maneuver
+    vehicle, twists = experiment.vehicle, _twists(experiment.maneuver)
     for name, sensor in experiment.sensors.items():
         if abs(sensor.x) > vehicle.chassis_length / 2 or abs(sensor.y) > vehicle.chassis_width / 2:
             yield (
@@ -148,13 +210,50 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
                 "./omni design-sensors finds places under it"
             )
-    direction = math.radians(maneuver.direction_deg)
-    limits = {name: camera_speed(one, direction) for name, one in experiment.sensors.items()}
-    slowest = min(limits, key=lambda name: limits[name])
-    if maneuver.speed > limits[slowest]:
+    worst = max(
+        (
+            _Hurry.of(name, one, twist)
+            for name, one in experiment.sensors.items()
+            for twist in twists
+        ),
+        key=lambda hurry: hurry.share,
+    )
+    if worst.share > 1.0:
         yield (
-            f"sensors.{slowest}: consecutive lines share less than 60 % above "
-            f"{limits[slowest]:.3g} m/s in the direction of motion, and the maneuver begins at "
-            f"{maneuver.speed:g} m/s; take a wider view or more lines per second, or set "
-            f"maneuver.speed={0.9 * limits[slowest]:.2g}"
+            f"sensors.{worst.sensor}: consecutive lines share less than 60 % above "
+            f"{plain(worst.speed / worst.share)} m/s in the direction of motion, and it moves at "
+            f"up to {plain(worst.speed)} m/s; take a wider view or more lines per second, or move "
+            f"at most {90.0 / worst.share:.0f} % as fast"
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Hurry:
+    """How fast a camera moves.
+
+    Attributes:
+        sensor: its name.
+        speed: over the ground [m/s].
+        share: of the largest in that direction.
+    """
+
+    sensor: str
+    speed: float
+    share: float
+
+    @classmethod
+    def of(cls, name: str, sensor: LineSensor, twist: tuple[float, float, float]) -> _Hurry:
+        """Return that of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
+        x, y = twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
+        speed = math.hypot(x, y)
+        return cls(name, speed, speed / camera_speed(sensor, math.atan2(y, x)))
+
+
+def _twists(maneuver: ManeuverConfiguration) -> list[tuple[float, float, float]]:
+    """Return the twists that a driver asks for [m/s, m/s, rad/s]."""
+    table = maneuver.demands
+    if table.time:
+        return list(zip(table.forward, table.left, table.turn, strict=True))
+    direction = math.radians(maneuver.direction_deg)
+    forward, left = maneuver.speed * math.cos(direction), maneuver.speed * math.sin(direction)
+    return [(forward, left, math.radians(maneuver.yaw_rate_deg))]

@@ -6,6 +6,9 @@ as a `Configuration` called ``Options`` and a function ``run(options, workspace)
 exit code and may raise `ConfigurationError` to refuse. It imports what it needs when it runs, so
 that help and a mistyped option are answered at once.
 
+One that may take long and cannot tell its share says in ``WORK`` what it is at; a line of it goes
+to standard error every few seconds.
+
 A module with a ``PACKAGE`` has commands of its own: the modules of that package, each made a
 command by ``command(name)`` of the module where it has one.
 """

@@ -23,6 +23,8 @@ from omni_platform.sensors import velocity_row
 if TYPE_CHECKING:
     from omni_analysis.line_files.calibration import Calibration
 
+WORK = "matching lines and fitting"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -15,6 +15,8 @@ from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration
 
+WORK = "measuring the recordings"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_bringup import commands
-from omni_bringup.commands.list import KINDS
+from omni_bringup.commands.list import EVERY, names_of
 from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import flags_of
 from omni_platform.configuration import Configuration
@@ -42,10 +42,7 @@ class Options(Configuration):
 
 def run(_options: Options, workspace: Path) -> int:
     """Print the script and return the exit code."""
-    names = {
-        kind: sorted(path.stem for path in (workspace / "config" / kind).glob("*.yaml"))
-        for kind in KINDS
-    }
+    names = {kind: sorted(names_of(kind, workspace)) for kind in EVERY}
     cases = list(_cases(commands, "", names))
     values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]
     # The longest first, as "study" is the beginning of "study table2".

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_bringup.noting import noting_library
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 
@@ -113,7 +114,6 @@ class Options(Configuration):
 def run(options: Options, workspace: Path) -> int:
     """Place sensors as the command line asks and return the exit code."""
     from omni_analysis.figures.style import save_figure
-    from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.placement.design import confirm, design
     from omni_analysis.placement.figure import placement_figure
     from omni_analysis.placement.report import entries, sensor_file
@@ -122,7 +122,7 @@ def run(options: Options, workspace: Path) -> int:
     vehicle = Path(options.vehicle).stem
     folder: Path = options.out or workspace / "results" / "design-sensors" / vehicle
     try:
-        task = _task(options, ExperimentLibrary(workspace / "config"))
+        task = _task(options, noting_library(workspace, "omni design-sensors"))
         with progress_bar("design-sensors") as report:
             result = design(task, report)
             driven = confirm(task, result, report) if options.confirm else {}

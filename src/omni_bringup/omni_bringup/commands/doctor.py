@@ -23,6 +23,8 @@ from omni_platform.configuration import Configuration
 _NEEDED = 0.2e9  # [B] of disk space for a run with its recordings
 _PATIENCE = 30.0  # [s] until two nodes must have met
 
+WORK = "checking"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

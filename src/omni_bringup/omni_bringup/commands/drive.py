@@ -132,6 +132,8 @@ def _choices(
 
 
 def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfiguration:
+    from omni_analysis.vehicles.plausibility import remarks
+
     chosen = {
         "vehicle": options.vehicle,
         "ground": options.ground,
@@ -144,7 +146,19 @@ def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfigur
     if not configuration.ground.patches and not options.no_ice:
         configuration = library.load(options.experiment, variant, [*changes, _ICE])
     configuration.check_drivable()
+    for remark in remarks(_at_full_stick(configuration, options.max_speed)):
+        print(f"omni drive: note: {remark}", file=sys.stderr)
     return configuration
+
+
+def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
+    """Return the configuration with a driver who goes forward and sideways as fast as may be."""
+    from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
+
+    demands = DemandConfiguration(
+        time=(0.0, 1.0), forward=(speed, 0.0), left=(0.0, speed), turn=(0.0,) * 2, pedal=(0.0,) * 2
+    )
+    return dataclasses.replace(configuration, maneuver=ManeuverConfiguration(demands=demands))
 
 
 def drive_nodes(

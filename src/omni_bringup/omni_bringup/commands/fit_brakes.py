@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _UNITS = {"max_torque": "N m", "dead_time": "s", "time_constant": "s"}
 
+WORK = "reading stops and fitting the brakes"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

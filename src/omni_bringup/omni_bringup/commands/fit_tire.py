@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from omni_analysis.tires.data import TireData
     from omni_analysis.tires.fit import TireFit
 
+WORK = "fitting the tire"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.noting import noting_library
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from omni_sim.vehicle.configuration import VehicleConfiguration
 
 _WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, any path"}
+
+WORK = "bounding the stop"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +69,9 @@ def run(options: Options, workspace: Path) -> int:
     """Compute the bounds as the command line asks and return the exit code."""
     # Imported late: the help answers at once.
     from omni_analysis.limit.bounds import any_heading_bound, straight_bound
-    from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.metrics import Metric, results_document
 
-    library = ExperimentLibrary(workspace / "config")
+    library = noting_library(workspace, "omni limit")
     name, vehicle, ground, maneuver = _question(options, library)
     bounds = {
         "bound": straight_bound(vehicle, ground, maneuver),
@@ -146,14 +148,18 @@ def _print(
     from rich.console import Console
     from rich.table import Table
 
+    from omni_analysis.figures.comparison_table import in_small_units, metric_number
+    from omni_analysis.loop.metrics import Metric
+
     console = Console()
-    table = Table("no stop is shorter", "m", "gap", "tolerance [m]", pad_edge=False)
-    for case, bound in bounds.items():
-        if math.isnan(bound.distance):
+    unit, distances = in_small_units([Metric(one.distance, "m") for one in bounds.values()])
+    table = Table("no stop is shorter", unit, "gap", "tolerance, mm", pad_edge=False)
+    for (case, bound), distance in zip(bounds.items(), distances, strict=True):
+        if distance is None or math.isnan(bound.distance):
             table.add_row(_WORDS[case], "-", "", "")
         else:
-            row = f"{bound.distance:.2f}", f"{bound.gap:.1e}", f"{bound.tolerance:.3f}"
-            table.add_row(_WORDS[case], *row)
+            row = metric_number(distance.value, unit), f"{bound.gap:.1e}"
+            table.add_row(_WORDS[case], *row, f"{1e3 * bound.tolerance:.2g}")
     console.print(name)
     console.print(table)
     for case, bound in bounds.items():

@@ -16,7 +16,8 @@ from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
 
 KINDS = ("vehicles", "grounds", "sensors", "experiments", "tires")
-_STUDIES, _LAWS = "studies", "laws"
+STUDIES, LAWS = "studies", "laws"
+EVERY = (*KINDS, STUDIES, LAWS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,20 +28,19 @@ class Options(Configuration):
         (),
         positional=True,
         metavar="KIND",
-        description=f"of {', '.join((*KINDS, _STUDIES, _LAWS))} (default: all)",
+        description=f"of {', '.join(EVERY)} (default: all)",
     )
     json: bool = json_option()
 
 
 def run(options: Options, workspace: Path) -> int:
     """Print the names and return the exit code."""
-    every = (*KINDS, _STUDIES, _LAWS)
     for kind in options.kinds:
-        if kind not in every:
+        if kind not in EVERY:
             raise ConfigurationError(
-                "KIND", f"{kind!r} is not one of {', '.join(every)}{did_you_mean(kind, every)}"
+                "KIND", f"{kind!r} is not one of {', '.join(EVERY)}{did_you_mean(kind, EVERY)}"
             )
-    found = {kind: _names(kind, workspace) for kind in options.kinds or every}
+    found = {kind: names_of(kind, workspace) for kind in options.kinds or EVERY}
     if options.json:
         print(json.dumps(found, indent=2))
         return EXIT_OK
@@ -52,13 +52,14 @@ def run(options: Options, workspace: Path) -> int:
     return EXIT_OK
 
 
-def _names(kind: str, workspace: Path) -> dict[str, str]:
-    if kind == _STUDIES:
+def names_of(kind: str, workspace: Path) -> dict[str, str]:
+    """Return the names of a kind of `EVERY`, and what each is."""
+    if kind == STUDIES:
         return commands_of("omni_analysis.studies")
-    if kind == _LAWS:
-        from omni_brake_assist.configuration import LAWS
+    if kind == LAWS:
+        from omni_brake_assist.configuration import LAWS as BUILT_IN
 
-        return dict.fromkeys(LAWS, "built in; or your own, brake_assist.law=module:Class")
+        return dict.fromkeys(BUILT_IN, "built in; or your own, brake_assist.law=module:Class")
     files = sorted((workspace / "config" / kind).glob("*.yaml"))
     return {path.stem: first_sentence(path) for path in files}
 

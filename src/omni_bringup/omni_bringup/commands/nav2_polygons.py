@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from omni_analysis.campaign.runner import CampaignError, CampaignOptions
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
+from omni_bringup.noting import noting_library
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import ConfigurationError, parameter
 
@@ -159,7 +160,6 @@ def _campaign(options: Options, workspace: Path) -> StopCampaign:
         calibration_stops,
         make_cells,
     )
-    from omni_analysis.loop.experiment import ExperimentLibrary
 
     fixed = [
         f"vehicle={options.vehicle}",
@@ -171,7 +171,9 @@ def _campaign(options: Options, workspace: Path) -> StopCampaign:
         f"brake_assist.enabled={str(not options.unassisted).lower()}",
     ]
     return StopCampaign(
-        base=ExperimentLibrary(workspace / "config").load("straight_line", "assisted", fixed),
+        base=noting_library(workspace, "omni nav2-polygons").load(
+            "straight_line", "assisted", fixed
+        ),
         cells=make_cells(options.speed, options.bands, options.yaw_rate, options.turns),
         friction=(options.friction_min, options.friction_max),
         reaction_time=options.reaction_time,

@@ -7,19 +7,17 @@ estimates, and say what does not fit together. Asks for what is not given, on a 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
-_NEEDED = {
-    "length": ("length of the chassis", "m"),
-    "width": ("width of the chassis", "m"),
-    "mass": ("mass of the vehicle with its wheels", "kg"),
-    "wheel_radius": ("radius of a wheel", "m"),
-}
+_MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
+_USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,15 +31,21 @@ class Options(Configuration):
     width: float | None = parameter(None, unit="m", description="width of the chassis")
     mass: float | None = parameter(None, unit="kg", description="mass with the wheels")
     wheel_radius: float | None = parameter(None, unit="m", description="radius of a wheel")
-    kind: str = parameter(
-        "mecanum",
-        choices=("mecanum", "omni"),
-        description="mecanum wheels in pairs, or three omni-wheels on a circle",
+    kind: str | None = parameter(
+        None,
+        choices=KINDS,
+        description="mecanum wheels in pairs (default), omni-wheels on a circle, or kiwi: three of "
+        "them",
     )
-    wheels: int | None = parameter(
-        None, description="how many (default: 4 mecanum or 3 omni-wheels)"
+    wheels: int | None = parameter(None, description="how many (default: 4, a kiwi has 3)")
+    load: float | None = parameter(
+        None, unit="kg", description="mass of a load, to the front left (default: 0)"
     )
-    load: float = parameter(0.0, unit="kg", description="mass of a load, to the front left")
+    drive_torque: float | None = parameter(
+        None,
+        unit="N m",
+        description="largest torque of a drive at its wheel (default: an estimate)",
+    )
     out: Path | None = option(
         None, metavar="DIR", description="new folder of the files (default: NAME)"
     )
@@ -51,18 +55,14 @@ def run(options: Options, workspace: Path) -> int:
     """Write the files and return the exit code."""
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.vehicles.estimates import Measured, new_vehicle
-    from omni_analysis.vehicles.plausibility import remarks, wheel_facts
+    from omni_analysis.vehicles.plausibility import plain, remarks, wheel_facts
     from omni_bringup.graph.run_folder import check_unused
     from omni_platform.configuration import from_mapping
 
     folder = options.out or Path(options.name)
     check_unused(folder)
-    values = {key: _asked(key, getattr(options, key)) for key in _NEEDED}
-    wheels = options.wheels or (3 if options.kind == "omni" else 4)
     try:
-        measured = from_mapping(
-            Measured, {**values, "kind": options.kind, "wheels": wheels, "load": options.load}
-        )
+        measured = from_mapping(Measured, _answers(options))
     except ConfigurationError as error:
         flag = "--" + error.key.replace("_", "-")
         raise ConfigurationError(flag, error.problem) from None
@@ -74,8 +74,8 @@ def run(options: Options, workspace: Path) -> int:
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     for name, fact in facts.items():
         print(
-            f"{name}: carries {fact.load:.3g} N, the ground holds {fact.grip:.3g} N, the brake "
-            f"{fact.brake_force:.3g} N"
+            f"{name}: carries {plain(fact.load)} N, the ground holds {plain(fact.grip)} N, the "
+            f"brake {plain(fact.brake_force)} N"
         )
     for remark in remarks(experiment):
         print(f"note: {remark}")
@@ -84,20 +84,64 @@ def run(options: Options, workspace: Path) -> int:
     return EXIT_OK
 
 
-def _asked(key: str, given: float | None) -> float:
-    """Return a value that was given, or that a person on a terminal gives."""
+def _answers(options: Options) -> dict[str, Any]:
+    """Return what was given, and asked for on a terminal, as values of `Measured`."""
+    values: dict[str, Any] = {
+        "length": _asked("--length", options.length, "length of the chassis [m]", float),
+        "width": _asked("--width", options.width, "width of the chassis [m]", float),
+        "mass": _asked("--mass", options.mass, "mass of the vehicle with its wheels [kg]", float),
+        "wheel_radius": _asked(
+            "--wheel-radius", options.wheel_radius, "radius of a wheel [m]", float
+        ),
+    }
+    words = f"kind of its wheels, {', '.join(KINDS)}"
+    kind = _asked("--kind", options.kind, words, _kind, _MECANUM)
+    usual = _USUAL[kind]
+    values["wheels"] = _asked("--wheels", options.wheels, "number of wheels", int, usual)
+    if kind == _KIWI and values["wheels"] != usual:
+        raise ConfigurationError("--wheels", f"{values['wheels']} must be {usual} for a kiwi")
+    values["kind"] = _OMNI if kind == _KIWI else kind
+    values["load"] = _asked(
+        "--load", options.load, "mass of a load to the front left [kg]", float, 0
+    )
+    torque = _asked(
+        *("--drive-torque", options.drive_torque),
+        *("largest torque of a drive at its wheel [N m], 0 for an estimate", float, 0),
+    )
+    return values | ({"drive_torque": torque} if torque or options.drive_torque is not None else {})
+
+
+def _kind(text: str) -> str:
+    if text not in KINDS:
+        raise ValueError(text)
+    return text
+
+
+def _asked(flag: str, given: Any, words: str, kind: Callable[[str], Any], usual: Any = None) -> Any:
+    """Return a value that was given, that a person on a terminal gives, or that is usual.
+
+    Args:
+        flag: the option.
+        given: its value, if any.
+        words: what is asked for.
+        kind: makes a value of an answer, or raises ValueError.
+        usual: taken for an empty answer, and where nobody can be asked; None if there is none.
+    """
     if given is not None:
         return given
-    words, unit = _NEEDED[key]
-    option_words = "--" + key.replace("_", "-")
-    if not sys.stdin.isatty():
-        raise ConfigurationError(option_words, f"is required: the {words} [{unit}]")
-    while True:
-        print(f"{words} [{unit}]: ", end="", file=sys.stderr, flush=True)
+    asks = sys.stdin.isatty()
+    if not asks and usual is None:
+        raise ConfigurationError(flag, f"is required: the {words}")
+    while asks:
+        print(words + (": " if usual is None else f" ({usual}): "), end="", file=sys.stderr)
+        sys.stderr.flush()
         line = sys.stdin.readline()
-        if not line:
-            raise ConfigurationError(option_words, f"is required: the {words} [{unit}]")
+        if not line and usual is None:
+            raise ConfigurationError(flag, f"is required: the {words}")
+        if not line.strip() and usual is not None:
+            break
         try:
-            return float(line)
+            return kind(line.strip())
         except ValueError:
-            print(f"{line.strip()!r} is not a number", file=sys.stderr)
+            print(f"{line.strip()!r} is not a value for {flag}", file=sys.stderr)
+    return usual

@@ -20,6 +20,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 if TYPE_CHECKING:
     from omni_recording.compare import TopicComparison
 
+WORK = "replaying the recorded inputs"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 from omni_analysis.loop.options import LoopOptions
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.interruption import clean_up_on_signals
+from omni_bringup.noting import noting_library
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.configuration import ConfigurationError, did_you_mean, parameter
 
 if TYPE_CHECKING:
     from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -85,8 +86,11 @@ class Options(LoopOptions):
         for words in self.replace:
             node, _, by = words.partition("=")
             if node not in REPLACEABLE or by != "external":
-                known = ", ".join(f"{name}=external" for name in REPLACEABLE)
-                raise ConfigurationError("--replace", f"{words!r} must be one of {known}")
+                known = [f"{name}=external" for name in REPLACEABLE]
+                hint = did_you_mean(words, known)
+                raise ConfigurationError(
+                    "--replace", f"{words!r} must be one of {', '.join(known)}{hint}"
+                )
 
 
 def run(options: Options, workspace: Path) -> int:
@@ -96,7 +100,6 @@ def run(options: Options, workspace: Path) -> int:
 
     if any(map(is_swept, options.changes)):
         return run_sweep(options, workspace)
-    from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.recorded_run import BagError
     from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
     from omni_bringup.graph.nodes import RecordingOptions
@@ -105,7 +108,7 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.graph.run_variant import RunError, run_variant
 
     clean_up_on_signals()
-    library = ExperimentLibrary(workspace / "config")
+    library = noting_library(workspace, "omni run")
     try:
         configurations = _compose(library, options)
         with reserved_domain():
@@ -179,7 +182,6 @@ def _verdict(results: list[VariantResult]) -> int:
 def _compose(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:
     """Check the configuration of every variant before anything starts."""
     from omni_analysis.loop.ground_choice import ground_overrides, prepare_grounds
-    from omni_analysis.vehicles.plausibility import remarks
     from omni_sim.texture.cache import TextureCache
 
     variants = options.variant or library.variants(options.experiment)
@@ -194,8 +196,6 @@ def _compose(library: ExperimentLibrary, options: Options) -> dict[str, Experime
     for configuration in configurations.values():
         configuration.check_drivable()
     prepare_grounds(configurations.values(), TextureCache.of_user())
-    for remark in dict.fromkeys(r for one in configurations.values() for r in remarks(one)):
-        print(f"omni run: note: {remark}", file=sys.stderr)
     return configurations
 
 

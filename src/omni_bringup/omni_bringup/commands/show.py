@@ -1,19 +1,26 @@
 """``./omni show``: see a vehicle, ground, tire, placement or experiment, in words and drawn.
 
-Print what a name of ./omni list stands for, and draw it.
+Print what a name of ./omni list stands for, and draw it; of a study or law, say what it does.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.commands.list import KINDS, first_sentence
+from omni_bringup.commands.list import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
 from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    declared_parameters,
+    did_you_mean,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +29,8 @@ if TYPE_CHECKING:
 
 
 _DPI = 300.0  # of a ground that is drawn
+
+WORK = "drawing"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +43,7 @@ class Options(Configuration):
         description="one of ./omni list, or a path that ends in .yaml",
     )
     kind: str | None = option(
-        None, metavar="KIND", choices=KINDS, description="where two kinds share a name, or a path"
+        None, metavar="KIND", choices=EVERY, description="where two kinds share a name, or a path"
     )
     out: Path | None = option(
         None, metavar="FILE", description="the picture (default: results/show/NAME.png)"
@@ -48,6 +57,8 @@ def run(options: Options, workspace: Path) -> int:
     from omni_analysis.loop.experiment import ExperimentLibrary
 
     kind, path = _find(options, workspace / "config")
+    if kind in (STUDIES, LAWS):
+        return _tell(kind, options)
     library = ExperimentLibrary(workspace / "config")
     facts, figure = _shown(kind, options.name, library)
     picture = options.out or workspace / "results" / "show" / f"{path.stem}.png"
@@ -73,19 +84,52 @@ def _find(options: Options, config: Path) -> tuple[str, Path]:
     if options.name.endswith(".yaml"):
         if options.kind is None:
             raise ConfigurationError("--kind", f"what is in {options.name}? {', '.join(KINDS)}")
+        if options.kind not in KINDS:
+            raise ConfigurationError("--kind", f"a file is none of {options.kind}")
         return options.kind, Path(options.name)
-    kinds = (options.kind,) if options.kind else KINDS
+    kinds = [kind for kind in KINDS if options.kind in (None, kind)]
     found = [
         (kind, path) for kind in kinds if (path := config / kind / f"{options.name}.yaml").is_file()
     ]
+    texts = [kind for kind in (STUDIES, LAWS) if options.kind in (None, kind)]
+    found += [(kind, Path()) for kind in texts if options.name in names_of(kind, config.parent)]
     if not found:
-        known = sorted({path.stem for kind in kinds for path in (config / kind).glob("*.yaml")})
+        kinds = (options.kind,) if options.kind else EVERY
+        known = sorted({name for kind in kinds for name in names_of(kind, config.parent)})
         raise ConfigurationError(
             "NAME",
             f"{options.name!r} is not known{did_you_mean(options.name, known) or ';'} ./omni list "
             "names all",
         )
+    for kind, _ in found[1:]:
+        print(f"omni show: --kind {kind} shows the one of that name there", file=sys.stderr)
     return found[0]
+
+
+def _tell(kind: str, options: Options) -> int:
+    """Print what a study or a law says of itself, and the options of a study."""
+    import inspect
+
+    facts: dict[str, str] = {}
+    if kind == STUDIES:
+        from omni_analysis.studies import load_study
+
+        study = load_study(options.name)
+        words = study.__doc__
+        for name, _, info in declared_parameters(study.Options):
+            facts[f"--{name.replace('_', '-')}"] = info.description
+    else:
+        words = importlib.import_module(f"omni_brake_assist.laws.{options.name}").__doc__ or ""
+    words = inspect.cleandoc(words).replace("``", "")
+    if options.json:
+        print(json.dumps({"name": options.name, "kind": kind, "words": words, "facts": facts}))
+        return EXIT_OK
+    print(f"{options.name} ({kind})\n\n{words}\n")
+    for key, what in facts.items():
+        print(f"  {key}: {what}")
+    use = f"study {options.name}" if kind == STUDIES else f"run --law {options.name}"
+    print(f"try it: ./omni {use}")
+    return EXIT_OK
 
 
 def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, str], Figure]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.noting import noting_library
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from omni_analysis.studies import Study, StudyResult
 
 PACKAGE = "omni_analysis.studies"
+# Options of a study that brakes what its user names; only there something may not fit together.
+_OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -54,6 +57,8 @@ class _StudyCommand:
 
         folder: Path = options.out or workspace / "results" / self._name
         library = ExperimentLibrary(workspace / "config")
+        if _OF_THE_USER & {field.name for field in dataclasses.fields(options)}:
+            library = noting_library(workspace, f"omni study {self._name}")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with progress_bar(self._name) as report:

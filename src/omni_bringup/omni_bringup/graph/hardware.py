@@ -12,7 +12,12 @@ import yaml
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_analysis.loop.experiment import load_yaml, recorded_experiment
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, from_mapping
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    did_you_mean,
+    from_mapping,
+)
 from omni_platform.description import urdf
 from omni_platform.flat_parameters import flatten
 
@@ -63,7 +68,8 @@ def read_hardware(path: Path) -> Hardware:
         return Hardware(experiment.brake_assist, experiment.odometry if optical else None)
     for key in tree:
         if key not in _PARTS:
-            raise ConfigurationError(str(key), f"is not one of {', '.join(_PARTS)}")
+            hint = did_you_mean(str(key), _PARTS)
+            raise ConfigurationError(str(key), f"is not one of {', '.join(_PARTS)}{hint}")
     if not tree.get("wheels"):
         raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
     brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])

@@ -11,7 +11,7 @@ from omni_analysis.loop.experiment import (
     recorded_experiment,
 )
 from omni_bringup.graph.run_folder import CONFIGURATION
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, did_you_mean
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_summary
 
@@ -48,7 +48,8 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     """
     for node in nodes:
         if node not in NODES:
-            raise ConfigurationError("--nodes", f"{node!r} is not one of {', '.join(NODES)}")
+            hint = did_you_mean(node, NODES)
+            raise ConfigurationError("--nodes", f"{node!r} is not one of {', '.join(NODES)}{hint}")
     if len(set(nodes)) != len(nodes):
         raise ConfigurationError("--nodes", "names a node twice")
     inputs: dict[str, str] = {}

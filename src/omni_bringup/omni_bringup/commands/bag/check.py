@@ -18,6 +18,8 @@ from omni_platform.configuration import Configuration
 if TYPE_CHECKING:
     from omni_recording.check import BagCheck
 
+WORK = "reading every message"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

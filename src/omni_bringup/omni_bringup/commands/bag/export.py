@@ -22,6 +22,8 @@ from omni_bringup.exit_codes import EXIT_OK
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration, parameter
 
+WORK = "writing tables"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _MEGABYTE = 1e6  # [B]
 
+WORK = "reading the recording"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

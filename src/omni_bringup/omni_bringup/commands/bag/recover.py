@@ -23,6 +23,8 @@ from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
 from omni_platform.quantities import SECOND_NS
 
+WORK = "saving messages"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

@@ -16,6 +16,8 @@ from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
+WORK = "reading and recording lines"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):

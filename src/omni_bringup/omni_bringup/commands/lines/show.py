@@ -17,6 +17,8 @@ from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 
+WORK = "matching lines"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
