@@ -37,10 +37,26 @@ def picture_of_a_floor() -> Image.Image:
     return Image.fromarray(np.clip(light * picture + grain, 0, 255).astype(np.uint8))
 
 
+def forces_of_a_tire(path: Path) -> None:
+    """Write what a rig measures of a small wheel of fading friction: 40 to 140 N, with noise."""
+    rng = np.random.default_rng(7)
+    slip, load = rng.uniform(-0.8, 0.8, 300), rng.choice([40.0, 90.0, 140.0], 300)
+    force = 0.8 * load * np.sin(1.5 * np.arctan(12.0 * slip)) + rng.normal(0.0, 1.0, 300)
+    np.savetxt(
+        path, np.column_stack((slip, load, force)), delimiter=",", header="slip,load,force",
+        comments="",
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
     picture_of_a_floor().save(tmp_path / "my_floor.png")
+    forces_of_a_tire(tmp_path / "my_tire.csv")
+    recommended: list[str] = []
     for words in commands(page):
+        if "my_robot/tuned" in words:  # what was recommended is what the page goes on with
+            assert recommended
+            assert {word for word in words if word.startswith("brake_assist.")} <= set(recommended)
         finished = subprocess.run(
             omni_command(words),
             cwd=tmp_path,
@@ -53,6 +69,8 @@ def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
         )
         assert finished.returncode == 0, f"{shlex.join(words)}: {finished.stderr}"
         assert "note:" not in finished.stderr + finished.stdout, shlex.join(words)
+        if words[:2] == ["study", "tuning"]:
+            recommended = finished.stdout.replace(";", " ").split()
 
 
 def test_a_person_on_a_terminal_is_asked(

@@ -195,8 +195,6 @@ def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 def _tire(carried: float, radius: float) -> list[str]:
     """Return the tire of Table 1, scaled to the load of a wheel [N] and its radius [m]."""
     scale = carried / _REFERENCE_LOAD
-    # Deflections in proportion to the radius.
-    stiffer = scale * _REFERENCE_RADIUS / radius
 
     def scaled(key: str, value: Any) -> Any:
         if isinstance(value, dict):
@@ -207,11 +205,25 @@ def _tire(carried: float, radius: float) -> list[str]:
     tire = {
         "model": table_1.model,
         table_1.model: scaled("", to_mapping(table_1.model_parameters)),
+        **tire_stiffness(2.0 * carried, radius),
+    }
+    return yaml.safe_dump(tire, sort_keys=False).splitlines()
+
+
+def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> dict[str, float]:
+    """Return stiffness and damping by key: a tire that deflects by the same share of its radius.
+
+    Args:
+        largest_load: that the tire is for [N].
+        radius: of the wheel [m].
+    """
+    table_1 = TireConfiguration()
+    stiffer = largest_load / table_1.largest_load * _REFERENCE_RADIUS / radius
+    return {
         "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
         "damping": _round(stiffer * table_1.damping),
         "vertical_stiffness": max(_round(stiffer * table_1.vertical_stiffness), 1e4),
     }
-    return yaml.safe_dump(tire, sort_keys=False).splitlines()
 
 
 def _sensors(name: str, measured: Measured) -> str:

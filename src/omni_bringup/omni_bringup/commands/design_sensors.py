@@ -259,7 +259,7 @@ def _print(
     from omni_analysis.placement.report import column, findings
 
     console = Console()
-    sensors = Table("sensor", "x [m]", "y [m]", "heading [deg]", pad_edge=False)
+    sensors = Table("sensor", r"x \[m]", r"y \[m]", r"heading \[deg]", pad_edge=False)
     for name, sensor in result.best.sensors.items():
         sensors.add_row(name, f"{sensor.x:.3f}", f"{sensor.y:.3f}", f"{sensor.heading_deg:.0f}")
     console.print(sensors)

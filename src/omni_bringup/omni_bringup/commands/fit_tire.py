@@ -42,6 +42,13 @@ class Options(Configuration):
     model: str = parameter(
         "tmeasy", description="tire model, such as tmeasy, linear, magic_formula"
     )
+    wheel_radius: float = parameter(
+        0.2,
+        unit="m",
+        above=0.0,
+        maximum=2.0,
+        description="of the wheel, from which stiffness and damping are estimated",
+    )
     out: Path | None = option(
         None,
         metavar="DIR",
@@ -74,7 +81,7 @@ def run(options: Options, workspace: Path) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tire = (folder / f"{name}.yaml").resolve()
-        tire.write_text(_tire_file(fit, options.model, data, options.data.name), encoding="utf-8")
+        tire.write_text(_tire_file(fit, options, data), encoding="utf-8")
         figure = fit_figure(data, fit, f"{options.data.name} and its {options.model}")
         picture = save_figure(figure, folder.resolve() / f"{name}.png")
         (folder / "summary.json").write_text(json.dumps(document, indent=2) + "\n")
@@ -127,23 +134,27 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
     ]
 
 
-def _tire_file(fit: TireFit, model: str, data: TireData, source: str) -> str:
+def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
     """Return the YAML that a vehicle names as its tire."""
     import yaml
 
+    from omni_analysis.vehicles.estimates import tire_stiffness
+
+    model, source = options.model, options.data.name
+    mapping = fit.mapping | tire_stiffness(fit.tire.largest_load, options.wheel_radius)
     lines = [
         f"# {model} fitted to {data.slip.size} rows of {source}, loads from "
         f"{data.load.min():g} to {data.load.max():g} N,",
         f"# slips from {data.slip.min():g} to {data.slip.max():g}; differences {fit.residual:.3g} "
         "N (standard deviation).",
-        "# Stiffness and damping are not in steady data: their defaults count unless set here.",
+        "# Stiffness and damping are not in steady data: estimates from load and radius.",
         "# Values with their standard errors:",
     ]
     lines += [
         f"#   {key} = {value:.6g} +- {error:.2g}{' (on its bound)' if fixed else ''}"
         for key, value, error, fixed in _rows(fit)
     ]
-    return "\n".join(lines) + "\n" + yaml.safe_dump(fit.mapping, sort_keys=False)
+    return "\n".join(lines) + "\n" + yaml.safe_dump(mapping, sort_keys=False)
 
 
 def _print(fit: TireFit, model: str, data: TireData, files: tuple[Path, Path]) -> None:

@@ -153,7 +153,7 @@ def _print(
 
     console = Console()
     unit, distances = in_small_units([Metric(one.distance, "m") for one in bounds.values()])
-    table = Table("no stop is shorter", unit, "gap", "tolerance, mm", pad_edge=False)
+    table = Table("no stop is shorter", unit, "gap", r"tolerance \[mm]", pad_edge=False)
     for (case, bound), distance in zip(bounds.items(), distances, strict=True):
         if distance is None or math.isnan(bound.distance):
             table.add_row(_WORDS[case], "-", "", "")

@@ -104,10 +104,8 @@ def _answers(options: Options) -> dict[str, Any]:
     values["load"] = _asked(
         "--load", options.load, "mass of a load to the front left [kg]", float, 0
     )
-    torque = _asked(
-        *("--drive-torque", options.drive_torque),
-        *("largest torque of a drive at its wheel [N m], 0 for an estimate", float, 0),
-    )
+    words = "largest torque of a drive at its wheel [N m], 0 for an estimate"
+    torque = _asked("--drive-torque", options.drive_torque, words, float, 0)
     return values | ({"drive_torque": torque} if torque or options.drive_torque is not None else {})
 
 

@@ -94,8 +94,8 @@ def _find(options: Options, config: Path) -> tuple[str, Path]:
     texts = [kind for kind in (STUDIES, LAWS) if options.kind in (None, kind)]
     found += [(kind, Path()) for kind in texts if options.name in names_of(kind, config.parent)]
     if not found:
-        kinds = (options.kind,) if options.kind else EVERY
-        known = sorted({name for kind in kinds for name in names_of(kind, config.parent)})
+        looked_in = [kind for kind in EVERY if options.kind in (None, kind)]
+        known = sorted({name for kind in looked_in for name in names_of(kind, config.parent)})
         raise ConfigurationError(
             "NAME",
             f"{options.name!r} is not known{did_you_mean(options.name, known) or ';'} ./omni list "

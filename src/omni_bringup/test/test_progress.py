@@ -1,0 +1,34 @@
+"""Who waits is told what for."""
+
+from __future__ import annotations
+
+import io
+import threading
+
+import pytest
+
+from omni_bringup.progress_bar import at_work
+
+
+class Listener(io.StringIO):
+    """Standard error that tells when something was written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard = threading.Event()
+
+    def write(self, text: str) -> int:
+        written = super().write(text)
+        self.heard.set()
+        return written
+
+
+def test_a_command_at_work_says_what_it_is_at_until_it_is_done(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    listener = Listener()
+    monkeypatch.setattr("sys.stderr", listener)
+    with at_work("omni fit-tire", "fitting the tire", every=0.001):
+        assert listener.heard.wait(30.0)
+    said = listener.getvalue()
+    assert said.startswith("omni fit-tire: fitting the tire, ")
