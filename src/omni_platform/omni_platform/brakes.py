@@ -32,6 +32,14 @@ class BrakeConfiguration(Configuration):
         minimum=0.0,
         maximum=1.0e6,
     )
+    max_power: float = parameter(
+        0.0,
+        description="Largest power of a wheel's brake, beyond which its torque falls with the "
+        "speed, as of an electric drive that brakes (0: no limit)",
+        unit="W",
+        minimum=0.0,
+        maximum=1.0e9,
+    )
     dead_time: float = parameter(
         0.0,
         description="Time until the pressure in a brake begins to follow pedal and valve",

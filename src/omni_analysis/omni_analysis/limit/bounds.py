@@ -225,8 +225,9 @@ class _Cases:
         self._map = friction
         self._maneuver = maneuver
         self._solved: dict[tuple[object, ...], float] = {}
-        top = max((friction.base, *friction.table[:, 6]))
-        self.enough_torque = top * limit.strongest_peak / float(np.min(limit.torque_force))
+        top = max((friction.base, *friction.table[:, 6])) * float(np.max(limit.grip))
+        weakest = max(float(np.min(limit.torque_force)), _LEAST)
+        self.enough_torque = top * limit.strongest_peak / weakest
         self.uniform = len(friction.table) == 0
         self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
         self.step = max(self.step, 1e-3)
@@ -263,12 +264,10 @@ class _Straight(_Cases):
 
     def friction(self, start: float, end: float) -> FloatArray:
         along = self._turn @ self._direction
-        return np.array(
-            [
-                _largest_friction(self._map, wheel + start * along, wheel + end * along)
-                for wheel in self._start
-            ]
-        )
+        return self._limit.grip * [
+            _largest_friction(self._map, wheel + start * along, wheel + end * along)
+            for wheel in self._start
+        ]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         found = self._limit.strongest(self._direction, Case(friction, True, torque))
@@ -317,9 +316,9 @@ class _AnyHeading(_Cases):
 
     def friction(self, start: float, end: float) -> FloatArray:
         del start
-        return np.array(
-            [_reachable_friction(self._map, self._centre, end + arm) for arm in self._reach]
-        )
+        return self._limit.grip * [
+            _reachable_friction(self._map, self._centre, end + arm) for arm in self._reach
+        ]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         return self._limit.largest(Case(friction, False, min(torque, self._cap)), self.tolerance)

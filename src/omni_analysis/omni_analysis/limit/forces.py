@@ -84,7 +84,8 @@ class LimitVehicle:
         position: of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: of the active directions about the centre of gravity [m], shape (N,).
-        torque_force: force that a brake of 1 N m can hold at its wheel [1/m], shape (N,).
+        torque_force: force that a brake told 1 N m can hold at its wheel [1/m], shape (N,).
+        grip: factor on the friction under each wheel [1], shape (N,).
         strongest_peak: of the tire at any load, on ground of friction 1 [N].
     """
 
@@ -100,7 +101,8 @@ class LimitVehicle:
         tire = vehicle.tire
         radius = geometry.radius - tire.largest_load / tire.vertical_stiffness
         rim = np.abs(np.sum(geometry.active * geometry.rolling, axis=1))
-        self.torque_force = 1.0 / (radius * rim)
+        self.torque_force = vehicle.brake_share / (radius * rim)
+        self.grip = vehicle.grip
         losses = vehicle.passive_losses
         # Rolling resistance grows with the load; with its largest value it is a cone too.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load

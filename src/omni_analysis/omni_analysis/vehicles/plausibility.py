@@ -60,10 +60,12 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     shares = load_plane(geometry.position - masses.centre)[:, 0]
     tire = Tire(vehicle.tire)
     facts = {}
+    torque = vehicle.brake.max_torque * vehicle.brake_share
     for row, name in enumerate(geometry.names):
         load = float(shares[row]) * masses.mass * GRAVITY
-        grip = float(tire.curve(load, friction).peak_force) if load > 0.0 else 0.0
-        facts[name] = WheelFacts(load, grip, vehicle.brake.max_torque / float(geometry.radius[row]))
+        own = friction * float(vehicle.grip[row])
+        grip = float(tire.curve(load, own).peak_force) if load > 0.0 else 0.0
+        facts[name] = WheelFacts(load, grip, float(torque[row] / geometry.radius[row]))
     return facts
 
 

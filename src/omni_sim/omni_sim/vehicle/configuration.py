@@ -8,9 +8,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform.brakes import BrakeConfiguration
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    did_you_mean,
+    parameter,
+    section,
+)
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import (
     GRAVITY,
@@ -47,6 +54,21 @@ class DriveConfiguration(Configuration):
         unit="N m",
         minimum=0.0,
         maximum=1.0e6,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WheelCondition(Configuration):
+    """What tells a wheel from the others: a worn or oily tire, a brake that pulls less."""
+
+    friction: float = parameter(
+        1.0,
+        description="Factor on the friction of the ground under this wheel",
+        minimum=0.0,
+        maximum=2.0,
+    )
+    brake: float = parameter(
+        1.0, description="Factor on the torque of this wheel's brake", minimum=0.0, maximum=2.0
     )
 
 
@@ -92,6 +114,9 @@ class VehicleConfiguration(Configuration):
     )
     brake: BrakeConfiguration = section(BrakeConfiguration, description="Brake of every wheel")
     drive: DriveConfiguration = section(DriveConfiguration, description="Drive of every wheel")
+    conditions: Mapping[str, WheelCondition] = section(
+        dict, description="Wheels, by name, whose tire or brake is not as those of the others"
+    )
     passive_losses: PassiveLossConfiguration = section(
         PassiveLossConfiguration, description="Losses of every wheel's rollers"
     )
@@ -110,6 +135,19 @@ class VehicleConfiguration(Configuration):
         minimum=0.0,
         maximum=10.0,
     )
+
+    @property
+    def grip(self) -> FloatArray:
+        """Factor on the friction under each wheel [1], shape (N,)."""
+        return np.array([self._condition(name).friction for name in self.wheels])
+
+    @property
+    def brake_share(self) -> FloatArray:
+        """Factor on the torque of each wheel's brake [1], shape (N,)."""
+        return np.array([self._condition(name).brake for name in self.wheels])
+
+    def _condition(self, name: str) -> WheelCondition:
+        return self.conditions.get(name, WheelCondition())
 
     @property
     def contacts_move(self) -> bool:
@@ -133,6 +171,12 @@ class VehicleConfiguration(Configuration):
             ConfigurationError: no wheel may sit so, its rollers do not fit, or the vehicle falls
                 over at standstill.
         """
+        for name in self.conditions:
+            if name not in self.wheels:
+                hint = did_you_mean(name, self.wheels)
+                raise ConfigurationError(
+                    f"conditions.{name}", f"is no wheel; known: {', '.join(self.wheels)}{hint}"
+                )
         if self.contacts_move:
             _ = self.roller_geometries  # refuses rollers that do not fit
         if self.wheel_model == "rollers" and self.passive_losses.active:

@@ -355,7 +355,7 @@ def _step_wheels(
         state: of the vehicle.
         rollers: of that state; the kernel is compiled for either case.
         step: what all wheels see of it.
-        brake: torque that each brake can exert in this step [N m], shape (N,).
+        brake: torque that each brake's pressure lets it exert in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).
     """
     plant = state.plant
@@ -371,10 +371,13 @@ def _step_wheels(
             + plant.rolling[i, 2] * step.drive[2]
         )
         drive = Drive(step.drive_stiffness, speed, plant.drive_limit)
+        torque = plant.brake_share[i] * brake[i]
+        if torque * abs(omega) > plant.brake_power:
+            torque = plant.brake_power / abs(omega)
         if rollers is None:
-            _step_wheel(state, step, i, brake[i], drive)
+            _step_wheel(state, step, i, torque, drive)
         else:
-            step_roller_wheel(plant, rollers, wheel, step, i, brake[i], drive)
+            step_roller_wheel(plant, rollers, wheel, step, i, torque, drive)
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
 
 
@@ -388,6 +391,7 @@ def _step_wheel(state: State, step: Step, i: int, brake: float, drive: Drive) ->
     if step.tilt[0] != 0.0 or step.tilt[1] != 0.0:
         w_x, w_y = level(step.tilt[0], step.tilt[1], w_x, w_y)
     friction = friction_at(plant.friction, plant.patches, step.place[0] + w_x, step.place[1] + w_y)
+    friction *= plant.grip[i]
     curve = curve_at(plant.tire, min(wheel.load, plant.largest_load), friction)
     radius = plant.radius[i] - wheel.load / plant.vertical_stiffness  # r_D of Eq. (1)
     speed = radius * abs(wheel.speed) + plant.slip_speed  # denominator of Eq. (20)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from omni_platform.geometry import cross
@@ -73,6 +75,9 @@ def build_plant(
         slip_speed=tire.slip_speed,
         friction=float(friction.base),
         patches=friction.table,
+        grip=configuration.grip,
+        brake_share=configuration.brake_share,
+        brake_power=configuration.brake.max_power or math.inf,
         rollers=rollers,
         roller_pitch=pitch,
     )

@@ -77,6 +77,7 @@ def _step_contact(
     friction = friction_at(
         plant.friction, plant.patches, x + cos * r_x - sin * r_y, y + sin * r_x + cos * r_y
     )
+    friction *= plant.grip[i]
     clamped = min(touch.load, plant.largest_load)
     spin_lever = max(radius - depth, _LEAST_LEVER) * length
     lever = (radius * rim_active, radius * (axis.u_x * p_x + axis.u_y * p_y))

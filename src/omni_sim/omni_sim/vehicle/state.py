@@ -116,6 +116,9 @@ class Plant(NamedTuple):
         slip_speed: v_num [m/s].
         friction: factor of the ground outside the patches [1].
         patches: from `friction.FrictionMap`, shape (P, 8).
+        grip: factor on the friction under each wheel [1], shape (N,).
+        brake_share: factor on the torque of each wheel's brake [1], shape (N,).
+        brake_power: largest of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
         roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
     """
@@ -143,6 +146,9 @@ class Plant(NamedTuple):
     slip_speed: float
     friction: float
     patches: FloatArray
+    grip: FloatArray
+    brake_share: FloatArray
+    brake_power: float
     rollers: Structured
     roller_pitch: float
 
