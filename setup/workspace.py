@@ -119,6 +119,23 @@ def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[s
     return environment
 
 
+def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
+    """Return the entries of PYTHONPATH that hold modules of the user's own.
+
+    Packages of another Python or ROS do not fit this one: what is below its prefix, and any folder
+    of site-packages.
+    """
+    foreign = [str(workspace.venv), str(workspace.install), str(workspace.root / "build")]
+    foreign += environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    foreign.append(environ.get("VIRTUAL_ENV", ""))
+    entries = without(environ.get("PYTHONPATH", ""), [folder for folder in foreign if folder])
+    return [
+        entry
+        for entry in entries
+        if not {"site-packages", "dist-packages"} & set(Path(entry).parts)
+    ]
+
+
 def prepend(environment: dict[str, str], name: str, *parts: object) -> None:
     """Put path entries before what a variable holds."""
     held = environment.get(name, "")
@@ -152,6 +169,8 @@ def final_environment(
     environment = venv_environment(workspace, libraries)
     prefixes = [library.parents[2] for library in workspace.libraries]
     prepend(environment, "AMENT_PREFIX_PATH", *prefixes)
+    if not workspace.ros:  # whose base has it already
+        prepend(environment, "PYTHONPATH", *own_modules(os.environ, workspace))
     prepend(environment, "PYTHONPATH", *workspace.libraries)
     environment["OMNI_WORKSPACE"] = str(workspace.root)
     environment["OMNI_CACHE_DIR"] = str(workspace.cache)

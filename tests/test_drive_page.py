@@ -87,6 +87,11 @@ def choose(browser: Chromium, kind: str, name: str) -> None:
     browser.wait("document.getElementById('banner').hidden === false && state?.pose")
 
 
+def brightness(colour: str) -> float:
+    """Return the mean of red, green and blue of ``rgb(...)``, 0..255."""
+    return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+
+
 def test_the_page_chooses_what_is_driven() -> None:
     with drive_process() as process:
         with page_of(process, 400) as browser:
@@ -96,7 +101,23 @@ def test_the_page_chooses_what_is_driven() -> None:
             choose(browser, "law", "allocation")
             assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
             assert "assisted by allocation" in stop_from(browser, 1.0, 1)
-            assert browser.run("document.documentElement.scrollWidth") <= 400
+            for dark in (False, True):
+                browser.show(400, 800, dark=dark)
+                assert browser.run("document.documentElement.scrollWidth") <= 400
+                shown = "getComputedStyle(document.querySelector('#stops li'))"
+                ink, paper = (browser.run(f"{shown}.{key}") for key in ("color", "backgroundColor"))
+                assert (brightness(paper) < brightness(ink)) == dark
+                assert abs(brightness(paper) - brightness(ink)) > 150
+            # However many stops there are, each has its card, in a list that scrolls.
+            browser.run(
+                "for (let i = 0; i < 20; i++)"
+                " $('stops').append($('stops').firstElementChild.cloneNode(true))"
+            )
+            assert browser.run("$('stops').scrollHeight > $('stops').clientHeight")
+            assert browser.run(
+                "$('stops').getBoundingClientRect().bottom"
+                " < $('legend').getBoundingClientRect().top"
+            )
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=PATIENCE)
     assert out == ""  # one address, which stayed

@@ -380,14 +380,14 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
     foreign = {
         "ROS_DISTRO": "humble",
         "AMENT_PREFIX_PATH": "/opt/ros/humble",
-        "PYTHONPATH": "/opt/ros/humble/lib/python3.10/site-packages",
+        "PYTHONPATH": "/opt/ros/humble/lib/python3.10/site-packages:/home/me/laws:/x/dist-packages",
         "LD_LIBRARY_PATH": "/opt/ros/humble/lib:/opt/mine",
         "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
     }
     environ = json.loads(built_once.start("run", environ=foreign).stdout)["env"]
     root = built_once.root
     assert environ["AMENT_PREFIX_PATH"] == f"{root}/install/omni_bringup:{root}/.venv"
-    assert environ["PYTHONPATH"] == str(built_once.installed.parent)
+    assert environ["PYTHONPATH"] == f"{built_once.installed.parent}:/home/me/laws"
     assert environ["LD_LIBRARY_PATH"] == f"{root}/.venv/lib:/opt/mine"
     assert environ["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
     assert environ["VIRTUAL_ENV"] == f"{root}/.venv"
@@ -398,9 +398,10 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
 
 
 def test_starts_within_starts_do_not_pile_up_paths(built_once: Workspace) -> None:
-    once = json.loads(built_once.start("run").stdout)["env"]
+    mine = {"PYTHONPATH": "/home/me/laws"}
+    once = json.loads(built_once.start("run", environ=mine).stdout)["env"]
     inner = [sys.executable, str(built_once.root / "omni"), "run"]
-    twice = json.loads(built_once.start("exec", *inner).stdout)["env"]
+    twice = json.loads(built_once.start("exec", *inner, environ=mine).stdout)["env"]
     for name in ("PATH", "AMENT_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH"):
         assert twice[name] == once[name]
 

@@ -162,7 +162,6 @@ function card(distance) {
   numbers.textContent = `${length(distance)}, ${Math.abs(stop.turned * 180 / Math.PI).toFixed(1)}°`;
   row.append(words[0], numbers, words[1]);
   $("stops").prepend(row);
-  while ($("stops").children.length > 8) $("stops").lastChild.remove();
 }
 
 const length = (metres) => (metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres.toFixed(2)} m`);
