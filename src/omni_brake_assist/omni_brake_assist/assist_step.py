@@ -323,13 +323,15 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     """Return whether to ask a law, and the motion but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line, inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
-    good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking)
+    weighed = constants.second_opinion and _is_felt(constants, inputs)
+    good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
     trusted = memory.trust[0].cause == GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.twist
     if constants.second_opinion:
         chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
         step.contradicted = chosen == NOBODY
-        step.reckoned = chosen != NOBODY and (chosen == NO_TWIST or not (good and trusted))
+        alone = chosen == NO_TWIST or not (good and trusted) or memory.trust[0].unsure
+        step.reckoned = chosen != NOBODY and alone
         if memory.observer.belief[INERTIAL] != 0.0:
             good = trusted = chosen != NOBODY
             stamp_ns, twist = inputs.now_ns, memory.answer
@@ -366,6 +368,13 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 
 @lean
+def _is_felt(constants: Constants, inputs: Inputs) -> bool:
+    """Return whether there is an inertial reading of now."""
+    imu, timeout = inputs.imu, constants.limits.timeout_ns
+    return bool(imu.problem == GOOD and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
+
+
+@lean
 def _ask_observer(
     constants: Constants, memory: Memory, inputs: Inputs, heard: bool, braking: bool
 ) -> int:
@@ -379,7 +388,7 @@ def _ask_observer(
     for i in range(speeds.size):
         speeds[i] = wheels.speed[i] if known else math.nan
         released = released or memory.told[i] < 1.0
-    known = imu.problem == GOOD and abs(since(now_ns, imu.stamp_ns)) <= timeout
+    known = _is_felt(constants, inputs)
     for j in range(3):
         inertial[j] = imu.value[j] if known else math.nan
         variance[j] = feedback.covariance[j, j] if heard else 0.0

@@ -120,7 +120,8 @@ class BrakeAssistConfiguration(Configuration):
     )
     maximum_speed_deviation: float = parameter(
         0.2,
-        description="Largest standard deviation of the velocity, in its worst direction",
+        description="Largest standard deviation of the velocity, in its worst direction; one that "
+        "is less sure is still weighed where there is an IMU",
         unit="m/s",
         above=0.0,
     )

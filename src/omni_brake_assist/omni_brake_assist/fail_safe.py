@@ -4,6 +4,7 @@ Trust is earned by a number of good feedbacks in a row, at the start and after e
 lost by a single bad one. A feedback is good if it is there, finite, fresh, confident and
 physically plausible after the last good one. What is bad never becomes the one to compare with;
 as the permitted change grows with time, the comparison can never lock out good data for long.
+Where an observer weighs the feedback with other sensors by its variance, it may be unsure.
 
 The rules are one compiled kernel, `judge`, which remembers what was wrong by its number in
 `CHECKS`; `fault` puts that into words. Node, simulation in one process and campaign ask the same
@@ -24,6 +25,7 @@ from omni_brake_assist.decision import AssistState, Fault
 from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 
+_STEP_DEVIATIONS = 5.0  # of two feedbacks, which noise alone does not exceed [1]
 _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
 
 # What can be wrong; what is missing in `CHECKS` gets its words from who finds it.
@@ -150,6 +152,7 @@ TRUST = np.dtype(
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
         ("unchanged_ns", "i8"),  # since when it has been the same [ns]
+        ("unsure", "?"),  # whether the last one was too unsure to be used by itself
     ]
 )
 """What is remembered from one feedback to the next, see `new_trust`."""
@@ -259,7 +262,9 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
 
 
 @lean
-def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool) -> bool:
+def judge(
+    limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool, weighed: bool
+) -> bool:
     """Examine what has been received at the time of a demand.
 
     Args:
@@ -268,6 +273,7 @@ def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool)
         now_ns: stamp of the demand [ns].
         heard: latest feedback, which may be the same as last time.
         braking: whether the driver brakes, so that the twist must change.
+        weighed: whether other sensors know the motion too, so that it counts by its variance.
 
     Returns:
         Whether it is good. Good is not trusted: that is ``memory[0].cause == GOOD``.
@@ -282,9 +288,9 @@ def judge(limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool)
     if not (
         _is_finite(trust, heard)
         and _is_fresh(limits, trust, now_ns, heard.stamp_ns)
-        and _is_confident(limits, trust, heard.covariance)
+        and _is_confident(limits, trust, heard.covariance, weighed)
         and _is_plausible(limits, trust, heard.twist)
-        and _follows(limits, trust, heard.stamp_ns, heard.twist, braking)
+        and _follows(limits, trust, heard, braking, weighed)
     ):
         return False
     _accept(limits, trust, heard.stamp_ns, heard.twist, braking)
@@ -354,19 +360,29 @@ def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
 
 
 @lean
-def _is_confident(limits: Limits, trust: Any, covariance: FloatArray) -> bool:
+def _worst_variance(covariance: FloatArray) -> float:
+    """Return the variance of the velocity in its worst direction, whichever way the axes lie."""
+    xx, yy = covariance[0, 0], covariance[1, 1]
+    across = covariance[0, 1] / 2 + covariance[1, 0] / 2
+    return float(xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across))
+
+
+@lean
+def _is_confident(limits: Limits, trust: Any, covariance: FloatArray, weighed: bool) -> bool:
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
     if min(xx, yy, ww) <= 0.0:
         distrust(trust, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
         return False
-    # Largest eigenvalue of the linear part: the worst direction, whichever way the axes lie.
-    across = covariance[0, 1] / 2 + covariance[1, 0] / 2
-    worst = xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across)
-    speed, yaw_rate = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
+    speed, yaw_rate = math.sqrt(_worst_variance(covariance)), math.sqrt(ww)
+    speed_limit, yaw_limit = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
+    trust.unsure = speed > speed_limit or yaw_rate > yaw_limit
     return bool(
-        _within(trust, SPEED_DEVIATION, math.sqrt(worst), speed, 0.0)
-        and _within(trust, YAW_RATE_DEVIATION, math.sqrt(ww), yaw_rate, 0.0)
+        weighed
+        or (
+            _within(trust, SPEED_DEVIATION, speed, speed_limit, 0.0)
+            and _within(trust, YAW_RATE_DEVIATION, yaw_rate, yaw_limit, 0.0)
+        )
     )
 
 
@@ -386,8 +402,9 @@ def _is_same(trust: Any, twist: FloatArray) -> bool:
 
 
 @lean
-def _follows(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> bool:
+def _follows(limits: Limits, trust: Any, heard: Heard, braking: bool, weighed: bool) -> bool:
     """Return whether a twist may come after the last good one."""
+    stamp_ns, twist = heard.stamp_ns, heard.twist
     if not trust.known:
         return True
     elapsed = since(stamp_ns, trust.last_ns)
@@ -403,6 +420,9 @@ def _follows(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braki
     )
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
+    if weighed:  # what it says about its noise is heard; the one before had as much
+        speed_limit += _STEP_DEVIATIONS * math.sqrt(_worst_variance(heard.covariance))
+        yaw_limit += _STEP_DEVIATIONS * math.sqrt(heard.covariance[2, 2])
     if not (
         _within(trust, SPEED_STEP, step, speed_limit, dt)
         and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)

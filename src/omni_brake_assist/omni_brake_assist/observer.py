@@ -24,7 +24,8 @@ without accelerometer must agree on the velocity, those without twist and withou
 rate. Where they do not, one of two channels lies. Witnesses say which: the wheels that roll
 contradict the filter that believes it; in a dispute about the velocity, who sees none of the loss
 that braking wheels cause is wrong; in one about the yaw rate, the right one explains how the
-velocity of the twist changes. In axes that turn with the gyro ``U' = f`` if the gyro is right; by
+velocity of the twist changes. A twist that leaps, or that braking does not change, has no case.
+In axes that turn with the gyro ``U' = f`` if the gyro is right; by
 the twist's own rate it should change by another ``(Omega - gyro) k x U``. Both are added up over
 the last `memory`, so that a rate that is off by little shows too; a twist that neither explains is
 wrong itself. What is convicted is left out until it has agreed with
@@ -91,8 +92,13 @@ _HEADING, _GAIN_X, _GAIN_Y, _LAST_RATE = range(4)
     APART,
     APART_SPREAD,
     OFFSET,
-) = range(19)
-COURSE_SIZE = 19
+    MARK_SPREAD,
+    LEAPT,
+    SAME_X,
+    SAME_Y,
+    SAME,
+) = range(24)
+COURSE_SIZE = 24
 
 # Who is not believed, beside the filters above: nobody is.
 NOBODY = 4
@@ -102,7 +108,8 @@ NOBODY = 4
 # reading; whether the filters have begun; time since the last good twist [s]; time of the last
 # step [ns]; time of the newest twist used [ns]; whether the pedal was down; for how long the
 # twist has lost no speed [s]; speed when the pedal went down [m/s]; what wheel radii are off by, as
-# learnt while the pedal was up [1].
+# learnt while the pedal was up [1]; how far velocities and yaw rates were apart at the newest
+# twist, see `_differences` [1].
 (
     OUT,
     DISPUTED,
@@ -117,8 +124,10 @@ NOBODY = 4
     IDLE,
     TOP_SPEED,
     SCALE,
-) = range(13)
-BELIEF_SIZE = 13
+    APART_VELOCITY,
+    APART_RATE,
+) = range(15)
+BELIEF_SIZE = 15
 
 _FADE = 0.96  # of evidence, per step
 _PROOF = 12.0  # by how much the scores of two filters must differ
@@ -130,7 +139,12 @@ _FASTEST_RIM = 200.0  # [m/s]
 _APART_WALK = 0.001  # how much that changes from one twist to the next [rad/s]
 _LARGEST_BIAS = 0.01  # of a gyro that has been calibrated at rest [rad/s]
 _APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/s]
+_LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
 _AGED = 1.5e7  # age from which on a twist says little of now [ns]
+_LEAP_DEVIATIONS = 5.0  # of two twists, which noise alone does not exceed [1]
+_LEAP_MEMORY = 0.3  # for how long a leap counts [s]
+_STUCK = 1e-4  # change from twist to twist, below which it does not change [m/s], [rad/s]
+_STUCK_TIME = 0.03  # for which it may not while braking, if others say that it should [s]
 _MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 _DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _GAIN_FADE = 0.7  # of what a rim has gained, per step
@@ -272,14 +286,14 @@ class ObserverMemory(NamedTuple):
     Attributes:
         state: of each filter and the path, shape (5, 6).
         covariance: likewise, shape (4, 6, 6).
-        belief: see the constants of the module, shape (13,).
+        belief: see the constants of the module, shape (15,).
         released: for how long each wheel's brake has been released [s], shape (N,).
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
         gain: by how much each rim has lately become faster [m/s], shape (N,).
         doubt: how often each has contradicted everybody lately [1], shape (N,).
         score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
         blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
-        course: what explains the change of the twist, see the head of the module, shape (19,).
+        course: what explains the change of the twist, see the head of the module, shape (24,).
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
@@ -399,6 +413,7 @@ def _begin(memory: ObserverMemory, now_ns: int, twist: FloatArray) -> None:
     memory.blame[:] = 0.0
     memory.course[:] = 0.0
     memory.course[APART_SPREAD] = _APART**2
+    memory.course[LEAPT] = _LEAP_MEMORY
     belief = memory.belief
     belief[:] = 0.0
     belief[BEGUN] = 1.0
@@ -584,6 +599,7 @@ def _follow_twist(
         change_y = y - course[MARK_Y] - (path[_GAIN_Y] - course[MARK_GAIN_Y])
         own = 0.5 * (twist[2] + course[MARK_RATE]) * dt
         turn = path[_HEADING] - course[MARK_HEADING] - own
+        _notice_leap(constants, course, variance, dt, (x, y, turn))
         course[CHANGE_X] = keep * course[CHANGE_X] + change_x
         course[CHANGE_Y] = keep * course[CHANGE_Y] + change_y
         course[TURN_X] = keep * course[TURN_X] - turn * 0.5 * (y + course[MARK_Y])
@@ -594,9 +610,45 @@ def _follow_twist(
         course[CHANGE_X:SPREAD] = 0.0
         course[SPREAD] = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
     course[MARKED], course[MARK_X], course[MARK_Y] = 1.0, x, y
+    course[MARK_SPREAD] = max(variance[0], variance[1])
     course[MARK_RATE], course[MARK_NS] = twist[2], place_ns
     course[MARK_HEADING] = path[_HEADING]
     course[MARK_GAIN_X], course[MARK_GAIN_Y] = path[_GAIN_X], path[_GAIN_Y]
+
+
+@lean
+def _notice_leap(
+    constants: ObserverConstants,
+    course: FloatArray,
+    variance: FloatArray,
+    dt: float,
+    moved: tuple[float, float, float],
+) -> None:
+    """See whether the twist has changed by more than tires and its own noise can, with any rate."""
+    x, y, turn = moved
+    change_x, change_y = x - course[MARK_X], y - course[MARK_Y]
+    change = min(
+        math.hypot(change_x, change_y), math.hypot(change_x + turn * y, change_y - turn * x)
+    )
+    spread = max(variance[0], variance[1]) + course[MARK_SPREAD] + 2.0 * constants.wheel**2
+    if change > constants.walk * dt + _LEAP_DEVIATIONS * math.sqrt(spread):
+        course[LEAPT] = 0.0
+
+
+@lean
+def _notice_stuck(
+    constants: ObserverConstants, memory: ObserverMemory, braking: bool, twist: PassedTwist
+) -> None:
+    """Book for how long braking has not changed the twist, once brakes have had time to act."""
+    course, value = memory.course, twist.value
+    changed = abs(value[0] - course[SAME_X]) > _STUCK or abs(value[1] - course[SAME_Y]) > _STUCK
+    changed = changed or abs(value[2] - course[MARK_RATE]) > _STUCK
+    course[SAME_X], course[SAME_Y] = value[0], value[1]
+    course[SAME] += (twist.stamp_ns - memory.belief[TWIST_NS]) * 1e-9
+    if not braking:
+        course[SAME] = -constants.spin_up
+    elif changed:
+        course[SAME] = min(course[SAME], 0.0)
 
 
 @lean
@@ -762,11 +814,12 @@ def _differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[
 def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> int:
     """Decide whom to leave out; return the filter to use, or NOBODY."""
     belief = memory.belief
-    velocity, rate = _differences(constants, memory)
+    velocity, rate = belief[APART_VELOCITY], belief[APART_RATE]
     out = int(belief[OUT])
     if out != ALL:
         own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
-        belief[AGREED] = belief[AGREED] + dt if own < 0.6 else 0.0
+        speaks = out != NO_TWIST or belief[TWIST_AGE] == 0.0
+        belief[AGREED] = belief[AGREED] + dt if own < 0.6 and speaks else 0.0
         if out in (NO_TWIST, NO_GYRO) and rate > 1.0:
             right, decided = _explain(constants, memory)
             if decided and right != out:  # the first verdict was wrong
@@ -777,6 +830,7 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
             return int(out)
         belief[OUT] = ALL
         belief[DISPUTED] = 0.0
+        _forget_lies(memory, out)
     odd = _odd_one_out(memory)
     if odd != ALL:
         belief[OUT] = odd
@@ -798,6 +852,23 @@ def _judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> i
     belief[AGREED] = 0.0
     belief[CONVICTIONS] += 1.0
     return int(belief[OUT])
+
+
+@lean
+def _forget_lies(memory: ObserverMemory, right: int) -> None:
+    """Let the filters that have heard one who was wrong start anew from that which has not."""
+    if right == NOBODY:
+        return
+    _acquit(memory)
+    for k in range(FILTERS):
+        if k != right:
+            _copy(memory.state[right], memory.state[k])
+            for i in range(STATES):
+                _copy(memory.covariance[right, i], memory.covariance[k, i])
+            row = memory.newest[0]
+            for _ in range(_HISTORY):
+                _copy(memory.past[row, right], memory.past[row, k])
+                row = (row - 1) % _HISTORY
 
 
 @lean
@@ -861,7 +932,9 @@ def _verdict(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
     """Return the filter that is right in a dispute, and whether that is proven."""
-    score = memory.score
+    score, course = memory.score, memory.course
+    if course[LEAPT] < _LEAP_MEMORY or course[SAME] > _STUCK_TIME:
+        return NO_TWIST, True
     right, decided = _explain(constants, memory) if about_rate else _who_loses(constants, memory)
     if about_rate and decided:
         return right, True
@@ -974,10 +1047,14 @@ def observe(
         PassedTwist(fresh, twist_ns, told, variance),
     )  # fmt: skip
     belief[TWIST_AGE] = 0.0 if heard else belief[TWIST_AGE] + dt
+    memory.course[LEAPT] += dt
     if fresh:
+        _notice_stuck(constants, memory, braking, PassedTwist(True, twist_ns, told, variance))
         belief[TWIST_NS] = twist_ns
         _hear_twist(constants, memory, twist_ns, told, variance)
     _remember(memory)  # as it is known now
+    if fresh or now_ns - belief[TWIST_NS] > _LONG_HELD:  # in between the filters drift apart
+        belief[APART_VELOCITY], belief[APART_RATE] = _differences(constants, memory)
     if belief[INERTIAL] == 0.0:
         return int(_judge_alone(memory, dt, braking))
     if not braking:

@@ -24,6 +24,8 @@ from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 
+RELEASED = "brakes released when they should act"
+OPINION = "second opinion: it contradicts "
 PERIOD_NS = 10_000_000
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 
@@ -71,13 +73,21 @@ class Drive:
         return np.array([rate, c * force[0] + s * force[1], c * force[1] - s * force[0]])
 
     def run(
-        self, steps: int, lie: str = "", onset: int = 80, size: float = 0.0, late: int = 0
+        self,
+        steps: int,
+        lie: str = "",
+        onset: int = 80,
+        size: float = 0.0,
+        late: int = 0,
+        until: int = 1000,
+        hold: int = 1,
     ) -> None:
-        """Run; `late` is the age of the twist in steps."""
+        """Run; `late` is the age of the twist in steps, and it is read every `hold` of them."""
         count = len(self.memory.rim)
         for step in range(steps):
-            braking, told = step >= PEDAL, step >= onset
-            twist, _, _ = self.truth(max(step - late, 0))
+            braking, told = step >= PEDAL, onset <= step < until
+            taken = max(step - late, 0) // hold * hold
+            twist, _, _ = self.truth(onset if told and lie == "stuck" else taken)
             inertial = self.inertial(step)
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if told and lie == "twist":
@@ -104,12 +114,16 @@ class Drive:
                     self.memory,
                     step * PERIOD_NS,
                     Brakes(braking, enable),
-                    PassedTwist(heard, max(step - late, 0) * PERIOD_NS, twist, np.full(3, 1e-6)),
+                    PassedTwist(heard, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
                     Sensed(inertial, speeds),
                     answer,
                 )
             )
             self.answers.append(answer)
+
+    def time_until(self, out: int, onset: int = 80) -> float:
+        """Return when a channel has been left out since the step of a lie [s]."""
+        return (self.chosen.index(out, onset) + 1 - onset) * PERIOD_NS / 1e9
 
     @property
     def error(self) -> FloatArray:
@@ -128,12 +142,21 @@ def test_honest_sensors_are_all_believed(drive: Drive) -> None:
     assert drive.error == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.safety(
+    RELEASED, "twist missing for good", "dead reckoning by IMU and wheels", within=0.0
+)
 def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> None:
     drive.run(180, "silence")
     assert NOBODY not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.safety(
+    "brakes act late",
+    "twist 50 ms late",
+    "it is compared with the motion of its stamp and carried on to now",
+    within=0.0,
+)
 def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
     drive.run(180, late=5)  # 50 ms, in which 0.2 m/s are lost
     assert drive.error == pytest.approx(0.0, abs=0.03)
@@ -142,20 +165,85 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
 @pytest.mark.parametrize(
     ("lie", "size", "out"),
     [
-        ("twist", 1.0, NO_TWIST),
-        ("rate", 0.3, NO_TWIST),
+        pytest.param(
+            "twist", 0.5, NO_TWIST,
+            marks=pytest.mark.safety(
+                RELEASED, "velocity of the twist off by 0.5 m/s",
+                OPINION + "accelerometer and wheels", within=0.1,
+            ),
+        ),
+        pytest.param(
+            "rate", 0.3, NO_TWIST,
+            marks=pytest.mark.safety(
+                RELEASED, "yaw rate of the twist off by 0.3 rad/s",
+                OPINION + "the gyro, which explains how the velocity changes", within=0.1,
+            ),
+        ),
         ("rate", -0.5, NO_TWIST),
-        ("gyro", 0.3, NO_GYRO),
+        pytest.param(
+            "gyro", 0.3, NO_GYRO,
+            marks=pytest.mark.safety(
+                RELEASED, "gyro off by 0.3 rad/s",
+                OPINION + "the twist, whose rate explains how its velocity changes", within=0.1,
+            ),
+        ),
         ("gyro", -0.5, NO_GYRO),
-        ("force", 4.0, NO_FORCE),
+        pytest.param(
+            "force", 4.0, NO_FORCE,
+            marks=pytest.mark.safety(
+                RELEASED, "accelerometer off by 4 m/s^2", OPINION + "twist and wheels", within=0.2
+            ),
+        ),
     ],
-)
-def test_one_that_lies_is_left_out(drive: Drive, lie: str, size: float, out: int) -> None:
+)  # fmt: skip
+def test_one_that_lies_is_left_out(
+    drive: Drive, lie: str, size: float, out: int, within: float
+) -> None:
     drive.run(160, lie, size=size)
     assert drive.chosen[-1] == out
+    assert drive.time_until(out) <= within
     assert drive.error == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.safety(
+    RELEASED,
+    "twist stuck, also that of a sensor that is read every 40 ms",
+    "second opinion: braking does not change it",
+    within=0.2,
+)
+@pytest.mark.parametrize("hold", [1, 4])
+def test_a_twist_that_braking_does_not_change_is_left_out(
+    drive: Drive, hold: int, within: float
+) -> None:
+    drive.run(115, "stuck", hold=hold)
+    assert drive.chosen[-1] == NO_TWIST
+    assert drive.time_until(NO_TWIST) <= within
+    assert drive.error == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.safety(
+    RELEASED, "twist leaps", "second opinion: no tire can do that in a step", within=0.02
+)
+def test_a_twist_that_leaps_is_left_out_at_once(drive: Drive, within: float) -> None:
+    """No tire takes 1.5 m/s in 10 ms, whoever else says so."""
+    drive.run(84, "twist", size=1.5)
+    assert drive.time_until(NO_TWIST) <= within
+    assert drive.error == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("lie", "size"), [("twist", 3.0), ("gyro", 0.5), ("force", 6.0)])
+def test_who_is_heard_again_has_left_nothing_behind(drive: Drive, lie: str, size: float) -> None:
+    """Filters that heard a lie for a while do not speak of it once it is over."""
+    drive.run(190, lie, onset=70, size=size, until=110)
+    assert drive.chosen[-1] == (NO_FORCE if lie == "force" else ALL)  # nobody corrects its path
+    errors = [a - drive.truth(i)[0] for i, a in enumerate(drive.answers) if i >= 130]
+    assert np.max(np.abs(errors)) < 0.1
+
+
+@pytest.mark.safety(
+    RELEASED, "one encoder lies", "second opinion: a wheel that contradicts all is not heard",
+    within=0.0,
+)  # fmt: skip
 def test_a_wheel_that_lies_moves_nobody(drive: Drive) -> None:
     drive.run(160, "wheel", size=20.0)
     assert drive.error == pytest.approx(0.0, abs=0.05)
