@@ -23,11 +23,18 @@ def benchmark() -> Any:
     return module
 
 
+@pytest.mark.safety(
+    "a run fails quietly",
+    "a node killed, halted or asked to stop",
+    "the others notice: the run ends with an error in one sentence",
+    within="some seconds",
+)
 @pytest.mark.parametrize(
     ("node", "action", "real_time", "words"),
     [
         ("simulator", "terminate", False, "the simulator was asked to stop at"),
         ("simulator", "halt", False, "the simulator stands still"),
+        ("simulator", "resume", False, "simulator was halted by a signal"),
         ("linescan_odometry", "resume", False, "linescan_odometry was halted by a signal"),
         ("linescan_odometry", "kill", True, "linescan_odometry ended (signal 9)"),
     ],
@@ -36,5 +43,6 @@ def test_no_disturbed_run_ends_well(
     node: str, action: str, real_time: bool, words: str, tmp_path: Path
 ) -> None:
     found = benchmark().trial(tmp_path / "run", node, action, 0.1, real_time=real_time)
+    assert found is not None
     assert found.returncode == 1
     assert words in found.complaint

@@ -30,6 +30,7 @@ from omni_bringup.graph.run_folder import write_configuration
 from omni_ros.environment import node_environment
 
 _POLL = 0.05  # [s]
+_HALTED = "{} was halted by a signal during the run, which counts no more"
 _HALTED_PATIENCE = 5.0  # [s] for a simulator that a signal has halted
 _PATIENCE = 300.0  # [s] for any news of it; kernels may have to be compiled
 _LONGEST_SILENCE = 1.0  # [s] of a node in real time; a busy machine causes less
@@ -178,6 +179,7 @@ def _follow(
     """
     report: dict[str, Any] = {}
     heard = running = time.monotonic()
+    halted = False
     while wait_for(simulator, _POLL) is None:
         group.raise_if_ended(besides=simulator)
         now = time.monotonic()
@@ -185,6 +187,7 @@ def _follow(
             on_progress(report)
             heard = now
         running = running if simulator.is_halted else now
+        halted = simulator.was_halted  # the end of a process takes what is known of it along
         if now - running > _HALTED_PATIENCE:
             raise ProcessError("the simulator stands still: a signal has halted it")
         if now - heard > _PATIENCE:
@@ -193,6 +196,8 @@ def _follow(
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
         raise ProcessError(describe_end(simulator))
+    if halted:
+        raise ProcessError(_HALTED.format(simulator.node.name))
     return report
 
 
@@ -221,9 +226,7 @@ def _check_life(group: ProcessGroup) -> None:
     """
     for process in group.running:
         if process.was_halted:
-            raise ProcessError(
-                f"{process.node.name} was halted by a signal during the run, which counts no more"
-            )
+            raise ProcessError(_HALTED.format(process.node.name))
 
 
 def check_counts(kept_report: Mapping[str, Any], report: Mapping[str, Any]) -> None:
