@@ -1,7 +1,12 @@
-"""Marks the fast tests, for while one works (``./omni test -m fast -n auto``), and orders all."""
+"""Marks the fast tests, for while one works (``./omni test -m fast -n auto``), and orders all.
+
+Tests of the safety case carry ``safety(hazard, fault, caught_by, within=...)``, from which
+``tests/safety_table.py`` makes the table of docs/safety.md.
+"""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -36,3 +41,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if SOURCES in item.path.parents and item.path.stem.removeprefix("test_") not in DEAR:
             item.add_marker(pytest.mark.fast)
+
+
+@pytest.fixture
+def within(request: pytest.FixtureRequest) -> float:
+    """The time within which the safety case says that what a test shows happens [s]."""
+    mark = request.node.get_closest_marker("safety")
+    return float(mark.kwargs["within"]) if mark else math.inf

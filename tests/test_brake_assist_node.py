@@ -138,6 +138,12 @@ def test_it_assists_and_every_doubt_puts_all_brakes_on(vehicle: Vehicle) -> None
         vehicle.swerve_until_assisted()  # it recovers with good data
 
 
+@pytest.mark.safety(
+    "the wrong brakes act",
+    "wheels other than configured",
+    "the assistant compares the names: all brakes on",
+    within="the next decision",
+)
 def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
     vehicle.swerve_until_assisted()
     vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, ("port", "starboard")))
@@ -149,6 +155,12 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
     vehicle.swerve_until_assisted()
 
 
+@pytest.mark.safety(
+    "a wrong voice is heard",
+    "a second publisher of pedal, twist, wheel states or enables",
+    "the assistant sees it in the graph: all brakes on, and says so",
+    within="an event of the graph",
+)
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
 def test_it_speaks_before_it_hears_and_brakes_when_it_hears_two(vehicle: Vehicle) -> None:
     # Simulated time is in use and nobody tells it.
@@ -171,6 +183,12 @@ def test_it_speaks_before_it_hears_and_brakes_when_it_hears_two(vehicle: Vehicle
         vehicle.swerve_until_assisted()
 
 
+@pytest.mark.safety(
+    "brakes act late",
+    "pedal, twist or both silent",
+    "watchdogs on a steady clock: all brakes on unasked",
+    within="`demand_timeout`, `feedback_timeout`",
+)
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
 @pytest.mark.parametrize(
     ("silent", "state"),

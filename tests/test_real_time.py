@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from omni_process import (
     RUN_TIMEOUT,
     omni,
@@ -37,6 +38,12 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
     np.testing.assert_allclose(history.twist[-1], 0.0, atol=0.02)
 
 
+@pytest.mark.safety(
+    "brakes act late",
+    "the assistant stands still",
+    "the valves' own time-out: all brakes on; the run ends with an error",
+    within="`enable_timeout`",
+)
 def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
     """The vehicle then brakes as if it had no assistant: it swerves, but stops, and it is told."""
     folder = tmp_path / "run"

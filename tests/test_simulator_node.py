@@ -116,6 +116,12 @@ class Valve(Bystander):
         self.missed += 1
 
 
+@pytest.mark.safety(
+    "a wrong voice is heard",
+    "a second publisher of enables",
+    "the valves brake with all while two are matched",
+    within="an event of the graph",
+)
 def test_it_runs_on_in_simulated_time_and_brakes_when_it_hears_two(assistant: Assistant) -> None:
     assistant.wait(lambda: not assistant.torque.any())
     given = Parameter("use_sim_time", value=True).to_parameter_msg()

@@ -21,6 +21,12 @@ def stops() -> LyingSensors:
     return LyingSensors(LIBRARY)
 
 
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "twist or an encoder off, stuck, whispering, drifting or gone",
+    "all layers, in the closed loop: the limits of the study hold",
+    within="the whole stop",
+)
 @pytest.mark.parametrize("imu", [True, False])
 @pytest.mark.parametrize(
     ("channel", "kind", "axis", "amplitude"),
@@ -70,6 +76,12 @@ def test_a_twist_that_turns_otherwise_does_not_convict_the_gyro(
     assert stop.rotation <= ROTATION_LIMIT
 
 
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "gyro or accelerometer off, stuck, reversed, swapped or gone",
+    "likewise",
+    within="the whole stop",
+)
 @pytest.mark.parametrize(
     ("channel", "kind", "amplitude"),
     [
@@ -95,6 +107,12 @@ def test_an_imu_that_lies_makes_no_stop_worse(
         assert stop.rotation <= ROTATION_LIMIT
 
 
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "a lie too small to be found, also while the line of motion is stored",
+    "it costs little; the line is stored again once a dispute is settled",
+    within="the whole stop",
+)
 @pytest.mark.parametrize(
     ("case", "lie"),
     [
@@ -130,6 +148,12 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
     assert stop.distance <= DISTANCE_LIMITS[False]
 
 
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "twist lost for good 0.3 s after the pedal",
+    "dead reckoning, then all brakes: at most 8 deg",
+    within="the whole stop",
+)
 def test_a_stop_goes_on_without_the_twist() -> None:
     assert loss_of_twist(LIBRARY, 0.3) <= 8.0
 

@@ -102,6 +102,13 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
 ]
 
 
+@pytest.mark.safety(
+    "brakes released when they should act",
+    "twist without a number, late, from the future, unsure, too fast, or a leap; pedal without "
+    "a value",
+    "gate: all brakes on, trust is earned anew",
+    within=0.01,
+)
 @pytest.mark.parametrize(
     ("spoil", "state", "reason"), [row[1:] for row in FAULTS], ids=[row[0] for row in FAULTS]
 )
@@ -110,9 +117,11 @@ def test_fault_has_all_brakes_on_and_passes(
     spoil: Callable[[BrakeDemand], BrakeDemand],
     state: AssistState,
     reason: str,
+    within: float,
 ) -> None:
     assist = assisting(mecanum)
     bad = assist.update(spoil(demand(5)))
+    assert within * 1e9 >= PERIOD_NS  # it is the first decision after the fault
     require_all_on(bad, state)
     assert reason in bad.reason
     states = [assist.update(demand(step)).state for step in range(6, 12)]
@@ -266,12 +275,21 @@ def test_silence_has_all_brakes_on_and_costs_trust(mecanum: Wheels, state: Assis
     assert states == [state, state, AssistState.ASSISTING]
 
 
-def test_twist_that_never_changes_while_braking_is_implausible(mecanum: Wheels) -> None:
+@pytest.mark.safety(
+    "brakes released when they should act",
+    "twist stuck, without an IMU",
+    "gate: the same bits while braking",
+    within=0.22,
+)
+def test_twist_that_never_changes_while_braking_is_implausible(
+    mecanum: Wheels, within: float
+) -> None:
     assist = assisting(mecanum, frozen_time=0.2)
     states = [assist.update(demand(step, speed=9.5)).state for step in range(5, 30)]
     # Step 5 is the first with this twist; 0.2 s later is still believed.
     assert states[:21] == [AssistState.ASSISTING] * 21
     assert states[21:] == [AssistState.IMPLAUSIBLE_FEEDBACK] * 4
+    assert within * 1e9 >= 22 * PERIOD_NS
     later = [assist.update(demand(step, speed=12.0 - 0.1 * step)).state for step in range(30, 33)]
     assert later[-1] is AssistState.ASSISTING
 
@@ -445,6 +463,12 @@ def test_any_input_has_a_decision_and_good_data_recover(
     assert decision.fault is None
 
 
+@pytest.mark.safety(
+    "brakes released when they should act",
+    "any twist, any weighting",
+    "at least one brake acts whenever the pedal is down",
+    within="every step",
+)
 @settings(max_examples=300, deadline=None)
 @given(
     stream=st.lists(
@@ -469,6 +493,12 @@ def test_some_brake_is_always_on(
             np.testing.assert_array_equal(decision.enable == 1.0, decision.error < 0.0)
 
 
+@pytest.mark.safety(
+    "brakes released when they should act",
+    "the law fails",
+    "its exception and what is no share of 0 to 1 mean all brakes on",
+    within="the same step",
+)
 def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:
     assist = assisting(mecanum)
 
@@ -484,6 +514,12 @@ def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.M
     assert states == [*[AssistState.INTERNAL_ERROR] * 2, AssistState.ASSISTING]
 
 
+@pytest.mark.safety(
+    "brakes come and go",
+    "trust that is lost and earned in turn",
+    "gate: latched after the third return until the pedal is released",
+    within="the fourth loss",
+)
 def test_trust_that_comes_and_goes_is_not_given_again_in_this_stop(mecanum: Wheels) -> None:
     """60 ms with feedback, 60 ms without: brakes that come and go stop nobody."""
     assist = assisting(mecanum, second_opinion=False)

@@ -30,9 +30,16 @@ def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray
     return np.array(rows)
 
 
+@pytest.mark.safety(
+    "brakes held when nobody brakes",
+    "any enable of the assistant",
+    "an enable is a share of what the pedal asks: none where the pedal is up",
+    within=0.0,
+)
 def test_pressure_without_lag_is_what_is_asked() -> None:
     pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
     np.testing.assert_array_equal(brake_torques(pressure, 1500.0, 20), [ASKED] * 20)
+    np.testing.assert_array_equal(brake_torques(pressure, 0.0, 20), 0.0)
 
 
 def test_dead_time_alone_shifts_what_is_asked() -> None:
