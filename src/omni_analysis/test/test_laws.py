@@ -9,6 +9,7 @@ import pytest
 from omni_analysis.limit.bounds import maneuver_of, straight_bound
 from omni_analysis.loop.compiled import FastRun, run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.studies import StudyRun, laws
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 PROPORTIONAL = "vehicle.brake.kind=proportional"
@@ -100,3 +101,13 @@ def test_a_slow_stop_does_not_wait_for_the_tires() -> None:
     )
     assert run.stopping_distance < 1.2 * alone.stopping_distance
     assert run.orientation_change < 1.0
+
+
+def test_a_piece_of_the_study_holds_its_numbers_against_their_limits(tmp_path: Path) -> None:
+    options = laws.Options(without_optical=True, seeds="2:4", workers=1)
+    result = laws.run(options, StudyRun(LIBRARY, tmp_path))
+    short = result.metrics["stopping_distance.straight_line_allocation_proportional"]
+    assert short.value == _stop("straight_line", "assisted", PROPORTIONAL).stopping_distance
+    assert short.limit == 9.0
+    assert len(result.metrics) == 4  # two stops, each with distance and rotation
+    assert (tmp_path / "stops.csv").read_text().count("\n") >= 3

@@ -5,13 +5,17 @@ Feedback is ideal but where the case says otherwise. A case is ``<experiment>_<l
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from omni_analysis.campaign.runner import CampaignOptions, run_campaign
 from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import (
     BLACK,
@@ -26,11 +30,11 @@ from omni_analysis.figures.style import (
 )
 from omni_analysis.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 from omni_analysis.loop.compiled import run_fast_loop
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.metrics import Metric, run_metrics
 from omni_analysis.studies import StudyResult, StudyRun
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.configuration import parameter, to_mapping
 
 _IDEAL = (
     "feedback=velocity_sensor",
@@ -88,11 +92,17 @@ _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     "friction_0.5": ("ground.friction=0.5",),
     "rollers": ("vehicle.wheel_model=rollers",),
 }
+_COMPARED: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("unassisted", "unassisted", ()),
+    ("sliding_mode_on_off", "assisted", ()),
+    ("allocation_proportional", "assisted", (*_ALLOCATION, _PROPORTIONAL)),
+)
+_BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
-    """What is run."""
+class Options(CampaignOptions):
+    """What is run, and where."""
 
     without_optical: bool = parameter(
         False, description="leave out the stop on the line cameras, which takes longest"
@@ -103,141 +113,152 @@ class Options(Configuration):
 
 
 class _Case(NamedTuple):
-    """A run: which experiment and variant, and what is changed."""
+    """A run: which experiment and variant, and what is changed; or a bound of such runs."""
 
     experiment: str
     variant: str
     changes: tuple[str, ...]
+    bound: str = ""
 
 
-def _cases(
-    library: ExperimentLibrary, optical: bool, own: Sequence[str]
-) -> Iterator[tuple[str, _Case]]:
+class LawStop(NamedTuple):
+    """What a case comes to.
+
+    Attributes:
+        seed: number of the case.
+        case: its name.
+        distance: stopping distance, or its bound [m].
+        rotation: change of orientation [deg], NaN of a bound.
+        note: why a number is missing.
+    """
+
+    seed: int
+    case: str
+    distance: float
+    rotation: float
+    note: str
+
+
+def _cases(library: ExperimentLibrary, options: Options) -> Iterator[tuple[str, _Case]]:
+    """Yield all cases by name."""
+    if not options.without_optical:  # first, as it takes longest
+        optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
+        yield "straight_line_allocation_optical", _Case("straight_line", "assisted", optical)
     for name, variants in _VARIANTS.items():
         yield f"{name}_unassisted", _Case(name, "unassisted", _IDEAL)
         for variant in variants:
-            words = "sliding_mode" if len(variants) == 1 else f"sliding_mode_{variant}"
+            words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
             yield f"{name}_{words}_on_off", _Case(name, variant, _IDEAL)
         base = library.variants(name)[-1]
         law = (*_IDEAL, *_ALLOCATION)
         yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
         yield f"{name}_allocation_on_off", _Case(name, base, law)
         yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
-        for other in own:
-            law = (*_IDEAL, f"brake_assist.law={other}")
-            yield f"{name}_{_label(other)}_on_off", _Case(name, base, law)
-            yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*law, _PROPORTIONAL))
+        for other in options.law:
+            own = (*_IDEAL, f"brake_assist.law={other}")
+            yield f"{name}_{_label(other)}_on_off", _Case(name, base, own)
+            yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*own, _PROPORTIONAL))
+        yield from _bounds(name, name, _IDEAL)
     noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
     yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
     yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
-    if optical:
-        changes = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
-        yield "straight_line_allocation_optical", _Case("straight_line", "assisted", changes)
+    for rotation in _ROTATIONS:  # spent on the turn of Table 2
+        spent = (*_IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
+        yield name, _Case("turn_while_translate", "k7", spent)
+    for word, changes in _UNKNOWN.items():
+        for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
+            case = _Case("straight_line", variant, (*_IDEAL, *settings, *changes))
+            yield f"straight_line_{kind}_{word}", case
+    for direction in range(0, 181, 15):
+        moving = (*_IDEAL, f"maneuver.direction_deg={direction}")
+        name = f"straight_line_{direction}_deg"
+        yield from _bounds(name, "straight_line", moving)
+        for kind, variant, settings in _COMPARED:
+            yield f"{name}_{kind}", _Case("straight_line", variant, (*moving, *settings))
+
+
+def _bounds(name: str, experiment: str, changes: tuple[str, ...]) -> Iterator[tuple[str, _Case]]:
+    for bound in _BOUNDS:
+        yield f"{name}_{bound}", _Case(experiment, "unassisted", changes, bound)
 
 
 def _label(law: str) -> str:
     return law.rpartition(":")[2]
 
 
+class LawStops:
+    """Runs one case after the other; sent to the workers."""
+
+    def __init__(self, library: ExperimentLibrary, cases: Iterable[tuple[str, _Case]]) -> None:
+        """Keep what is run.
+
+        Args:
+            library: where the experiments are.
+            cases: by name; the number of a case is its place among them.
+        """
+        self._library = library
+        self._cases = tuple(cases)
+
+    def __len__(self) -> int:
+        return len(self._cases)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of the cases and of the experiments that they change."""
+        used = sorted({(case.experiment, case.variant) for _, case in self._cases})
+        bases = [to_mapping(self._library.load(*names)) for names in used]
+        return hashlib.sha256(json.dumps([self._cases, bases]).encode()).hexdigest()[:16]
+
+    def __call__(self, number: int) -> LawStop:
+        """Run a case."""
+        name, case = self._cases[number]
+        experiment = self._library.load(case.experiment, case.variant, case.changes)
+        if case.bound:
+            maneuver = maneuver_of(experiment.maneuver)
+            found = _BOUNDS[case.bound](experiment.vehicle, experiment.ground, maneuver)
+            return LawStop(number, name, found.distance, math.nan, found.reason)
+        optical = experiment.feedback == "optical"
+        history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
+        metrics = run_metrics(history)
+        distance, turned = metrics["stopping_distance"], metrics["orientation_change"]
+        return LawStop(number, name, distance.value, turned.value, distance.note or turned.note)
+
+
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every case, hold the numbers against targets and bounds, and draw them."""
-    library = study.experiments
-    cases = dict(_cases(library, not options.without_optical, options.law))
     for law in options.law:  # refused before anything runs
-        library.load("straight_line", "assisted", (f"brake_assist.law={law}",)).check_drivable()
-    metrics: dict[str, Metric] = {}
-    for done, (name, case) in enumerate(cases.items()):
-        study.report(0.6 * done / len(cases), name)
-        metrics |= _measured(library, name, case, *_TARGETS.get(name, (None, None)))
-    for name in _VARIANTS:
-        experiment = library.load(name, "unassisted", _IDEAL)
-        metrics |= _bounds(name, experiment)
-    metrics |= _rotations(library)
-    study.report(0.7, "what is unknown")
-    metrics |= _unknown(library)
-    study.report(0.85, "directions of travel")
-    metrics |= _directions(library)
-    files = (
-        write_columns(study.folder / "laws.csv", _columns(metrics)),
-        save_figure(_front(metrics, options.law), study.folder / "laws.png"),
-    )
+        changes = (f"brake_assist.law={law}",)
+        study.experiments.load("straight_line", "assisted", changes).check_drivable()
+    work = LawStops(study.experiments, _cases(study.experiments, options))
+    path = study.folder / "stops.csv"
+    numbers = range(len(work))
+    stops = run_campaign(work, numbers, LawStop, options, path, work.fingerprint, study.report)
+    metrics = _metrics(stops)
+    files: tuple[Path, ...] = (path, write_columns(study.folder / "laws.csv", _columns(metrics)))
+    if len(stops) < len(work):
+        return StudyResult(metrics, files, (f"{len(stops)} of {len(work)} cases were run.",))
+    files = (*files, save_figure(_front(metrics, options.law), study.folder / "laws.png"))
     return StudyResult(metrics, files, _findings(metrics))
 
 
-def _measured(
-    library: ExperimentLibrary,
-    name: str,
-    case: _Case,
-    distance_limit: float | None = None,
-    orientation_limit: float | None = None,
-) -> dict[str, Metric]:
-    experiment = library.load(case.experiment, case.variant, case.changes)
-    optical = experiment.feedback == "optical"
-    history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
-    found = run_metrics(history)
-    distance, turned = found["stopping_distance"], found["orientation_change"]
-    return {
-        f"stopping_distance.{name}": Metric(
-            distance.value, "m", limit=distance_limit, note=distance.note
-        ),
-        f"orientation_change.{name}": Metric(
-            turned.value, "deg", limit=orientation_limit, note=turned.note
-        ),
-    }
-
-
-def _bounds(name: str, experiment: ExperimentConfiguration) -> dict[str, Metric]:
-    maneuver = maneuver_of(experiment.maneuver)
-    straight = straight_bound(experiment.vehicle, experiment.ground, maneuver)
-    free = any_heading_bound(experiment.vehicle, experiment.ground, maneuver)
-    return {
-        f"stopping_distance.{name}_bound": Metric(straight.distance, "m", note=straight.reason),
-        f"stopping_distance.{name}_bound_any_heading": Metric(free.distance, "m", note=free.reason),
-    }
-
-
-def _rotations(library: ExperimentLibrary) -> dict[str, Metric]:
-    """Spend more and more rotation on the turn of Table 2."""
+def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
+    limits = dict(_TARGETS)
+    distances = {stop.case: stop.distance for stop in stops}
+    for word in _UNKNOWN:
+        free = distances.get(f"straight_line_unassisted_{word}", math.nan)
+        for law in ("allocation_proportional", "allocation_on_off"):
+            limits[f"straight_line_{law}_{word}"] = (_NEVER_LONGER * free, _NEVER_TURNED)
     metrics: dict[str, Metric] = {}
-    for rotation in _ROTATIONS:
-        changes = (*_IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
-        name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
-        metrics |= _measured(library, name, _Case("turn_while_translate", "k7", changes))
-    return metrics
-
-
-def _unknown(library: ExperimentLibrary) -> dict[str, Metric]:
-    """Change one thing at a time on `straight_line`, beside all brakes on."""
-    metrics: dict[str, Metric] = {}
-    for word, changes in _UNKNOWN.items():
-        base = _Case("straight_line", "unassisted", (*_IDEAL, *changes))
-        free = _measured(library, f"straight_line_unassisted_{word}", base)
-        metrics |= free
-        longest = _NEVER_LONGER * free[f"stopping_distance.straight_line_unassisted_{word}"].value
-        for law, settings in (
-            ("sliding_mode_on_off", ()),
-            ("allocation_proportional", (*_ALLOCATION, _PROPORTIONAL)),
-            ("allocation_on_off", _ALLOCATION),
-        ):
-            limits = (longest, _NEVER_TURNED) if law.startswith("allocation") else (None, None)
-            case = _Case("straight_line", "assisted", (*_IDEAL, *settings, *changes))
-            metrics |= _measured(library, f"straight_line_{law}_{word}", case, *limits)
-    return metrics
-
-
-def _directions(library: ExperimentLibrary) -> dict[str, Metric]:
-    metrics: dict[str, Metric] = {}
-    for direction in range(0, 181, 15):
-        moving = (*_IDEAL, f"maneuver.direction_deg={direction}")
-        name = f"straight_line_{direction}_deg"
-        metrics |= _bounds(name, library.load("straight_line", "unassisted", moving))
-        for law, variant, settings in (
-            ("unassisted", "unassisted", ()),
-            ("sliding_mode_on_off", "assisted", ()),
-            ("allocation_proportional", "assisted", (*_ALLOCATION, _PROPORTIONAL)),
-        ):
-            case = _Case("straight_line", variant, (*moving, *settings))
-            metrics |= _measured(library, f"{name}_{law}", case)
+    for stop in stops:
+        longest, most = limits.get(stop.case, (None, None))
+        metrics[f"stopping_distance.{stop.case}"] = Metric(
+            stop.distance, "m", limit=longest, note=stop.note
+        )
+        if not stop.case.endswith(tuple(_BOUNDS)):
+            metrics[f"orientation_change.{stop.case}"] = Metric(
+                stop.rotation, "deg", limit=most, note=stop.note
+            )
     return metrics
 
 
