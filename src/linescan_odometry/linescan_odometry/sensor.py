@@ -24,6 +24,7 @@ from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
+from linescan_odometry.view.still import StillView, without_defects
 from linescan_odometry.view.structures import StructureCounter
 from omni_platform.sensors import LineSensor
 
@@ -42,6 +43,8 @@ _QUICK = 6.0  # px per line, beyond which what stands still cannot pull
 _STRUCTURE = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
 _STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
+_SLOW = 0.6  # px per line, below which the mean of the lines so far is mostly ground
+_PULLED = 2.0  # standard deviations
 _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
 _FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
@@ -134,6 +137,9 @@ class SensorOdometry:
         }
         self._whitened = WhitenedMatcher(sensor.pixels, limit)
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
+        self._still = StillView(sensor.pixels)
+        self._seen: Lines = np.empty((0, sensor.pixels), np.uint8)  # as the camera delivered them
+        self._still_refiner = SubpixelRefiner(sensor.pixels)
         self._keyframe = Keyframe(sensor.pixels)
         self._structures = StructureCounter(sensor.pixels)
         self._plausibility = Plausibility(
@@ -153,7 +159,10 @@ class SensorOdometry:
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
         try:
-            lines = self._flat_field.apply(self._join(batch))
+            seen = without_defects(self._join(batch))
+            lines = self._flat_field.apply(seen)
+            self._still.learn(seen)
+            self._seen = seen
             pairs = self._matcher.match(lines)
             frozen = self._mark_frozen(lines, pairs)
             implausible = self._plausibility.mark(batch.stamp_ns, pairs)
@@ -215,6 +224,8 @@ class SensorOdometry:
             return mean
         settled = self._flat_field.settled or not self._flat_field.active
         whole = self._whitened.match(lines, settled=settled)
+        if not settled:
+            whole = self._whole_less_still(whole)
         sure = (
             whole is not None
             and whole.lone
@@ -234,6 +245,20 @@ class SensorOdometry:
         if whole is None or not sure or 1.0 - whole.lasting < _CHANGING:
             return mean
         return self._of_all(whole, mean.correlation, mean.share)
+
+    def _whole_less_still(self, whole: Whitened | None) -> Whitened | None:
+        """Return a match of all lines less the pull of what stands still, None if that rules it."""
+        if whole is None or self._still.weight == 0.0:
+            return whole
+        other = self._whitened.match(self._still.without(self._seen), settled=True)
+        if other is None or not other.lone or other.places < _FEWEST_PLACES:
+            return None
+        pull = whole.displacement - other.displacement
+        largest = max(whole.variance, other.variance)
+        if pull**2 <= _PULLED**2 * largest:
+            return whole
+        half = 0.5 * pull
+        return whole._replace(displacement=whole.displacement - half, variance=largest + half**2)
 
     def _of_all(self, whole: Whitened, correlation: float, share: float) -> _Mean:
         """Return the mean of all lines together."""
@@ -258,7 +283,51 @@ class SensorOdometry:
                 mean.share,
                 open=mean.places > _LONE_PLACES,
             )
-        return self._doubt_still(lines, mean)
+        return self._less_still(self._doubt_still(lines, mean))
+
+    def _less_still(self, mean: _Mean) -> _Mean:
+        """Return the mean less the pull of what stands still, if that shows in other lines too.
+
+        The lines are matched again without it, around the same displacement. Where both differ, the
+        truth lies in between, and the variance knows: what is taken off may be a share of the
+        ground, and it may be no offset.
+
+        Raises:
+            Unmeasured: without it, nothing moves so far.
+        """
+        unsettled = self._flat_field.active and not self._flat_field.settled
+        told = unsettled and self._still.weight > 0.0 and len(self._seen) > _STILL_PAIRS
+        if not told or abs(mean.displacement) < _SLOW:
+            return mean
+        lines = self._still.without(self._seen)
+        span = len(lines) - 1
+        shift = np.full(span, round(mean.displacement), np.int64)
+        displacement, variance = np.empty((2, span))
+        self._still_refiner.refine(lines, shift, displacement, variance)
+        off = np.abs(displacement - mean.displacement)
+        inlier = np.isfinite(variance) & (off <= self._configuration.median_tolerance)
+        share = float(np.mean(inlier))
+        if share < self._configuration.minimum_inlier_share:
+            if abs(mean.displacement) <= _QUICK:
+                return mean  # its own ground is in what is taken off
+            raise Unmeasured(
+                f"something stands still in the view: without it only {100.0 * share:.0f} % of the "
+                "line pairs match",
+                share,
+                open=True,
+            )
+        weight = inlier / np.count_nonzero(inlier)
+        pull = mean.displacement - float(displacement @ weight)
+        other = self._still_refiner.mean_variance(displacement, weight)
+        largest = max(mean.variance, other)
+        if pull**2 <= _PULLED**2 * largest:
+            return mean
+        if self._flat_field.corrects:
+            return dataclasses.replace(mean, variance=mean.variance + pull**2)
+        half = 0.5 * pull
+        return dataclasses.replace(
+            mean, displacement=mean.displacement - half, variance=largest + half**2
+        )
 
     def _average(
         self, lines: Lines, pairs: PairDisplacements, frozen: int, implausible: int

@@ -24,6 +24,14 @@ def test_what_stands_still_in_the_view_is_no_ground(fault: str, tallies: dict[st
     assert tally.available > 0.6
 
 
+def test_steps_of_the_dark_signal_do_not_draw_quick_matches_of_a_faint_ground() -> None:
+    motions = (Motion((8.0, 0.0, 0.3), -1.0), Motion((5.0, 0.0, 0.0), -1.5))
+    ground = Ground("brick", texels=2048)
+    tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, 2, 9, 1, motions)["steps"]
+    assert not tally.silent.any()
+    assert tally.available > 0.1
+
+
 def test_honest_lines_are_believed(tallies: dict[str, Tally]) -> None:
     tally = tallies["none"]
     assert tally.available > 0.95

@@ -89,6 +89,11 @@ class FlatField:
         return self._places > 0
 
     @property
+    def corrects(self) -> bool:
+        """Whether lines are corrected already."""
+        return self._gain is not None
+
+    @property
     def settled(self) -> bool:
         """Whether it is known what stands still in the view, be it nothing."""
         return self._count >= _FAR_PLACES

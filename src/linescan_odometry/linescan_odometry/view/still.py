@@ -1,0 +1,105 @@
+"""What stands still in the view, before the flat field knows it.
+
+Dirt, steps of the dark signal or unlike pixels are the same in every line, and draw every match
+towards a displacement of zero: on a faint ground by half a pixel a line, at any speed. The mean of
+all lines so far holds them, and a share of the ground that goes down with the way. It is taken off,
+and the lines are matched once more: if that tells another displacement, the first one was drawn.
+
+Single defective pixels need no such learning: they stand out from their neighbours in the mean of a
+batch, where a grain of the ground that moves is spread, and in every line of it. They are
+interpolated. At rest some grains may be taken for them, which does no harm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import Lines
+
+Floats = NDArray[np.float32]
+
+_REMEMBERED = 200.0  # batches that show all new ground
+_RANGE = 30000.0  # of 16 bit to either side
+_MIDDLE = 32768.0
+_STRUCTURE = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
+_FORGOTTEN = 0.999  # of the largest change of late
+_FEWEST_LINES = 8
+_BESIDE = 5  # px, whose median a pixel is compared with
+_OUTSTANDING = 9.0  # times the median of all differences from it: 6 standard deviations
+_IN_EACH = 0.5  # of that, in every line
+_MOST_DEFECTIVE = 0.03  # share of a line
+
+
+class StillView:
+    """Mean of the lines of one camera, each batch by how much new ground it shows.
+
+    Attributes:
+        weight: number of batches so far that showed all new ground, 0 if none moved.
+    """
+
+    def __init__(self, pixels: int) -> None:
+        """Start with nothing known.
+
+        Args:
+            pixels: n of a line.
+        """
+        self.weight = 0.0
+        self._mean: Floats = np.zeros(pixels, np.float32)
+        self._largest = 0.0
+
+    def learn(self, lines: Lines) -> None:
+        """Take a batch in.
+
+        Args:
+            lines: that follow each other, oldest first, shape (m, n).
+        """
+        change = lines[-1].astype(np.float32) - lines[0]
+        change -= change.mean()
+        structure = float(change[1:] @ change[:-1])
+        if structure <= _STRUCTURE * float(change @ change):
+            return
+        self._largest = max(self._largest * _FORGOTTEN, structure)
+        share = structure / self._largest
+        self.weight = min(self.weight + share, _REMEMBERED)
+        mean = lines.mean(axis=0, dtype=np.float32)
+        self._mean += np.float32(share / self.weight) * (mean - mean.mean() - self._mean)
+
+    def without(self, lines: Lines) -> Lines:
+        """Return lines less what stands still, 16 bit, shape (m, n)."""
+        rest = lines - self._mean
+        rest -= rest.mean(axis=1, keepdims=True)
+        scale = np.float32(_RANGE / max(float(np.abs(rest).max()), 1.0))
+        moving: Lines = np.rint(rest * scale + np.float32(_MIDDLE)).astype(np.uint16)
+        return moving
+
+
+def without_defects(lines: Lines) -> Lines:
+    """Return lines whose defective pixels are interpolated, the same lines if there are none.
+
+    Args:
+        lines: that follow each other, shape (m, n).
+    """
+    if len(lines) < _FEWEST_LINES:
+        return lines
+    mean = lines.mean(axis=0, dtype=np.float32)
+    out = mean - scipy.ndimage.median_filter(mean, _BESIDE, mode="nearest")
+    limit = max(_OUTSTANDING * float(np.median(np.abs(out))), 1.0)
+    found = np.flatnonzero(np.abs(out) > limit)
+    if not 0 < len(found) <= _MOST_DEFECTIVE * len(mean):
+        return lines
+    around = found[:, None] + np.arange(_BESIDE) - _BESIDE // 2
+    beside = np.median(lines[:, around.clip(0, len(mean) - 1)], axis=2)
+    above = (lines[:, found] - beside) * np.sign(out[found])
+    defective = found[above.min(axis=0) > _IN_EACH * limit]
+    if len(defective) == 0:
+        return lines
+    sound = np.setdiff1d(np.arange(len(mean)), defective, assume_unique=True)
+    after = np.searchsorted(sound, defective).clip(1, len(sound) - 1)
+    left, right = sound[after - 1], sound[after]
+    share = ((defective - left) / (right - left)).clip(0.0, 1.0).astype(np.float32)
+    mended: Lines = lines.copy()
+    between = (1.0 - share) * lines[:, left] + share * lines[:, right]
+    mended[:, defective] = np.rint(between).astype(lines.dtype)
+    return mended
