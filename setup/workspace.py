@@ -194,7 +194,8 @@ def source_files(root: Path) -> Iterator[Path]:
             for name in folders
             if not name.startswith((".", "__pycache__"))
             and not name.endswith(".egg-info")
-            and not (depth == 1 and name == "test")  # src/<package>/test is not installed
+            # src/<package>/test is not installed; pip builds in build.
+            and not (depth == 1 and name in ("test", "build"))
         )
         for name in sorted(names):
             if not name.startswith((".", "#")) and not name.endswith(("~", ".pyc")):

@@ -13,6 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
+    python_requires=">=3.10",
     package_data={name: ["py.typed", "report/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

@@ -13,6 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
+    python_requires=">=3.10",
     install_requires=["numba", "numpy", "omni_platform"],  # the nodes need ROS too
     package_data={name: ["py.typed"]},
     data_files=[

@@ -18,6 +18,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
+    python_requires=">=3.10",
     package_data={name: ["py.typed", "drive/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

@@ -13,6 +13,7 @@ setup(
     description=package.findtext("description"),
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
+    python_requires=">=3.10",
     install_requires=[
         "llvmlite",
         "numba",
