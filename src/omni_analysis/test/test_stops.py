@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,6 +113,44 @@ def test_the_errors_do_not_depend_on_where_the_drive_was() -> None:
     here, pieces = relative_error(truth, path)
     assert pieces > 5
     assert here == pytest.approx(relative_error(*elsewhere)[0])
+
+
+def test_both_errors_are_those_of_the_library_evo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))  # where it keeps settings
+    metrics: Any = pytest.importorskip("evo.core.metrics")
+    trajectory: Any = pytest.importorskip("evo.core.trajectory")
+    random = np.random.default_rng(5)
+    truth = np.cumsum(random.normal((0.02, 0.005, 0.004), 0.01, (600, 3)), axis=0)
+    path = truth + np.cumsum(random.normal(0.0, 0.001, (600, 3)), axis=0)
+    path[0] = truth[0]  # origins aligned
+
+    def of_evo(poses: NDArray[np.float64]) -> Any:
+        placed = np.tile(np.eye(4), (len(poses), 1, 1))
+        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        placed[:, 0, 0], placed[:, 0, 1], placed[:, 1, 0], placed[:, 1, 1] = (
+            *(cosine, -sine),
+            *(sine, cosine),
+        )
+        placed[:, :2, 3] = poses[:, :2]
+        return trajectory.PosePath3D(poses_se3=list(placed))
+
+    pair = of_evo(truth), of_evo(path)
+    absolute = metrics.APE(metrics.PoseRelation.translation_part)
+    relative = metrics.RPE(
+        metrics.PoseRelation.translation_part,
+        delta=1.0,
+        delta_unit=metrics.Unit.meters,
+        pairs_from_reference=True,
+    )
+    for one in (absolute, relative):
+        one.process_data(pair)
+    rmse = metrics.StatisticsType.rmse
+    assert absolute_error(truth, path) == pytest.approx(absolute.get_statistic(rmse), rel=1e-9)
+    ours, pieces = relative_error(truth, path)
+    assert pieces == len(relative.delta_ids) > 5
+    assert ours == pytest.approx(relative.get_statistic(rmse), rel=1e-9)
 
 
 def _moved(path: NDArray[np.float64]) -> NDArray[np.float64]:

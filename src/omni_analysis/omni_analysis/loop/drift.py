@@ -1,8 +1,9 @@
 """How far the odometry drifts: absolute and relative error of its path against the truth.
 
 Both paths begin at the same pose; the odometry's is that of its twists, added up. The definitions
-are those of the tool `evo`: ``evo_ape`` with the origins aligned, and ``evo_rpe --delta 1
---delta_unit m``, whose pairs follow each other.
+are those of the library `evo`, and a test compares the numbers with its own where it is installed
+(``requirements/evo.lock``): ``evo_ape`` with the origins aligned, and ``evo_rpe --delta 1
+--delta_unit m --pairs_from_reference``, whose pairs follow each other.
 """
 
 from __future__ import annotations
