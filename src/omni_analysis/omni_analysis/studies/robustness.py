@@ -31,7 +31,7 @@ from omni_analysis.figures.data_table import write_columns
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.loop.options import LoopOptions
-from omni_analysis.studies import StudyResult, StudyRun
+from omni_analysis.studies import StudyResult, StudyRun, claim
 from omni_platform.configuration import parameter
 
 _WORST = 3  # cases to replay, of orientation and of distance each
@@ -102,21 +102,23 @@ def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
 def _findings(results: Sequence[Outcome]) -> tuple[str, ...]:
     better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
     sentences = [
-        f"The assistant keeps the orientation better in {better / len(results):.1%} of "
-        f"{len(results)} runs"
+        claim(
+            "Whatever vehicle, load, ground and motion: the assistant keeps the orientation better",
+            f"in {better / len(results):.1%} of {len(results)} runs",
+            holds=better == len(results),
+        )
     ]
     words = {
-        "energy": f"more than {ENERGY_LIMIT:g} of the energy came back",
-        "orientation": f"turned by more than {ORIENTATION_LIMIT:g} deg more than unassisted",
-        "distance": f"took more than {DISTANCE_FACTOR:g} times the distance",
-        "rest": "did not come to rest though it does unassisted",
+        "energy": f"Brakes only take energy, (47), (48): at most {ENERGY_LIMIT:g} of it returns",
+        "orientation": f"None turns by {ORIENTATION_LIMIT:g} deg more than unassisted",
+        "distance": f"None takes more than {DISTANCE_FACTOR:g} times the distance",
+        "rest": "All come to rest that do so unassisted",
     }
     for limit, sentence in words.items():
         causes = Counter(getattr(result, limit) for result in results if getattr(result, limit))
         listed = ", ".join(f"{cause} {causes[cause]}" for cause in CAUSES if causes[cause])
-        sentences.append(
-            f"{causes.total()} runs {sentence}" + (f" (causes: {listed})" if listed else "")
-        )
+        found = f"{causes.total()} runs are otherwise" + (f" (causes: {listed})" if listed else "")
+        sentences.append(claim(sentence, found, holds=not causes))
     return tuple(sentences)
 
 

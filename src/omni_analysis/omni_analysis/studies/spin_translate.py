@@ -19,7 +19,7 @@ from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.run_figures import scene_of
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
-from omni_analysis.studies import StudyResult, StudyRun
+from omni_analysis.studies import StudyResult, StudyRun, claim
 from omni_analysis.wheels.spin_translate_figures import draw_commands, draw_snapshots
 from omni_analysis.wheels.tracking import Tracking
 from omni_platform.configuration import Configuration, parameter
@@ -155,9 +155,14 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         files.append(_write(tracking, study.folder / f"{name}.csv"))
         metrics |= _metrics(name, tracking)
     findings = tuple(
-        f"{_TITLES[name][0]}: {metrics[f'path_length.{name}'].value:.2f} m driven without "
-        f"feedback, {1000.0 * metrics[f'position_rms.{name}'].value:.1f} mm and "
-        f"{metrics[f'heading_rms.{name}'].value:.3f} deg rms beside the reference"
+        claim(
+            f"{_TITLES[name][0]}: inverse kinematics alone spins while translating",
+            f"{metrics[f'path_length.{name}'].value:.2f} m without feedback, "
+            f"{1000.0 * metrics[f'position_rms.{name}'].value:.1f} mm and "
+            f"{metrics[f'heading_rms.{name}'].value:.3f} deg rms beside the reference",
+            holds=metrics[f"position_rms.{name}"].value <= _POSITION_LIMIT
+            and metrics[f"heading_rms.{name}"].value <= _HEADING_LIMIT,
+        )
         for name in _PLATFORMS
     )
     return StudyResult(metrics, tuple(files), findings)
