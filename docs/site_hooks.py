@@ -7,6 +7,7 @@ without the workspace.
 
 from __future__ import annotations
 
+import json
 import os
 import posixpath
 import re
@@ -23,7 +24,10 @@ _PICTURES = (".png", ".svg", ".jpg")
 
 def on_files(files: Files, config: Any) -> Files:
     """Add what the pages link to outside of ``docs/``, and what that links to."""
-    waiting = [Path(file.abs_src_path) for file in files.documentation_pages()]
+    for notebook in sorted((_ROOT / "docs").rglob("*.ipynb")):
+        uri = notebook.relative_to(_ROOT / "docs").with_suffix(".md").as_posix()
+        files.append(File.generated(config, uri, content=_as_page(notebook)))
+    waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     seen: set[Path] = set(waiting)
     while waiting:
         page = waiting.pop()
@@ -36,6 +40,15 @@ def on_files(files: Files, config: Any) -> Files:
             if target.suffix == ".md":
                 waiting.append(target)
     return files
+
+
+def _as_page(notebook: Path) -> str:
+    """Return the cells of a notebook as a page."""
+    parts = []
+    for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
+    return "\n\n".join(parts) + "\n"
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:

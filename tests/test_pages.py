@@ -21,6 +21,7 @@ PAGES = (
     "bags/README.md",
     "benchmarks/README.md",
 )
+_MEANT = {"COMMAND": "run", "N": "1"}  # what a reader puts in their place
 _OF_THE_LAUNCHER = ("exec", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
@@ -84,6 +85,36 @@ QUICK = list(
 def test_a_command_of_a_page_is_understood(page: str, line: str) -> None:
     program, _, _ = understand(shlex.split(line))
     assert program.split()[1:] == line.split()[: len(program.split()) - 1], page
+
+
+def inline_commands() -> Iterator[tuple[str, str]]:
+    """Yield page and command line, without ``./omni``, of each command in running text."""
+    for pattern in PAGES:
+        for page in sorted(WORKSPACE.glob(pattern)):
+            text = re.sub(r"^ *```.*?^ *```", "", page.read_text("utf-8"), flags=re.S | re.M)
+            for words in re.findall(r"`\./omni ([^`]+)`", text):
+                yield page.relative_to(WORKSPACE).as_posix(), " ".join(words.split())
+
+
+def misunderstood(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Return why a command line is refused, empty for one that is understood or asks for help."""
+    try:
+        understand(words)
+    except SystemExit as ended:
+        said = capsys.readouterr().err
+        return said if ended.code else ""
+    return ""
+
+
+def test_a_command_in_running_text_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = list(dict.fromkeys(inline_commands()))
+    assert len(lines) > 100
+    for page, line in lines:
+        words = [_MEANT.get(word, word) for word in shlex.split(line)]
+        if words[0] not in _OF_THE_LAUNCHER and "study NAME" not in line:  # one still to be written
+            why = misunderstood(words, capsys)
+            # A text may name a command without what it is given.
+            assert not why or "the following arguments are required: " in why, (page, line)
 
 
 @pytest.mark.parametrize("line", QUICK)

@@ -26,7 +26,7 @@ STATUSES = {
 
 
 class Row(NamedTuple):
-    """One thing of the text: place, what it says, status, module, command and remark."""
+    """One thing of the text: place, what it says, status, module, command, remark and number."""
 
     place: str
     what: str
@@ -34,6 +34,7 @@ class Row(NamedTuple):
     module: str
     command: str
     remark: str
+    number: str = ""
 
 
 def chapters(folder: Path) -> dict[str, list[Row]]:
@@ -50,17 +51,20 @@ def page(folder: Path) -> str:
         "# The dissertation, row by row\n\nMade from `dissertation.yaml` by `python -m "
         "omni_bringup.dissertation_page`; do not edit. The text is\nV. Kálmán, *On modeling and "
         "control of omnidirectional wheels*, BME Budapest 2013.\n\n"
-        "| status | rows | |\n|---|---|---|",
+        "| holds | rows | |\n|---|---|---|",
         *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
     ]
     for title, rows in found.items():
-        parts.append(f"\n## {title}\n\n| in the text | what | status | where | shown by | |")
-        parts.append("|---|---|---|---|---|---|")
+        parts.append(
+            f"\n## {title}\n\n| in the text | claim | number | holds | shown by | where | |"
+        )
+        parts.append("|---|---|---|---|---|---|---|")
         for row in rows:
             where = f"[`{Path(row.module).name}`](../{row.module})" if row.module else ""
             shown = f"`./omni {row.command}`" if row.command else ""
             parts.append(
-                f"| {row.place} | {row.what} | {row.status} | {where} | {shown} | {row.remark} |"
+                f"| {row.place} | {row.what} | {row.number} | {row.status} | {shown} | {where} | "
+                f"{row.remark} |"
             )
     return "\n".join(parts) + "\n"
 
