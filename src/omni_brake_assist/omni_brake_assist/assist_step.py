@@ -51,19 +51,16 @@ from omni_brake_assist.laws.built_in import (
     law_memory,
 )
 from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
-from omni_brake_assist.observer import (
+from omni_brake_assist.observer.observe import observe
+from omni_brake_assist.observer.state import (
     ALL,
-    DISPUTED,
-    INERTIAL,
     NO_TWIST,
     NOBODY,
-    OUT,
     Brakes,
     ObserverConstants,
     ObserverMemory,
     PassedTwist,
     Sensed,
-    observe,
     observer_constants,
     observer_memory,
 )
@@ -332,7 +329,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         step.contradicted = chosen == NOBODY
         alone = chosen == NO_TWIST or not (good and trusted) or memory.trust[0].unsure
         step.reckoned = chosen != NOBODY and alone
-        if memory.observer.belief[INERTIAL] != 0.0:
+        if memory.observer.belief[0].inertial != 0.0:
             good = trusted = chosen != NOBODY
             stamp_ns, twist = inputs.now_ns, memory.answer
         elif chosen == NOBODY:
@@ -345,8 +342,8 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         if not 0.0 <= dt <= constants.maximum_time_step:
             forget_line(line)  # the heading is not known across the gap
             dt = 0.0
-    belief = memory.observer.belief
-    settled = belief[DISPUTED] == 0.0 or belief[OUT] != ALL
+    belief = memory.observer.belief[0]
+    settled = belief.disputed == 0.0 or belief.out != ALL
     if not braking:
         forget_line(line)
         step.slow = False

@@ -1,0 +1,263 @@
+"""Who of twist, gyro, accelerometer and wheels is wrong: the verdicts of the second opinion."""
+
+from __future__ import annotations
+
+import math
+
+from omni_brake_assist.observer.state import (
+    ALL,
+    ALONE,
+    FILTERS,
+    HISTORY,
+    LEAP_MEMORY,
+    NO_FORCE,
+    NO_GYRO,
+    NO_TWIST,
+    NOBODY,
+    RATE,
+    SPOKEN,
+    STATES,
+    U_X,
+    U_Y,
+    ObserverConstants,
+    ObserverMemory,
+    copy,
+)
+from omni_brake_assist.observer.wheels import driven_slip
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+_PROOF = 12.0  # by how much the scores of two filters must differ
+_LOSS = 10  # steps over which a loss of speed is looked at
+_AGED = 1.5e7  # age from which on a twist says little of now [ns]
+_STUCK_TIME = 0.03  # for which it may not while braking, if others say that it should [s]
+_MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
+
+
+@lean
+def differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[float, float]:
+    """Return the disagreements on velocity and yaw rate in units of what is no dispute."""
+    state, cov = memory.state, memory.covariance
+    speed = memory.belief[0].top_speed  # the filters still have the errors that they had then
+    worst = 0.0
+    for j in range(2):
+        gate = constants.velocity_gate + constants.scale * speed
+        gate += 3.0 * math.sqrt(cov[NO_TWIST, j, j] + cov[NO_FORCE, j, j])
+        worst = max(worst, abs(state[NO_TWIST, j] - state[NO_FORCE, j]) / gate)
+    gate = constants.rate_gate + constants.scale * abs(state[ALL, RATE])
+    gate += 3.0 * math.sqrt(cov[NO_TWIST, RATE, RATE] + cov[NO_GYRO, RATE, RATE])
+    return worst, abs(state[NO_TWIST, RATE] - state[NO_GYRO, RATE]) / gate
+
+
+@lean
+def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> int:
+    """Decide whom to leave out; return the filter to use, or NOBODY."""
+    belief = memory.belief[0]
+    velocity, rate = belief.apart_velocity, belief.apart_rate
+    out = int(belief.out)
+    if out != ALL:
+        own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
+        speaks = out != NO_TWIST or belief.twist_age == 0.0
+        belief.agreed = belief.agreed + dt if own < 0.6 and speaks else 0.0
+        if out in (NO_TWIST, NO_GYRO) and rate > 1.0:
+            right, decided = _explain(constants, memory)
+            if decided and right != out:  # the first verdict was wrong
+                belief.out = right
+                belief.convictions += 1.0
+                return int(right)
+        if belief.agreed < constants.parole or belief.convictions >= constants.convictions:
+            return int(out)
+        belief.out = ALL
+        belief.disputed = 0.0
+        _forget_lies(memory, out)
+    odd = _odd_one_out(memory)
+    if odd != ALL:
+        belief.out = odd
+        belief.agreed = 0.0
+        belief.convictions += 1.0
+        return int(odd)
+    if velocity < 1.0 and rate < 1.0:
+        belief.disputed = max(belief.disputed - dt, 0.0)
+        # While the twist changes otherwise than the specific force has it, it is taken as it is.
+        age = belief.last_ns - belief.twist_ns
+        return ALL if age > _AGED or _explains(constants, memory) else NO_FORCE
+    if belief.disputed <= 0.0:  # only what is said from now on counts
+        acquit(memory)
+    belief.disputed += dt
+    better, decided = _verdict(constants, memory, rate >= velocity)
+    if not decided and belief.disputed < constants.patience:
+        return int(better)
+    belief.out = better if decided else NOBODY
+    belief.agreed = 0.0
+    belief.convictions += 1.0
+    return int(belief.out)
+
+
+@lean
+def _forget_lies(memory: ObserverMemory, right: int) -> None:
+    """Let the filters that have heard one who was wrong start anew from that which has not."""
+    if right == NOBODY:
+        return
+    acquit(memory)
+    for k in range(FILTERS):
+        if k != right:
+            copy(memory.state[right], memory.state[k])
+            for i in range(STATES):
+                copy(memory.covariance[right, i], memory.covariance[k, i])
+            row = memory.newest[0]
+            for _ in range(HISTORY):
+                copy(memory.past[row, right], memory.past[row, k])
+                row = (row - 1) % HISTORY
+
+
+@lean
+def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
+    """Return whether the specific force explains how the twist changes, with either yaw rate."""
+    course = memory.course[0]
+    with_gyro = course.change_x**2 + course.change_y**2
+    with_own = (course.change_x - course.turn_x) ** 2 + (course.change_y - course.turn_y) ** 2
+    return bool(min(with_gyro, with_own) <= constants.proof * course.spread)
+
+
+@lean
+def _odd_one_out(memory: ObserverMemory) -> int:
+    """Return the filter that alone fits the wheels, ALL if there is none.
+
+    It leaves out who is wrong by too little for a dispute, and pulls every other filter aside. No
+    single wheel may carry the proof: it may be the one that lies.
+    """
+    score, blame = memory.score, memory.blame
+    best = NO_TWIST
+    for k in (NO_GYRO, NO_FORCE):
+        if score[k] < score[best]:
+            best = k
+    if score[SPOKEN] < 4.0 or score[best] > 2.0 * score[SPOKEN]:
+        return ALL
+    for k in range(FILTERS):
+        if k != best:
+            proof = score[k] - 3.0 * score[best]
+            for i in range(blame.shape[0]):
+                proof = min(proof, score[k] - blame[i, k] - 3.0 * (score[best] - blame[i, best]))
+            if proof <= _PROOF:
+                return ALL
+    return best
+
+
+@lean
+def acquit(memory: ObserverMemory) -> None:
+    """Forget what wheels have said against the filters."""
+    memory.score[:FILTERS] = 0.0
+    memory.score[SPOKEN] = 0.0
+    memory.blame[:] = 0.0
+
+
+@lean
+def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
+    """Return the filter whose yaw rate explains how the twist changes, and whether it is proven.
+
+    A twist that neither rate explains is wrong itself.
+    """
+    course = memory.course[0]
+    with_gyro = course.change_x**2 + course.change_y**2
+    with_own = (course.change_x - course.turn_x) ** 2 + (course.change_y - course.turn_y) ** 2
+    right = NO_TWIST if with_gyro <= with_own else NO_GYRO
+    if not _explains(constants, memory):
+        return NO_TWIST, True
+    return right, abs(with_gyro - with_own) > constants.proof * course.spread
+
+
+@lean
+def _verdict(
+    constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
+) -> tuple[int, bool]:
+    """Return the filter that is right in a dispute, and whether that is proven."""
+    score, course = memory.score, memory.course[0]
+    if course.leapt < LEAP_MEMORY or course.same > _STUCK_TIME:
+        return NO_TWIST, True
+    right, decided = _explain(constants, memory) if about_rate else _who_loses(constants, memory)
+    if about_rate and decided:
+        return right, True
+    other = NO_GYRO if about_rate else NO_FORCE
+    better = NO_TWIST if score[NO_TWIST] <= score[other] else other
+    worse = other if better == NO_TWIST else NO_TWIST
+    if score[worse] > 3.0 * score[better] + _PROOF:
+        return better, True
+    if about_rate:
+        return right, False
+    if decided:
+        return right, memory.belief[0].disputed >= 0.5 * constants.patience
+    return better, False
+
+
+@lean
+def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
+    """Return the filter whose loss of speed is that of a stop, and whether the other's is not.
+
+    Brakes take energy, and no more than tires can: who sees none of the loss that the other sees
+    is wrong, and who sees too much of it.
+    """
+    state = memory.state
+    row = (memory.newest[0] - _LOSS) % HISTORY
+    past = memory.past[row]
+    most = constants.walk * (memory.stamps[memory.newest[0]] - memory.stamps[row]) * 1e-9
+    loss = memory.desk.then
+    for k in (NO_TWIST, NO_FORCE):
+        loss[k] = math.hypot(past[k, U_X], past[k, U_Y])
+        loss[k] -= math.hypot(state[k, U_X], state[k, U_Y])
+    more = NO_TWIST if loss[NO_TWIST] > loss[NO_FORCE] else NO_FORCE
+    less = NO_FORCE if more == NO_TWIST else NO_TWIST
+    if loss[more] > most:
+        return less, True
+    return more, bool(loss[more] > 0.15 and loss[less] < 0.3 * loss[more])
+
+
+@lean
+def judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
+    """Decide without an IMU: the twist must fit the wheels that roll, and lose speed."""
+    belief = memory.belief[0]
+    row = memory.newest[0]
+    before = memory.past[(row - HISTORY + 2) % HISTORY, ALL]
+    now = memory.state[ALL]
+    lost = math.hypot(before[U_X], before[U_Y]) - math.hypot(now[U_X], now[U_Y])
+    filled = memory.stamps[(row + 1) % HISTORY] >= 0
+    heard = belief.twist_age == 0.0
+    moves = math.hypot(now[U_X], now[U_Y]) > _MOVES
+    idle = braking and heard and filled and moves and lost < 0.05
+    belief.idle = belief.idle + dt if idle else 0.0
+    if braking and (memory.score[ALONE] > 60.0 or belief.idle > 0.2):
+        belief.out = NOBODY
+        belief.convictions += 1.0
+    return NOBODY if belief.out != ALL else ALL
+
+
+@lean
+def excuse_wheels(
+    constants: ObserverConstants, memory: ObserverMemory, inertial: FloatArray
+) -> None:
+    """Let the filter without twist start from it where driven wheels slip, pedal up.
+
+    How fast the vehicle is, it knows from nobody else then; by how much they may slip, it doubts
+    that, and wheels that roll correct it once the pedal is down.
+    """
+    state = memory.state[ALL]
+    doubt = driven_slip(memory, inertial) * math.hypot(state[U_X], state[U_Y])
+    settled = memory.belief[0].out == ALL and memory.course[0].marked != 0.0
+    slides = settled and doubt > constants.velocity_gate and _explains(constants, memory)
+    if slides or _is_slipping(constants, memory):
+        copy(state, memory.state[NO_TWIST])
+        for i in range(STATES):
+            copy(memory.covariance[ALL, i], memory.covariance[NO_TWIST, i])
+        memory.covariance[NO_TWIST, U_X, U_X] += doubt**2
+        memory.covariance[NO_TWIST, U_Y, U_Y] += doubt**2
+
+
+@lean
+def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
+    """Return whether driven wheels are what pulls twist and IMU apart, pedal up.
+
+    These agree on how the velocity changes, and the filter without twist has its velocity from
+    the wheels.
+    """
+    velocity, _ = differences(constants, memory)
+    settled = memory.belief[0].out == ALL and memory.course[0].marked != 0.0
+    return bool(settled and velocity >= 1.0 and _explains(constants, memory))

@@ -1,0 +1,136 @@
+"""A step of the second opinion: hear everybody, judge, answer with the twist of now."""
+
+from __future__ import annotations
+
+import math
+
+from omni_brake_assist.observer.filters import carry_on, remember
+from omni_brake_assist.observer.judgement import (
+    acquit,
+    differences,
+    excuse_wheels,
+    judge,
+    judge_alone,
+)
+from omni_brake_assist.observer.state import (
+    ALL,
+    ALONE,
+    BIAS_RATE,
+    BIAS_X,
+    BIAS_Y,
+    NOBODY,
+    RATE,
+    SPOKEN,
+    U_X,
+    U_Y,
+    Brakes,
+    ObserverConstants,
+    ObserverMemory,
+    PassedTwist,
+    Sensed,
+    begin,
+    copy,
+)
+from omni_brake_assist.observer.twist import hear_twist, notice_stuck, tell_apart
+from omni_brake_assist.observer.wheels import hear_wheels
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+_LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
+
+
+@lean
+def observe(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    now_ns: int,
+    brakes: Brakes,
+    passed: PassedTwist,
+    sensed: Sensed,
+    answer: FloatArray,
+) -> int:
+    """Carry the second opinion on by a step.
+
+    Args:
+        constants: of the vehicle.
+        memory: changed in place.
+        now_ns: time of the step [ns].
+        brakes: what they do.
+        passed: the latest twist.
+        sensed: what the other sensors say.
+        answer: receives the twist of now [m/s, m/s, rad/s], shape (3,).
+
+    Returns:
+        The filter whose answer it is, or NOBODY where none can be believed.
+    """
+    braking, inertial, belief = brakes.pressed, sensed.inertial, memory.belief[0]
+    heard, twist_ns, twist, variance = passed
+    dt = (now_ns - belief.last_ns) * 1e-9
+    belief.last_ns = now_ns
+    if belief.begun == 0.0 or not 0.0 <= dt <= constants.longest:
+        if not heard:
+            return NOBODY
+        begin(constants, memory, now_ns, twist)
+        dt = 0.0
+    if braking and belief.pressed == 0.0:
+        memory.released[:] = 0.0
+        memory.score[ALONE] = 0.0
+    if not braking and belief.pressed != 0.0:
+        belief.out = belief.disputed = belief.agreed = belief.convictions = 0.0
+        acquit(memory)
+    if not braking:
+        course, state = memory.course[0], memory.state[ALL]
+        course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
+        course.still_y = state[BIAS_Y]
+        belief.top_speed = math.hypot(memory.state[ALL, U_X], memory.state[ALL, U_Y])
+    belief.pressed = 1.0 if braking else 0.0
+    carry_on(constants, memory, now_ns, dt, inertial)
+    disputed = belief.disputed > 0.0 or belief.out != ALL
+    fresh = heard and twist_ns > belief.twist_ns
+    if fresh and not (braking or disputed):
+        tell_apart(constants, memory, twist[2], variance[2], inertial[0])
+    told = memory.desk.told
+    copy(twist, told)
+    told[2] -= memory.course[0].offset
+    hear_wheels(
+        constants, memory, dt, brakes, sensed, disputed,
+        PassedTwist(fresh, twist_ns, told, variance),
+    )  # fmt: skip
+    belief.twist_age = 0.0 if heard else belief.twist_age + dt
+    memory.course[0].leapt += dt
+    if fresh:
+        notice_stuck(constants, memory, braking, PassedTwist(True, twist_ns, told, variance))
+        belief.twist_ns = twist_ns
+        hear_twist(constants, memory, twist_ns, told, variance)
+    remember(memory)  # as it is known now
+    if fresh or now_ns - belief.twist_ns > _LONG_HELD:  # in between the filters drift apart
+        belief.apart_velocity, belief.apart_rate = differences(constants, memory)
+    if belief.inertial == 0.0:
+        return int(judge_alone(memory, dt, braking))
+    if not braking:
+        excuse_wheels(constants, memory, inertial)
+    return int(_answer(constants, memory, judge(constants, memory, dt), answer))
+
+
+@lean
+def _answer(
+    constants: ObserverConstants, memory: ObserverMemory, chosen: int, answer: FloatArray
+) -> int:
+    """Write the answer of a filter; return NOBODY where it is not good enough."""
+    if chosen == NOBODY:
+        return NOBODY
+    state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
+    if chosen != ALL and score[SPOKEN] > 4.0 and score[chosen] > 8.0 * score[SPOKEN]:
+        memory.belief[0].out = NOBODY  # the wheels contradict the one that is left
+        return NOBODY
+    answer[0] = state[U_X] + state[RATE] * constants.p_y
+    answer[1] = state[U_Y] - state[RATE] * constants.p_x
+    answer[2] = state[RATE]
+    spread = max(covariance[U_X, U_X], covariance[U_Y, U_Y])
+    if (
+        spread <= constants.velocity_deviation**2
+        and covariance[RATE, RATE] <= constants.rate_deviation**2
+        and math.isfinite(answer[0] + answer[1] + answer[2])
+    ):
+        return chosen
+    return NOBODY

@@ -1,0 +1,378 @@
+"""What the second opinion knows and remembers: its filters, whom it believes, what twists do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+IntArray = NDArray[np.int64]
+Record = Any
+"""One entry of a structured array, by reference."""
+
+# Entries of the scores behind those of the filters: the twist against the wheels by itself, how
+# many wheels have spoken lately.
+ALONE, SPOKEN = 4, 5
+SCORES = 6
+
+# The filters, by who is left out.
+ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
+FILTERS = 4
+U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y = range(6)
+STATES = 6
+
+# A fifth row of states is the path of the IMU alone: its heading by the gyro [rad], what the
+# specific force has added to the velocity since in axes that do not turn [m/s], its last rate.
+PATH = 4
+HEADING, GAIN_X, GAIN_Y, LAST_RATE = range(4)
+
+# Who is not believed, beside the filters above: nobody is.
+NOBODY = 4
+
+HISTORY = 32
+"""States of the past that a late twist can be compared with."""
+
+BELIEF = np.dtype(
+    [
+        ("out", np.float64),  # who is left out: a filter, or NOBODY
+        ("disputed", np.float64),  # time that the dispute has lasted [s]
+        ("agreed", np.float64),  # for how long the one left out has agreed again [s]
+        ("convictions", np.float64),  # how often one has been convicted
+        ("inertial", np.float64),  # whether there has been an IMU reading
+        ("begun", np.float64),  # whether the filters have begun
+        ("twist_age", np.float64),  # time since the last good twist [s]
+        ("last_ns", np.float64),  # time of the last step [ns]
+        ("twist_ns", np.float64),  # time of the newest twist used [ns]
+        ("pressed", np.float64),  # whether the pedal was down
+        ("idle", np.float64),  # for how long the twist has lost no speed [s]
+        ("top_speed", np.float64),  # speed when the pedal went down [m/s]
+        ("scale", np.float64),  # error of wheel radii, learnt while the pedal was up [1]
+        ("apart_velocity", np.float64),  # how far velocities were apart, see `differences` [1]
+        ("apart_rate", np.float64),  # likewise yaw rates [1]
+    ]
+)
+"""Whom the second opinion believes."""
+
+COURSE = np.dtype(
+    [
+        ("marked", np.float64),  # whether there is an earlier twist
+        ("mark_x", np.float64),  # its velocity in the axes of the path [m/s]
+        ("mark_y", np.float64),  # likewise
+        ("mark_rate", np.float64),  # its yaw rate [rad/s]
+        ("mark_ns", np.float64),  # its time [ns]
+        ("mark_heading", np.float64),  # the path then [rad]
+        ("mark_gain_x", np.float64),  # likewise [m/s]
+        ("mark_gain_y", np.float64),  # likewise [m/s]
+        ("change_x", np.float64),  # change beyond the specific force, gyro right [m/s]
+        ("change_y", np.float64),  # likewise
+        ("turn_x", np.float64),  # what they would have with their own yaw rate [m/s]
+        ("turn_y", np.float64),  # likewise
+        ("spread", np.float64),  # variance of both [m^2/s^2]
+        ("still_rate", np.float64),  # biases when the pedal went down [rad/s]
+        ("still_x", np.float64),  # likewise [m/s^2]
+        ("still_y", np.float64),  # likewise [m/s^2]
+        ("apart", np.float64),  # how far yaw rates of twist and gyro differ, pedal up [rad/s]
+        ("apart_spread", np.float64),  # variance of that [rad^2/s^2]
+        ("offset", np.float64),  # how much of it is the twist's [rad/s]
+        ("mark_spread", np.float64),  # variance of the earlier twist [m^2/s^2]
+        ("leapt", np.float64),  # time since one leapt [s]
+        ("same_x", np.float64),  # velocity of the newest twist [m/s]
+        ("same_y", np.float64),  # likewise
+        ("same", np.float64),  # for how long braking has not changed it [s]
+    ]
+)
+"""What the twist has done, and what explains it."""
+
+FASTEST_TURN = 50.0  # [rad/s]
+LARGEST_FORCE = 100.0  # [m/s^2]
+LARGEST_BIAS = 0.01  # of a gyro that has been calibrated at rest [rad/s]
+LEAP_MEMORY = 0.3  # for how long a leap counts [s]
+_APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/s]
+
+
+class Brakes(NamedTuple):
+    """What the brakes do.
+
+    Attributes:
+        pressed: whether the pedal is down.
+        enable: what they were told in the step before, shape (N,).
+    """
+
+    pressed: bool
+    enable: FloatArray
+
+
+class PassedTwist(NamedTuple):
+    """A twist after the gate.
+
+    Attributes:
+        heard: whether there is one that passed.
+        stamp_ns: its stamp [ns].
+        value: the twist [m/s, m/s, rad/s], shape (3,).
+        variance: of its components, shape (3,).
+    """
+
+    heard: bool
+    stamp_ns: int
+    value: FloatArray
+    variance: FloatArray
+
+
+class Sensed(NamedTuple):
+    """What the other sensors say; no numbers where they say nothing.
+
+    Attributes:
+        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
+        speeds: of the wheels [rad/s], shape (N,).
+    """
+
+    inertial: FloatArray
+    speeds: FloatArray
+
+
+class Force(NamedTuple):
+    """Specific force [m/s^2], and whether it is known."""
+
+    known: bool
+    x: float
+    y: float
+
+
+class ObserverConstants(NamedTuple):
+    """What never changes.
+
+    Attributes:
+        n_x: active directions [1], shape (N,).
+        n_y: likewise.
+        lever: of the active directions about the mounting of the IMU [m], shape (N,).
+        roll: speed along the active direction per wheel speed, ``R n_w . u_w`` [m], shape (N,).
+        p_x: mounting of the IMU [m].
+        p_y: likewise [m].
+        force: uncertainty of the specific force [m/s^2].
+        walk: acceleration that tires can make [m/s^2].
+        turn: angular acceleration that they can make [rad/s^2].
+        gyro: standard deviation of the gyro [rad/s].
+        wheel: of the speed of a rolling wheel [m/s].
+        scale: relative error of wheel radii and twist [1].
+        velocity_gate: disagreement on the velocity that is no dispute [m/s].
+        rate_gate: likewise on the yaw rate [rad/s].
+        patience: time within which the wheels must settle a dispute [s].
+        parole: time of agreement until a convicted channel is heard again [s].
+        convictions: after which it stays out.
+        velocity_deviation: of the answer, largest [m/s].
+        rate_deviation: likewise of the yaw rate [rad/s].
+        spin_up: time since its release after which a wheel rolls [s].
+        spinning: gain of a rim from which on it still spins up [m/s].
+        rebound: how much faster than it rolls a wheel may spin after its release, while the tire
+            springs back [m/s].
+        blind_rebound: likewise where wheels alone judge the twist [m/s].
+        rebound_time: for how long, then it fades [s].
+        delay: by which a twist is older than its stamp [ns].
+        longest: step across which the filters go on [s].
+        memory: time over which changes of the twist are added up [s].
+        proof: by how much two explanations of them must differ, in variances [1].
+        no_belief: a belief to begin with, `BELIEF`, shape (1,).
+        no_course: a course to begin with, `COURSE`, shape (1,).
+    """
+
+    n_x: FloatArray
+    n_y: FloatArray
+    lever: FloatArray
+    roll: FloatArray
+    p_x: float
+    p_y: float
+    force: float
+    walk: float
+    turn: float
+    gyro: float
+    wheel: float
+    scale: float
+    velocity_gate: float
+    rate_gate: float
+    patience: float
+    parole: float
+    convictions: float
+    velocity_deviation: float
+    rate_deviation: float
+    spin_up: float
+    spinning: float
+    rebound: float
+    blind_rebound: float
+    rebound_time: float
+    delay: float
+    longest: float
+    memory: float
+    proof: float
+    no_belief: NDArray[np.void]
+    no_course: NDArray[np.void]
+
+
+class Desk(NamedTuple):
+    """What a step is worked on with, 6 numbers each: the state of a filter.
+
+    Attributes:
+        h: direction of a measurement.
+        gain: of a correction.
+        then: a state of the past.
+        shift: by which it is corrected.
+        told: a twist as corrected.
+        innovation: of a measurement in each filter.
+        spread: its variance in each filter.
+        product: rows of a product of matrices, shape (2, 6).
+    """
+
+    h: FloatArray
+    gain: FloatArray
+    then: FloatArray
+    shift: FloatArray
+    told: FloatArray
+    innovation: FloatArray
+    spread: FloatArray
+    product: FloatArray
+
+
+class ObserverMemory(NamedTuple):
+    """What it remembers from step to step.
+
+    Attributes:
+        state: of each filter and the path, shape (5, 6).
+        covariance: likewise, shape (4, 6, 6).
+        belief: `BELIEF`, shape (1,).
+        released: for how long each wheel's brake has been released [s], shape (N,).
+        rim: the last speed of each rim along the active direction [m/s], shape (N,).
+        gain: by how much each rim has lately become faster [m/s], shape (N,).
+        doubt: how often each has contradicted everybody lately [1], shape (N,).
+        score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
+        blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
+        course: what explains the change of the twist, `COURSE`, shape (1,).
+        past: states of the last stamps, a ring, shape (32, 5, 6).
+        stamps: of them [ns], -1 where there is none, shape (32,).
+        newest: row of the newest of them, shape (1,).
+        desk: what a step is worked on with.
+    """
+
+    state: FloatArray
+    covariance: FloatArray
+    belief: NDArray[np.void]
+    released: FloatArray
+    rim: FloatArray
+    gain: FloatArray
+    doubt: FloatArray
+    score: FloatArray
+    blame: FloatArray
+    course: NDArray[np.void]
+    past: FloatArray
+    stamps: IntArray
+    newest: IntArray
+    desk: Desk
+
+
+def observer_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> ObserverConstants:
+    """Lay out the constants for the kernel.
+
+    Args:
+        configuration: of the assistant.
+        geometry: of the wheels.
+    """
+    p_x, p_y = configuration.imu_x, configuration.imu_y
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    return ObserverConstants(
+        n_x=n_x,
+        n_y=n_y,
+        lever=cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x,
+        roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
+        p_x=p_x,
+        p_y=p_y,
+        force=0.3,
+        walk=30.0,
+        turn=60.0,
+        gyro=0.01,
+        wheel=0.03,
+        scale=0.015,
+        velocity_gate=0.1,
+        rate_gate=0.05,
+        patience=0.1,
+        parole=0.2,
+        convictions=3.0,
+        velocity_deviation=0.4,
+        rate_deviation=0.15,
+        # A brake that lags acts for a while after its release.
+        spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
+        spinning=0.1,
+        rebound=0.25,
+        blind_rebound=0.1,
+        rebound_time=0.15,
+        delay=float(round(configuration.feedback_delay * 1e9)),
+        longest=configuration.maximum_time_step,
+        memory=0.2,
+        proof=9.0,
+        no_belief=np.zeros(1, BELIEF),
+        no_course=np.zeros(1, COURSE),
+    )
+
+
+def observer_memory(wheels: int) -> ObserverMemory:
+    """Return a memory that has seen nothing."""
+    return ObserverMemory(
+        np.zeros((FILTERS + 1, STATES)),
+        np.zeros((FILTERS, STATES, STATES)),
+        np.zeros(1, BELIEF),
+        np.zeros(wheels),
+        np.full(wheels, np.nan),
+        np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(SCORES),
+        np.zeros((wheels, FILTERS)),
+        np.zeros(1, COURSE),
+        np.zeros((HISTORY, FILTERS + 1, STATES)),
+        np.full(HISTORY, -1, np.int64),
+        np.zeros(1, np.int64),
+        Desk(*np.zeros((7, STATES)), np.zeros((2, STATES))),  # type: ignore[call-arg]
+    )
+
+
+@lean
+def copy(values: FloatArray, target: FloatArray) -> None:
+    """Write values into a target."""
+    for i in range(values.size):
+        target[i] = values[i]
+
+
+@lean
+def begin(
+    constants: ObserverConstants, memory: ObserverMemory, now_ns: int, twist: FloatArray
+) -> None:
+    """Start all filters at a twist of which little is known."""
+    memory.released[:] = 0.0
+    memory.rim[:] = math.nan
+    memory.gain[:] = 0.0
+    memory.doubt[:] = 0.0
+    memory.stamps[:] = -1
+    memory.score[:] = 0.0
+    memory.blame[:] = 0.0
+    memory.course[0] = constants.no_course[0]
+    memory.course[0].apart_spread = _APART**2
+    memory.course[0].leapt = LEAP_MEMORY
+    memory.belief[0] = constants.no_belief[0]
+    belief = memory.belief[0]
+    belief.begun = 1.0
+    belief.last_ns = now_ns
+    belief.twist_ns = -1.0
+    memory.state[:] = 0.0
+    memory.covariance[:] = 0.0
+    for k in range(FILTERS):
+        for j in range(3):
+            memory.state[k, j] = twist[j]
+            memory.covariance[k, j, j] = 100.0
+        memory.covariance[k, BIAS_RATE, BIAS_RATE] = LARGEST_BIAS**2
+        memory.covariance[k, BIAS_X, BIAS_X] = 0.5**2
+        memory.covariance[k, BIAS_Y, BIAS_Y] = 0.5**2

@@ -1,0 +1,175 @@
+"""What a twist tells the second opinion, late as it may be, and whether it leaps or is stuck."""
+
+from __future__ import annotations
+
+import math
+
+from omni_brake_assist.observer.filters import Filter, correct, correct_past, of_then
+from omni_brake_assist.observer.state import (
+    ALL,
+    BIAS_RATE,
+    FASTEST_TURN,
+    FILTERS,
+    GAIN_X,
+    GAIN_Y,
+    HEADING,
+    LARGEST_BIAS,
+    NO_FORCE,
+    NO_TWIST,
+    PATH,
+    RATE,
+    STATES,
+    ObserverConstants,
+    ObserverMemory,
+    PassedTwist,
+    Record,
+    copy,
+)
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+_APART_WALK = 0.001  # how much that changes from one twist to the next [rad/s]
+_LEAP_DEVIATIONS = 5.0  # of two twists, which noise alone does not exceed [1]
+_STUCK = 1e-4  # change from twist to twist, below which it does not change [m/s], [rad/s]
+
+
+@lean
+def hear_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    stamp_ns: int,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Correct the filters that hear the twist by it."""
+    h, then, shift = memory.desk.h, memory.desk.then, memory.desk.shift
+    speed = constants.scale * math.hypot(twist[0], twist[1])
+    own = constants.wheel**2 + (0.3 * speed) ** 2
+    p_x, p_y = constants.p_x, constants.p_y
+    place_ns = stamp_ns - int(constants.delay)
+    _follow_twist(constants, memory, place_ns, twist, variance)
+    for k in range(FILTERS):
+        if k == NO_TWIST:
+            continue
+        state, covariance = memory.state[k], memory.covariance[k]
+        of_then(memory, k, place_ns, then)
+        copy(state, shift)
+        for j in range(3):
+            h[:] = 0.0
+            if j == RATE:
+                h[RATE] = 1.0
+            else:
+                h[j] = 1.0
+                h[RATE] = p_y if j == 0 else -p_x
+            # The state may have been corrected by the components before.
+            predicted = 0.0
+            for i in range(STATES):
+                predicted += h[i] * (then[i] + state[i] - shift[i])
+            spread = variance[j] + (constants.gyro**2 if j == RATE else own)
+            filtered = Filter(state, covariance)
+            correct(filtered, h, twist[j] - predicted, spread, memory.desk.gain)
+        for i in range(STATES):
+            shift[i] = state[i] - shift[i]
+        correct_past(memory, k, place_ns, shift)
+
+
+@lean
+def _follow_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    place_ns: int,
+    twist: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Add up what the twist changes by, and what each yaw rate explains of it.
+
+    In axes that turn with the gyro, ``U' = f`` if the gyro is right. If the twist's rate is, they
+    turn too far by ``d = Omega - gyro``, and the change beyond ``f`` is ``d k x U``.
+    """
+    course, path = memory.course[0], memory.desk.then
+    of_then(memory, PATH, place_ns, path)
+    u_x = twist[0] - twist[2] * constants.p_y
+    u_y = twist[1] + twist[2] * constants.p_x
+    c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
+    x, y = c * u_x - s * u_y, s * u_x + c * u_y
+    dt = (place_ns - course.mark_ns) * 1e-9
+    if course.marked != 0.0 and 0.0 < dt <= constants.longest:
+        keep = math.exp(-dt / constants.memory)
+        change_x = x - course.mark_x - (path[GAIN_X] - course.mark_gain_x)
+        change_y = y - course.mark_y - (path[GAIN_Y] - course.mark_gain_y)
+        own = 0.5 * (twist[2] + course.mark_rate) * dt
+        turn = path[HEADING] - course.mark_heading - own
+        _notice_leap(constants, course, variance, dt, (x, y, turn))
+        course.change_x = keep * course.change_x + change_x
+        course.change_y = keep * course.change_y + change_y
+        course.turn_x = keep * course.turn_x - turn * 0.5 * (y + course.mark_y)
+        course.turn_y = keep * course.turn_y + turn * 0.5 * (x + course.mark_x)
+        spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
+        course.spread = keep * course.spread + (1.0 - keep) * spread
+    else:
+        course.change_x = course.change_y = course.turn_x = course.turn_y = 0.0
+        course.spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
+    course.marked, course.mark_x, course.mark_y = 1.0, x, y
+    course.mark_spread = max(variance[0], variance[1])
+    course.mark_rate, course.mark_ns = twist[2], place_ns
+    course.mark_heading = path[HEADING]
+    course.mark_gain_x, course.mark_gain_y = path[GAIN_X], path[GAIN_Y]
+
+
+@lean
+def _notice_leap(
+    constants: ObserverConstants,
+    course: Record,
+    variance: FloatArray,
+    dt: float,
+    moved: tuple[float, float, float],
+) -> None:
+    """See whether the twist has changed by more than tires and its own noise can, with any rate."""
+    x, y, turn = moved
+    change_x, change_y = x - course.mark_x, y - course.mark_y
+    change = min(
+        math.hypot(change_x, change_y), math.hypot(change_x + turn * y, change_y - turn * x)
+    )
+    spread = max(variance[0], variance[1]) + course.mark_spread + 2.0 * constants.wheel**2
+    if change > constants.walk * dt + _LEAP_DEVIATIONS * math.sqrt(spread):
+        course.leapt = 0.0
+
+
+@lean
+def notice_stuck(
+    constants: ObserverConstants, memory: ObserverMemory, braking: bool, twist: PassedTwist
+) -> None:
+    """Book for how long braking has not changed the twist, once brakes have had time to act."""
+    course, value = memory.course[0], twist.value
+    changed = abs(value[0] - course.same_x) > _STUCK or abs(value[1] - course.same_y) > _STUCK
+    changed = changed or abs(value[2] - course.mark_rate) > _STUCK
+    course.same_x, course.same_y = value[0], value[1]
+    course.same += (twist.stamp_ns - memory.belief[0].twist_ns) * 1e-9
+    if not braking:
+        course.same = -constants.spin_up
+    elif changed:
+        course.same = min(course.same, 0.0)
+
+
+@lean
+def tell_apart(
+    constants: ObserverConstants, memory: ObserverMemory, rate: float, variance: float, gyro: float
+) -> None:
+    """Learn by how much the yaw rates of twist and gyro differ [rad/s], and whose error that is.
+
+    A gyro that has been calibrated is off by little; what is more is the twist's.
+    """
+    if not abs(gyro) < FASTEST_TURN:
+        return
+    course = memory.course[0]
+    spread = course.apart_spread + _APART_WALK**2
+    gain = spread / (spread + variance + constants.gyro**2)
+    course.apart += gain * (rate - gyro - course.apart)
+    course.apart_spread = (1.0 - gain) * spread
+    bias = min(max(-course.apart, -LARGEST_BIAS), LARGEST_BIAS)
+    course.offset = course.apart + bias
+    for k in (ALL, NO_TWIST, NO_FORCE):
+        memory.state[k, BIAS_RATE] = bias
+        for i in range(STATES):
+            memory.covariance[k, BIAS_RATE, i] = memory.covariance[k, i, BIAS_RATE] = 0.0
+        memory.covariance[k, BIAS_RATE, BIAS_RATE] = (0.1 * LARGEST_BIAS) ** 2

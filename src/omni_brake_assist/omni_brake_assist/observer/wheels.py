@@ -1,0 +1,187 @@
+"""What the wheels that roll tell the second opinion: one component of the motion each."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from omni_brake_assist.observer.filters import Filter, correct, spread
+from omni_brake_assist.observer.state import (
+    ALL,
+    ALONE,
+    BIAS_X,
+    BIAS_Y,
+    FILTERS,
+    HISTORY,
+    LARGEST_FORCE,
+    RATE,
+    SPOKEN,
+    U_X,
+    U_Y,
+    Brakes,
+    ObserverConstants,
+    ObserverMemory,
+    PassedTwist,
+    Sensed,
+)
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+_FADE = 0.96  # of evidence, per step
+_LARGEST_SCALE = 0.03  # error of wheel radii that is learnt [1]
+_FASTEST_RIM = 200.0  # [m/s]
+_DOUBTED = 4.0  # contradictions from which on a wheel is not heard
+_GAIN_FADE = 0.7  # of what a rim has gained, per step
+_LARGEST_GAIN = 0.2  # of a rim in a step that counts [m/s]
+# Slip of driven wheels by acceleration [s^2/m], [s^4/m^2]; all readings of the last steps share it.
+_SLIP, _SLIP_GROWTH, _SLIP_SHARED = 0.01, 0.002, 40.0
+
+
+@lean
+def _fade(memory: ObserverMemory) -> int:
+    """Let what wheels have said count for less; return how many contradict everybody."""
+    strangers = 0
+    for i in range(memory.doubt.size):
+        strangers += memory.doubt[i] >= _DOUBTED
+        for k in range(FILTERS):
+            memory.blame[i, k] *= _FADE
+    for k in range(FILTERS):
+        memory.score[k] *= _FADE
+    memory.score[SPOKEN] *= _FADE
+    return strangers
+
+
+class _RollingWheel(NamedTuple):
+    """What a rolling wheel measures: ``h . x`` is `rim` [m/s], with a variance."""
+
+    h: FloatArray
+    rim: float
+    variance: float
+
+
+@lean
+def hear_wheels(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    dt: float,
+    brakes: Brakes,
+    sensed: Sensed,
+    disputed: bool,
+    twist: PassedTwist,
+) -> None:
+    """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
+    braking, enable = brakes
+    speeds = sensed.speeds
+    h, innovations, spreads = memory.desk.h, memory.desk.innovation, memory.desk.spread
+    h[:] = 0.0
+    # One may be wrong; if several contradict everybody, they are not.
+    several = _fade(memory) > 1
+    slip = 0.0 if braking else _SLIP_SHARED * driven_slip(memory, sensed.inertial) ** 2
+    inertial = memory.belief[0].inertial != 0.0  # without, wheels are all that contradicts a twist
+    for i in range(speeds.size):
+        rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[0].scale)
+        before, memory.rim[i] = memory.rim[i], rim
+        h[U_X], h[U_Y], h[RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
+        spins_up = _gain_of(memory, i, h, rim - before, dt) > constants.spinning
+        held = braking and enable[i] > 0.0
+        memory.released[i] = 0.0 if held else memory.released[i] + dt
+        limit = 8.0 * dt + 2.0 * constants.wheel
+        rolls = (
+            not held
+            and memory.released[i] >= constants.spin_up
+            and abs(rim) < _FASTEST_RIM
+            and abs(rim - before) <= limit
+            and not (braking and (abs(rim) < 0.1 or (inertial and spins_up)))
+        )
+        if not rolls:
+            continue
+        # A wheel that still spins up is slower than it will be by some of its changes.
+        own = constants.wheel**2 + (constants.scale**2 + slip) * rim**2 + 16.0 * (rim - before) ** 2
+        blind = own + 0.05**2
+        if braking:
+            fresh = min(constants.rebound_time / memory.released[i], 1.0)
+            own += (constants.rebound * fresh) ** 2
+            blind += (constants.blind_rebound * fresh) ** 2
+        fits = True
+        trusted = several or memory.doubt[i] < _DOUBTED
+        for k in range(FILTERS):
+            state = memory.state[k]
+            predicted = h[0] * state[0] + h[1] * state[1] + h[2] * state[2]
+            innovations[k] = rim - predicted
+            spreads[k] = spread(memory.covariance[k], h) + own
+            misfit = innovations[k] ** 2 / spreads[k]
+            fits = fits and misfit <= 12.0
+            if trusted:
+                wrong = min(innovations[k] ** 2 / own, 25.0)
+                memory.score[k] += wrong
+                memory.blame[i, k] += wrong
+        if not disputed:
+            strange = innovations[ALL] ** 2 > 9.0 * own
+            memory.doubt[i] = 0.9 * memory.doubt[i] + (1.0 if strange else 0.0)
+        if not trusted:
+            continue
+        memory.score[SPOKEN] += 1.0
+        if twist.heard:
+            _compare_twist(constants, memory, braking, _RollingWheel(h, rim, blind), twist)
+        for k in range(FILTERS):
+            misfit = innovations[k] ** 2 / spreads[k]
+            if fits or (disputed and misfit <= 12.0):
+                filtered = Filter(memory.state[k], memory.covariance[k])
+                correct(filtered, h, innovations[k], own, memory.desk.gain)
+
+
+@lean
+def _gain_of(memory: ObserverMemory, i: int, h: FloatArray, gained: float, dt: float) -> float:
+    """Return by how much a rim has lately become faster than the turning vehicle explains.
+
+    Braking takes speed from a wheel that rolls. On ice one spins up so slowly that no single step
+    shows it.
+    """
+    state, row = memory.state[ALL], (memory.newest[0] - 1) % HISTORY
+    turned = h[U_X] * state[U_Y] - h[U_Y] * state[U_X]
+    explained = turned * state[RATE] * dt + h[RATE] * (state[RATE] - memory.past[row, ALL, RATE])
+    gain = gained - explained if memory.rim[i] >= 0.0 else explained - gained
+    if not abs(gain) < _LARGEST_GAIN:
+        gain = _LARGEST_GAIN  # a rim that was not known, or has just been let go
+    memory.gain[i] = max(_GAIN_FADE * memory.gain[i] + gain, 0.0)
+    return float(memory.gain[i])
+
+
+@lean
+def driven_slip(memory: ObserverMemory, inertial: FloatArray) -> float:
+    """Return by which share driven wheels may slip in a turn, pedal up [1].
+
+    The harder they push, the more; specific force and turning must both say that they do.
+    """
+    f_x, f_y = inertial[1], inertial[2]
+    if not (abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE):
+        return 0.0
+    state = memory.state[ALL]
+    turning = abs(state[RATE]) * math.hypot(state[U_X], state[U_Y])
+    push = min(turning, math.hypot(f_x - state[BIAS_X], f_y - state[BIAS_Y]))
+    return float(_SLIP * push + _SLIP_GROWTH * push * push)
+
+
+@lean
+def _compare_twist(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    braking: bool,
+    wheel: _RollingWheel,
+    passed: PassedTwist,
+) -> None:
+    """Compare the twist with a rolling wheel; learn what wheel radii are off by, pedal up."""
+    h, rim, spread = wheel
+    twist, variance = passed.value, passed.variance
+    # The twist of base_link at the wheel.
+    place = (h[RATE] + h[U_Y] * constants.p_x - h[U_X] * constants.p_y) * twist[2]
+    misfit = rim - h[U_X] * twist[0] - h[U_Y] * twist[1] - place
+    if not braking and abs(rim) > 0.5:
+        error = misfit / (rim - misfit) if rim != misfit else 0.0
+        if abs(error) < _LARGEST_SCALE:
+            scale = memory.belief[0].scale + 0.02 * error
+            memory.belief[0].scale = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
+    total = spread
+    for j in range(3):
+        total += 4.0 * h[j] ** 2 * variance[j]
+    memory.score[ALONE] = 0.9 * memory.score[ALONE] + min(misfit**2 / total, 25.0)
