@@ -9,9 +9,10 @@ more than 4 of its standard deviations and by more than 0.05 m/s.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +118,7 @@ FAULTS: Mapping[str, Fault] = {
     "repeated_batches": Fault(repeated=5),
     "repeating_ground": Fault(repeats=True),
 }
+OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,24 +175,11 @@ class Tally:
         """Share of the batches that were measured, 0..1."""
         return float(np.mean(np.isfinite(self.ratio)))
 
-    @property
-    def normalised_error_squared(self) -> float:
-        """Mean error squared over what its variance lets expect; NaN if nothing was measured."""
-        return (
-            float(np.mean(self.ratio[np.isfinite(self.ratio)] ** 2)) if self.available else math.nan
-        )
-
-    @property
-    def coverage(self) -> float:
-        """Share of the errors within 1.96 standard deviations; NaN if nothing was measured."""
-        measured = abs(self.ratio[np.isfinite(self.ratio)])
-        return float(np.mean(measured <= 1.96)) if len(measured) else math.nan
-
 
 def drive_over(
     ground: Ground,
     faults: Mapping[str, Fault],
-    drives: int,
+    drives: range,
     batches: int,
     seed: int,
     motions: Sequence[Motion] = MOTIONS,
@@ -202,31 +191,29 @@ def drive_over(
     Args:
         ground: which.
         faults: by name.
-        drives: how many, from random places; they take the motions in turn.
+        drives: their numbers; each has a random place of its own, and they take the motions in
+            turn.
         batches: of each camera in a drive.
         seed: of places, headings and noise.
         motions: to take.
         sensors: the line cameras.
         **settings: of the odometry.
     """
-    texture = ground.texture()
-    repeating = _repeating(texture) if any(fault.repeats for fault in faults.values()) else texture
-    key = np.random.SeedSequence(seed)
-
-    def array(camera: CameraConfiguration, over: GroundTexture) -> LineCameraArray:
-        return LineCameraArray(sensors, over, camera, key, threads=1)
-
-    plain = CameraConfiguration()
-    clean = {False: array(plain, texture)}
-    if repeating is not texture:
-        clean[True] = array(plain, repeating)
+    repeats = any(fault.repeats for fault in faults.values())
+    view = _Views(ground, tuple(sensors.items()), seed)
+    texture = _texture(ground)
+    clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
     # They only develop what the others have seen: a coarse ground is laid out sooner.
     grey = np.ascontiguousarray(texture.grey[::_COARSE, ::_COARSE])
     coarse = GroundTexture(grey, texture.size)
-    faulty = {name: array(fault.camera, coarse) for name, fault in faults.items()}
+    key = np.random.SeedSequence(seed)
+    faulty = {
+        name: LineCameraArray(sensors, coarse, fault.camera, key, threads=1)
+        for name, fault in faults.items()
+    }
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
-    generator = np.random.default_rng((seed, 7))
-    for number in range(drives):
+    for number in drives:
+        generator = np.random.default_rng((seed, 7, number))
         motion = motions[number % len(motions)]
         time = np.arange(BATCH_LINES * batches + 1) / next(iter(sensors.values())).line_rate
         yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
@@ -251,6 +238,32 @@ def drive_over(
         )
         for name, entries in found.items()
     }
+
+
+class _Views(NamedTuple):
+    """What is laid out once for all drives: which ground is seen by which cameras."""
+
+    ground: Ground
+    sensors: tuple[tuple[str, LineSensor], ...]
+    seed: int
+
+
+@functools.lru_cache(1)
+def _texture(ground: Ground) -> GroundTexture:
+    return ground.texture()
+
+
+@functools.lru_cache(2)
+def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
+    """Return cameras without faults, over the ground or over one that repeats itself."""
+    texture = _texture(view.ground)
+    return LineCameraArray(
+        dict(view.sensors),
+        _repeating(texture) if repeats else texture,
+        CameraConfiguration(),
+        np.random.SeedSequence(view.seed),
+        threads=1,
+    )
 
 
 def _repeating(texture: GroundTexture) -> GroundTexture:

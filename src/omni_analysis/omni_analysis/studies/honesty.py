@@ -4,24 +4,30 @@
 of its standard deviations and by more than 0.05 m/s, and that call themselves measured;
 `availability` those that are measured at all, so that silence is no cure. Every drive begins with
 an odometry that knows nothing of its cameras.
+
+A run of the campaign is one drive: it is rendered once, and its lines are given every fault.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import inspect
 import math
-import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from omni_analysis.campaign.runner import CampaignOptions, run_campaign
 from omni_analysis.figures.data_table import write_table
 from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.line_trials import honesty_trials
 from omni_analysis.line_trials.honesty_trials import (
     FAULTS,
     MOTIONS,
+    OF_TIME,
     SENSORS,
     Ground,
     Tally,
@@ -29,7 +35,7 @@ from omni_analysis.line_trials.honesty_trials import (
 )
 from omni_analysis.loop.metrics import Metric
 from omni_analysis.studies import StudyResult, StudyRun
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import ConfigurationError, parameter
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
 GROUNDS = {
@@ -47,19 +53,22 @@ GROUNDS = {
     **{f"wood_{angle}": Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
+_WITHIN_95 = 1.96  # standard deviations
 _WITHOUT, _WITH = 3.0, 10.0  # per mille that may be silent errors without and with a fault
+_OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 _EASY = ("asphalt", "concrete", "gravel", "grass")
 _AVAILABLE = 95.0  # % of the batches over these without a fault
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CampaignOptions):
     """Over what and how much is driven."""
 
     grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
     faults: str = parameter(
         "",
-        description=f"some of {', '.join(FAULTS)}; empty for all, over wood only none",
+        description=f"some of {', '.join(FAULTS)}; empty for all, over wood only none, and those "
+        "of time, which no ground changes, over a few grounds",
     )
     batches: int = parameter(
         48,
@@ -67,29 +76,126 @@ class Options(Configuration):
         minimum=2,
         maximum=10_000,
     )
-    workers: int = parameter(
-        0, description="processes; 0 for one on every core", minimum=0, maximum=1000
-    )
     seed: int = parameter(1, description="of grounds, places and noise", minimum=0)
+
+
+class Drive(NamedTuple):
+    """One drive over one ground.
+
+    Attributes:
+        seed: number of the drive among all.
+        ground: by name.
+        counts: for each fault its name and the fields of `Counts`, such as ``mud 144 2 ...``.
+    """
+
+    seed: int
+    ground: str
+    counts: str
+
+
+class Counts(NamedTuple):
+    """What came of some batches.
+
+    Attributes:
+        batches: of all cameras.
+        silent: that were silently wrong.
+        measured: that called themselves measured.
+        squares: sum of their errors squared over their variances.
+        covered: of them within 1.96 standard deviations.
+    """
+
+    batches: int = 0
+    silent: int = 0
+    measured: int = 0
+    squares: float = 0.0
+    covered: int = 0
+
+    @classmethod
+    def of(cls, tally: Tally) -> Counts:
+        """Count the batches of a drive."""
+        ratio = tally.ratio[np.isfinite(tally.ratio)]
+        return cls(
+            len(tally.ratio),
+            int(np.count_nonzero(tally.silent)),
+            len(ratio),
+            float(ratio @ ratio),
+            int(np.count_nonzero(np.abs(ratio) <= _WITHIN_95)),
+        )
+
+    def __str__(self) -> str:
+        """Return the numbers as a row of a table holds them."""
+        return " ".join(str(value) for value in self)
+
+    @classmethod
+    def read(cls, words: Sequence[str]) -> Counts:
+        """Read what `__str__` wrote."""
+        batches, silent, measured, squares, covered = words
+        return cls(int(batches), int(silent), int(measured), float(squares), int(covered))
+
+    def plus(self, other: Counts) -> Counts:
+        """Return the counts of both."""
+        return Counts(
+            self.batches + other.batches,
+            self.silent + other.silent,
+            self.measured + other.measured,
+            self.squares + other.squares,
+            self.covered + other.covered,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drives:
+    """Makes the drives of a campaign by their number: one ground after the other."""
+
+    grounds: tuple[str, ...]
+    faults: tuple[str, ...]
+    chosen: bool
+    batches: int
+    seed: int
+
+    def __call__(self, number: int) -> Drive:
+        """Drive once."""
+        index, motion = divmod(number, len(MOTIONS))
+        name = self.grounds[index]
+        chosen = {fault: FAULTS[fault] for fault in self.faults_over(name)}
+        drives = range(motion, motion + 1)
+        tallies = drive_over(GROUNDS[name], chosen, drives, self.batches, self.seed)
+        counts = ";".join(f"{fault} {Counts.of(tally)!s}" for fault, tally in tallies.items())
+        return Drive(number, name, counts)
+
+    def faults_over(self, ground: str) -> tuple[str, ...]:
+        """Return the faults that are tried over a ground, all of them if they were chosen."""
+        if self.chosen:
+            return self.faults
+        if ground in _ORIENTED:
+            return ("none",)
+        return tuple(f for f in self.faults if f not in OF_TIME or ground in _OF_TIME_OVER)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of everything that the drives depend on."""
+        told = f"{self!r}{inspect.getsource(honesty_trials)}{GROUNDS!r}"
+        return hashlib.sha256(told.encode()).hexdigest()[:16]
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive over every ground with every fault; write figure, data and metrics."""
     grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
     faults = _chosen("--faults", options.faults, tuple(FAULTS))
-    tallies: dict[tuple[str, str], Tally] = {}
-    workers = options.workers or len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(min(workers, len(grounds)), get_context("spawn")) as pool:
-        work = {}
-        for name in grounds:
-            own = faults if options.faults or name not in _ORIENTED else ("none",)
-            work[pool.submit(_drive, name, own, options.batches, options.seed)] = name
-        for done, result in enumerate(as_completed(work)):
-            name = work[result]
-            tallies |= {(name, fault): tally for fault, tally in result.result().items()}
-            study.report((done + 1) / len(work), name)
+    work = _Drives(grounds, faults, bool(options.faults), options.batches, options.seed)
+    drives = run_campaign(
+        work,
+        range(len(grounds) * len(MOTIONS)),
+        Drive,
+        options,
+        study.folder / "drives.csv",
+        work.fingerprint,
+        study.report,
+    )
+    tallies = _added_up(drives)
     cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
     files = (
+        study.folder / "drives.csv",
         save_figure(_draw(grounds, faults, tallies), study.folder / "honesty.png"),
         write_table(
             study.folder / "honesty.csv",
@@ -103,6 +209,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return StudyResult(_metrics(cells, tallies), files, _findings(cells, tallies))
 
 
+def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
+    """Return the counts of every ground and fault."""
+    tallies: dict[tuple[str, str], Counts] = {}
+    for drive in drives:
+        for entry in drive.counts.split(";"):
+            fault, *words = entry.split()
+            cell = drive.ground, fault
+            tallies[cell] = tallies.get(cell, Counts()).plus(Counts.read(words))
+    return tallies
+
+
 def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names that an option lists, all of them if it is empty."""
     chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
@@ -112,24 +229,20 @@ def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
     return chosen
 
 
-def _drive(name: str, faults: tuple[str, ...], batches: int, seed: int) -> dict[str, Tally]:
-    """Drive over one ground, in a process of its own."""
-    chosen = {fault: FAULTS[fault] for fault in faults}
-    return drive_over(GROUNDS[name], chosen, len(MOTIONS), batches, seed)
-
-
-def _numbers(tally: Tally) -> tuple[float, ...]:
+def _numbers(counts: Counts) -> tuple[float, ...]:
+    """Return batches, silent errors [per mille], available [%], error squared [1], within [%]."""
+    measured = counts.measured or math.nan
     return (
-        len(tally.ratio),
-        1e3 * float(np.mean(tally.silent)),
-        100.0 * tally.available,
-        tally.normalised_error_squared,
-        100.0 * tally.coverage,
+        counts.batches,
+        1e3 * counts.silent / counts.batches,
+        100.0 * counts.measured / counts.batches,
+        counts.squares / measured,
+        100.0 * counts.covered / measured,
     )
 
 
 def _metrics(
-    cells: list[tuple[str, str]], tallies: dict[tuple[str, str], Tally]
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
 ) -> dict[str, Metric]:
     metrics = {}
     for name, fault in cells:
@@ -145,7 +258,7 @@ def _metrics(
 
 
 def _findings(
-    cells: list[tuple[str, str]], tallies: dict[tuple[str, str], Tally]
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
 ) -> tuple[str, ...]:
     findings = []
     for words, limit, chosen in (
@@ -165,7 +278,7 @@ def _findings(
 
 
 def _draw(
-    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: dict[tuple[str, str], Tally]
+    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Counts]
 ) -> Figure:
     figure = Figure(figsize=(13.0, 0.36 * len(grounds) + 2.6), layout="constrained")
     draw_title(
