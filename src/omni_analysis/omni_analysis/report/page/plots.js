@@ -128,7 +128,7 @@ class Plot {
     pen.textAlign = "right";
     pen.fillText("s", this.width, this.height + 14);
     if (this.kind.lanes) return;
-    const up = roundTicks(...this.range, 4);
+    const up = roundTicks(...this.range, this.height / 20);
     for (const value of up.ticks) {
       stroke(pen, [0, this.y(value)], [this.width, this.y(value)]);
       pen.fillText(inDigits(value, up.digits), -6, this.y(value) + 4);
