@@ -97,8 +97,15 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
         raise ConfigurationError(_KEY, f"{size}, more than {_MOST_PIXELS} px in all")
     edge = min(width, height)
     if edge < _FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
+        remedy = "take a picture of more of the ground"
+        if edge >= _FEWEST_TEXELS:
+            remedy += (
+                f", or check its scale: up to {edge * INCH / _LEAST_SIZE:.0f} dpi it is enough"
+            )
         raise ConfigurationError(
-            _KEY, f"{size}; both edges must have at least {_FEWEST_TEXELS} px and {_LEAST_SIZE} m"
+            _KEY,
+            f"{size}; both edges must have at least {_FEWEST_TEXELS} px and {_LEAST_SIZE} m: "
+            f"{remedy}",
         )
 
 
