@@ -17,10 +17,7 @@ Nor may brakes be released for longer than a stop with a modest deceleration las
 at the end of a stop without much loss of speed: two brakes may hold a vehicle on a course along
 which no roller is braked.
 
-Ice looks like brakes that do not act. So once a bound is exceeded all brakes act for `trial`: if
-the specific force shows that they brake no better, nothing more is possible here, and the law goes
-on with a new account; else, the `trials`-th time, and without an accelerometer all brakes act until
-the pedal is released.
+Once a bound is exceeded all brakes act until the pedal is released.
 """
 
 from __future__ import annotations
@@ -39,9 +36,7 @@ from omni_platform.quantities import FloatArray
 # time since [s], speed of the fastest rim [m/s], the same low-passed [m/s], how often it has been
 # seen lately [1], specific force, low-passed [m/s^2], for how long there has been one [s], the best
 # loss of speed that it has shown [m/s^2] at which pedal [1], that wheels have shown at which pedal,
-# for how long little speed has been lost at the end of the stop [s], for how long all brakes have
-# been tried [s], how often, the specific force before that, low-passed [m/s^2], in its later half
-# added up [m/s], and the time of that [s].
+# for how long little speed has been lost at the end of the stop [s].
 (
     MISSED,
     BRAKED,
@@ -60,20 +55,12 @@ from omni_platform.quantities import FloatArray
     BEST_LOSS,
     LOSS_PEDAL,
     STALLED,
-    TRIAL,
-    TRIALS,
-    BEFORE_X,
-    BEFORE_Y,
-    TRIAL_X,
-    TRIAL_Y,
-    TRIAL_TIME,
-) = range(24)
-LEDGER_SIZE = 24
+) = range(17)
+LEDGER_SIZE = 17
 
 _SETTLED = 0.6  # share of a step that a low pass must have followed to be believed [1]
 _END = 0.3  # share of the speed at the start from which on a stop is at its end [1]
 _LITTLE = 0.3  # share of the possible loss of speed that is little [1]
-_NOTHING = 0.2  # loss of speed that all brakes exceed on any ground [m/s^2]
 _FASTEST_RIM = 200.0  # [m/s]
 _LARGEST_FORCE = 100.0  # [m/s^2]
 
@@ -94,11 +81,6 @@ class EffectConstants(NamedTuple):
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
         stall: time without much loss of speed at the end of a stop [s].
-        trial: for how long all brakes are tried [s].
-        trials: after which a bound is not to be exceeded once more.
-        better: how much more all brakes may take of the speed than the law did [1].
-        aside: likewise, with what they do across that: along a diagonal half of the wheels slide
-            sideways [1].
     """
 
     roll: FloatArray
@@ -113,10 +95,6 @@ class EffectConstants(NamedTuple):
     least: float
     grace: float
     stall: float
-    trial: float
-    trials: float
-    better: float
-    aside: float
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -134,15 +112,11 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
         least=1.0,
         grace=1.0,
         stall=0.2,
-        trial=0.25,
-        trials=3.0,
-        better=1.25,
-        aside=1.8,
     )
 
 
 def effect_memory() -> FloatArray:
-    """Return a ledger in which nothing is booked, shape (24,)."""
+    """Return a ledger in which nothing is booked, shape (17,)."""
     return np.zeros(LEDGER_SIZE)
 
 
@@ -194,48 +168,10 @@ def watch_effect(
     ledger[STALLED] = ledger[STALLED] + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger[START] + share * ledger[BRAKED]
     due = constants.grace + ledger[START] / constants.least
-    overdue = ledger[DEMANDED] > due
-    exceeded = overdue or ledger[STALLED] > constants.stall or ledger[MISSED] > bound
-    tries = ledger[TRIAL] > 0.0
-    if tries and felt:
-        _try_all(constants, ledger, dt, pedal, force)
-    elif tries or (released and exceeded):
-        if tries or overdue or not felt or ledger[TRIALS] >= constants.trials:
-            ledger[TRIPPED] = 1.0
-        else:
-            ledger[TRIAL] = dt
-            settled = 1.0 - math.exp(-ledger[FORCE_TIME] / constants.force_time)
-            ledger[BEFORE_X] = ledger[FORCE_X] / settled
-            ledger[BEFORE_Y] = ledger[FORCE_Y] / settled
-            ledger[TRIAL_X] = ledger[TRIAL_Y] = ledger[TRIAL_TIME] = 0.0
-    return bool(ledger[TRIPPED] != 0.0 or ledger[TRIAL] > 0.0)
-
-
-@lean
-def _try_all(
-    constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, force: FloatArray
-) -> None:
-    """See what all brakes do; at the end of the trial acquit the law or end its help."""
-    ledger[TRIAL] += dt
-    if ledger[TRIAL] > 0.5 * constants.trial:
-        ledger[TRIAL_X] += force[0] * dt
-        ledger[TRIAL_Y] += force[1] * dt
-        ledger[TRIAL_TIME] += dt
-    if ledger[TRIAL] <= constants.trial:
-        return
-    x, y = ledger[TRIAL_X] / ledger[TRIAL_TIME], ledger[TRIAL_Y] / ledger[TRIAL_TIME]
-    before_x, before_y = ledger[BEFORE_X], ledger[BEFORE_Y]
-    before = math.hypot(before_x, before_y)
-    ledger[TRIAL] = 0.0
-    ledger[TRIALS] += 1.0
-    nothing = not math.hypot(x, y) > _NOTHING  # an accelerometer that reads so proves nothing
-    more = math.hypot(x, y) > constants.aside * before
-    better = x * before_x + y * before_y > constants.better * before * before
-    if nothing or more or better:
+    exceeded = ledger[DEMANDED] > due or ledger[STALLED] > constants.stall or ledger[MISSED] > bound
+    if released and exceeded:
         ledger[TRIPPED] = 1.0
-        return
-    ledger[BEST_FORCE], ledger[FORCE_PEDAL] = before, pedal
-    ledger[BEST_LOSS] = ledger[LOSS_PEDAL] = ledger[MISSED] = ledger[STALLED] = 0.0
+    return bool(ledger[TRIPPED] != 0.0)
 
 
 @lean

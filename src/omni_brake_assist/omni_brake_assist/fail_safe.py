@@ -125,8 +125,7 @@ CHECKS: dict[int, tuple[AssistState, str]] = {
     ),
     NO_EFFECT: (
         AssistState.NO_EFFECT,
-        "braking has too little effect: all brakes on, and if they brake better until the pedal is "
-        "released",
+        "braking has too little effect: all brakes on until the pedal is released",
     ),
     UNSTEADY: (
         AssistState.UNSTEADY,
