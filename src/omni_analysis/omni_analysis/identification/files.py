@@ -20,6 +20,7 @@ body: {{mass: {body_mass:g}, height: {height:g}, yaw_inertia: {body_inertia:g}}}
 load: {{mass: {load_mass:g}, x: {load_x:g}, y: {load_y:g}, height: {height:g}}} # a point
 tire: rill_table_1
 brake: {{max_torque: {torque:g}}}
+drive: {{max_torque: {drive:.1f}, stiffness: {stiffness:.1f}}} # only before the pedal is down
 wheel_inertia: {wheel_inertia:g}
 """
 
@@ -92,6 +93,8 @@ def write_files(configuration: ExperimentConfiguration, folder: Path) -> tuple[P
             load_x=vehicle.load.x,
             load_y=vehicle.load.y,
             torque=vehicle.brake.max_torque,
+            drive=vehicle.drive.max_torque,
+            stiffness=vehicle.drive.stiffness,
             wheel_inertia=vehicle.wheel_inertia,
         ),
         encoding="utf-8",
