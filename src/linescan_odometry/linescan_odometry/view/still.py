@@ -13,7 +13,6 @@ interpolated. At rest some grains may be taken for them, which does no harm.
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
@@ -75,6 +74,16 @@ class StillView:
         return moving
 
 
+def _median_of_five(values: Floats) -> Floats:
+    """Return the median of each value and two on either side; the ends count more often."""
+    wide = np.pad(values, 2, mode="edge")
+    a, b, c, d, e = (wide[i : i + len(values)] for i in range(5))
+    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
+    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
+    median: Floats = np.maximum(np.minimum(low, high), np.minimum(e, np.maximum(low, high)))
+    return median
+
+
 def without_defects(lines: Lines) -> Lines:
     """Return lines whose defective pixels are interpolated, the same lines if there are none.
 
@@ -84,13 +93,13 @@ def without_defects(lines: Lines) -> Lines:
     if len(lines) < _FEWEST_LINES:
         return lines
     mean = lines.mean(axis=0, dtype=np.float32)
-    out = mean - scipy.ndimage.median_filter(mean, _BESIDE, mode="nearest")
+    out = mean - _median_of_five(mean)
     limit = max(_OUTSTANDING * float(np.median(np.abs(out))), 1.0)
     found = np.flatnonzero(np.abs(out) > limit)
     if not 0 < len(found) <= _MOST_DEFECTIVE * len(mean):
         return lines
-    around = found[:, None] + np.arange(_BESIDE) - _BESIDE // 2
-    beside = np.median(lines[:, around.clip(0, len(mean) - 1)], axis=2)
+    near = found[:, None] + np.arange(_BESIDE) - _BESIDE // 2
+    beside = np.median(lines[:, near.clip(0, len(mean) - 1)], axis=2)
     above = (lines[:, found] - beside) * np.sign(out[found])
     defective = found[above.min(axis=0) > _IN_EACH * limit]
     if len(defective) == 0:
