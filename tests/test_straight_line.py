@@ -37,8 +37,7 @@ def weighting_zero(run_experiment: RunExperiment) -> FinishedRun:
     """The assisted run with another weighting, and the sideslip of what would be a nose wheel."""
     wheel = {"sensor": "front", "x": 0.6, "y": 0.0}
     sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
-    sets += ["--set=brake_assist.weighting=zero", "--set=maneuver.speed=6"]
-    return run_experiment("straight_line", "--variant", "assisted", *sets)
+    return run_experiment("small_stop", "--set=brake_assist.weighting=zero", *sets)
 
 
 def test_weighting_zero_keeps_its_line_too(weighting_zero: FinishedRun) -> None:
@@ -56,7 +55,7 @@ def test_sideslip_is_published_with_every_twist(weighting_zero: FinishedRun) -> 
         assert len(angles) == reader.topics["/odometry/twist"].msgcount
     assert all(list(message.name) == ["nose"] for message in angles.values())
     # Straight on before it brakes; the first line has none to be compared with.
-    before = [message.position[0] for stamp, message in angles.items() if stamp < 400_000_000]
+    before = [message.position[0] for stamp, message in angles.items() if stamp < 300_000_000]
     assert math.isnan(before[0])
     assert max(abs(math.degrees(angle)) for angle in before[1:]) < 1.0
 
@@ -93,25 +92,15 @@ def test_noisy_velocity_sensor_gives_the_same_bits_too(
     overrides = (
         "feedback=velocity_sensor",
         "velocity_sensor.linear_noise=0.15",
-        "maneuver.speed=6",
         "brake_assist.maximum_speed_deviation=1",
         "brake_assist.speed_noise=3",
     )
     words = [word for override in overrides for word in ("--set", override)]
-    run = run_experiment("straight_line", "--variant", "assisted", *words)
+    run = run_experiment("small_stop", *words)
     assert run.value("orientation_change.assisted") < 5.0
     assert run.value("fail_safe_share.assisted") == 0.0
-    in_one_process = run_closed_loop(library.load("straight_line", "assisted", overrides))
+    in_one_process = run_closed_loop(library.load("small_stop", "assisted", overrides))
     assert first_difference(read_run(run.folder / "assisted"), in_one_process) is None
-
-
-def test_repeated_runs_give_the_same_bits(
-    run_experiment: RunExperiment, library: ExperimentLibrary
-) -> None:
-    # Coarse cameras do; that of the standard experiment is held against one process, above.
-    first, again = (read_run(run_experiment("small_stop").folder / "assisted") for _ in range(2))
-    assert first_difference(first, again) is None
-    assert first_difference(again, run_closed_loop(library.load("small_stop", "assisted"))) is None
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
