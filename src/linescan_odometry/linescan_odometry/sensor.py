@@ -24,7 +24,7 @@ from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
-from linescan_odometry.view.still import StillView, without_defects
+from linescan_odometry.view.still import STRUCTURE, StillView, structure_of, without_defects
 from linescan_odometry.view.structures import StructureCounter
 from omni_platform.sensors import LineSensor
 
@@ -40,7 +40,6 @@ _ALIKE = 0.3  # correlation of the detail of lines that show the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
 _QUICK = 6.0  # px per line, beyond which the peak at zero is apart from that of the motion
-_STRUCTURE = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
 _STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
 _SLOW = 0.6  # px per line, below which the mean of the lines so far is mostly ground
@@ -222,9 +221,9 @@ class SensorOdometry:
             doubt = doubtful
         if mean is not None and (frozen >= _FROZEN_PAIRS or _stays(lines, mean)):
             return mean
-        settled = self._flat_field.settled or not self._flat_field.active
-        whole = self._whitened.match(lines, settled=settled)
-        if not settled:
+        learning = self._flat_field.learning
+        whole = self._whitened.match(lines, settled=not learning)
+        if learning:
             whole = self._whole_less_still(whole)
         sure = (
             whole is not None
@@ -236,7 +235,7 @@ class SensorOdometry:
         )
         if mean is None:
             # What stands still in the view has refused the pairs, and would rule all lines too.
-            still = whole is not None and not settled and abs(whole.displacement) < _MOVES
+            still = whole is not None and learning and abs(whole.displacement) < _MOVES
             if whole is None or not sure or still or not math.isfinite(whole.doubt):
                 doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
                 raise doubt
@@ -295,9 +294,8 @@ class SensorOdometry:
         Raises:
             Unmeasured: without it, nothing moves so far.
         """
-        unsettled = self._flat_field.active and not self._flat_field.settled
-        told = unsettled and self._still.weight > 0.0 and len(self._seen) > _STILL_PAIRS
-        if not told or abs(mean.displacement) < _SLOW:
+        told = self._still.weight > 0.0 and len(self._seen) > _STILL_PAIRS
+        if not (self._flat_field.learning and told) or abs(mean.displacement) < _SLOW:
             return mean
         lines = self._still.without(self._seen)
         span = len(lines) - 1
@@ -430,16 +428,13 @@ class SensorOdometry:
         They must show the same displacement. At rest there is nothing left to see, and nothing to
         doubt; nor is there once the flat field knows what stands still.
         """
-        if self._flat_field.settled or not self._flat_field.active:
+        if not self._flat_field.learning:
             return mean
         if abs(mean.displacement) > _QUICK or len(lines) <= _STILL_PAIRS:
             return mean
         moving = lines - lines.mean(axis=0)
-        change = moving[-1] - moving[0]
-        change -= change.mean()
-        square = float(change @ change)
-        structure = float(change[1:] @ change[:-1])
-        if structure < _STRUCTURE * square or square == 0.0:
+        structure, square = structure_of(moving[-1] - moving[0])
+        if structure < STRUCTURE * square or square == 0.0:
             return mean
         scale = _MOVING_RANGE / max(float(np.abs(moving).max()), 1.0)
         pairs = self._moving_matcher.match(np.rint(32768.0 + scale * moving).astype(np.uint16))

@@ -89,6 +89,11 @@ class FlatField:
         return self._places > 0
 
     @property
+    def learning(self) -> bool:
+        """Whether it is to be corrected what stands still in the view, and is not known yet."""
+        return self.active and not self.settled
+
+    @property
     def corrects(self) -> bool:
         """Whether lines are corrected already."""
         return self._gain is not None

@@ -16,19 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]
+
+STRUCTURE = 0.12
+"""Correlation of neighbouring pixels of a difference that is not only noise."""
 
 _REMEMBERED = 200.0  # batches that show all new ground
 _RANGE = 30000.0  # of 16 bit to either side
 _MIDDLE = 32768.0
-_STRUCTURE = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
 _FORGOTTEN = 0.999  # of the largest change of late
 _FEWEST_LINES = 8
 _BESIDE = 5  # px, whose median a pixel is compared with
 _OUTSTANDING = 9.0  # times the median of all differences from it: 6 standard deviations
 _IN_EACH = 0.5  # of that, in every line
 _MOST_DEFECTIVE = 0.03  # share of a line
+
+
+def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
+    """Return how much neighbouring pixels of a difference have in common, and its square.
+
+    Args:
+        change: of a line, shape (n,).
+    """
+    change = change - change.mean()
+    return float(change[1:] @ change[:-1]), float(change @ change)
 
 
 class StillView:
@@ -54,10 +67,8 @@ class StillView:
         Args:
             lines: that follow each other, oldest first, shape (m, n).
         """
-        change = lines[-1].astype(np.float32) - lines[0]
-        change -= change.mean()
-        structure = float(change[1:] @ change[:-1])
-        if structure <= _STRUCTURE * float(change @ change):
+        structure, square = structure_of(lines[-1].astype(np.float32) - lines[0])
+        if structure <= STRUCTURE * square:
             return
         self._largest = max(self._largest * _FORGOTTEN, structure)
         share = structure / self._largest
