@@ -123,8 +123,10 @@ class LineScanOdometry:
         for name, sensor in self._configuration.sensors.items():
             line = generator.integers(0, 200, sensor.pixels)
             at_rest = line + generator.integers(0, 5, (5, sensor.pixels))  # slow motion too
-            for lines in (at_rest.astype(np.uint8), at_rest.astype(np.uint16)):
-                trial.update({name: LineBatch(0, lines)})
+            unlike = generator.integers(0, 200, (16, sensor.pixels))  # all matched together
+            for whole in (at_rest, unlike):
+                for lines in (whole.astype(np.uint8), whole.astype(np.uint16)):
+                    trial.update({name: LineBatch(0, lines)})
 
     def _read_all(self, batches: Mapping[str, LineBatch]) -> dict[str, SensorReading]:
         """Read every sensor; many pixels by two threads, as a sensor knows nothing of the others.

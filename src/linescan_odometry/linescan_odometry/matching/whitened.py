@@ -35,16 +35,20 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
 
 Spectra = NDArray[np.complex64]
+Cross = NDArray[np.complex128]
+Values = NDArray[np.float64]
 
 _TAPER = 16  # part of a line that fades in and out
 _APART = 6  # lines, over which the ground that enters shows
 _FEWEST_LINES = 2 * _APART
 _SMOOTHED = 9  # frequencies of twice the line
+_SIDE = _SMOOTHED // 2
 _BAND = 4
 _FEWEST_FREEDOMS = 4.0
 _BLOCKS = 32  # of a line
@@ -60,6 +64,9 @@ _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
 _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and seem to move
 _RENEWED = 0.5  # of the coherence, that the first and the last third have at most
+
+# Sums in any order; such a kernel must not be called by another one (see `subpixel`).
+_REORDER = {"reassoc", "contract", "nsz"}
 
 
 class Whitened(NamedTuple):
@@ -107,7 +114,7 @@ class WhitenedMatcher:
         share = np.arange(self._size // 2 + 1) / self._size
         self._frequency = 2.0 * np.pi * share
         self._band = -np.expm1(-((_COARSEST * share) ** 2)) * np.exp(-((_FINEST * share) ** 2))
-        self._used = (share > 0.0) & (share < _HIGHEST)
+        self._used = int(np.count_nonzero(share < _HIGHEST))
 
     def match(self, lines: Lines, *, settled: bool) -> Whitened | None:
         """Return the displacement of a batch, None where it does not show.
@@ -122,20 +129,16 @@ class WhitenedMatcher:
         seen -= seen.mean(axis=1, keepdims=True)
         seen *= self._window
         spectra = scipy.fft.rfft(seen, self._size, axis=1)
-        pairs, third = len(lines) - 1, len(lines) // 3
-        between = len(lines) - third
-        near = _product(spectra, 1) / pairs
-        far = _product(spectra, _APART) / (len(lines) - _APART)
-        thirds = _product(np.concatenate((spectra[:third], spectra[-third:])), third) / third
-        energy = np.einsum("ij,ij->j", spectra.real, spectra.real)
-        energy += np.einsum("ij,ij->j", spectra.imag, spectra.imag)
-        power = _smooth(energy / len(lines)) + 1e-9 * float(energy.max()) + 1e-9
+        between = len(lines) - len(lines) // 3
+        near, far, thirds = (_product(spectra, apart) for apart in (1, _APART, between))
+        energy = _product(spectra, 0).real
+        power = _smooth(energy) + 1e-9 * len(lines) * float(energy.max()) + 1e-9
         still = thirds.real
         found = self._find(near if settled else near - still, far, power)
         if found is None:
             return None
         displacement, variance, coherence, lone, weight = found
-        slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j)
+        slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j).astype(np.complex64)
         slope = scipy.fft.irfft(slopes, self._size)[: self._block * _BLOCKS]
         energy = np.square(slope).reshape(_BLOCKS, -1).sum(axis=1)
         places = float(energy.sum() ** 2 / (energy @ energy))
@@ -156,14 +159,15 @@ class WhitenedMatcher:
         reach = _REACH * lines.shape[1] / max(abs(seen_at), 1e-3)
         if reach < between:  # the ends of the batch share no ground: lines that still do
             between = max(1, int(reach))
-            thirds = _product(spectra, between) / (len(lines) - between)
-        lasting = self._turned(thirds, seen_at * between)
-        rest = near - self._turned(lasting, -seen_at)
-        moved = self._turned(near, seen_at)
+            thirds = _product(spectra, between)
+        step = 2.0 * np.pi / self._size
+        lasting = _turned(thirds, step * seen_at * between)
+        rest = near - _turned(lasting, -step * seen_at)
+        moved = _turned(near, step * seen_at)
         like = float(self._band @ (_smooth(lasting.real) / power))
         like /= max(float(self._band @ (_smooth(moved.real) / power)), 1.0)
-        step = abs(seen_at)
-        like *= float(self._overlap[round(step)] / self._overlap[round(step * between)])
+        way = abs(seen_at)
+        like *= float(self._overlap[round(way)] / self._overlap[round(way * between)])
         others = self._find(rest, far, power)
         doubt = math.inf
         if others is not None and others[3]:
@@ -172,9 +176,9 @@ class WhitenedMatcher:
 
     def _may_be_one(
         self,
-        near: NDArray[np.complex128],
-        thirds: NDArray[np.complex128],
-        power: NDArray[np.float64],
+        near: Cross,
+        thirds: Cross,
+        power: Values,
         way: float,
     ) -> bool:
         """Return whether what stands still may be ground that has hardly moved on [px]."""
@@ -184,88 +188,141 @@ class WhitenedMatcher:
 
     def _find(
         self,
-        near: NDArray[np.complex128],
-        far: NDArray[np.complex128],
-        power: NDArray[np.float64],
-    ) -> tuple[float, float, float, bool, NDArray[np.float64]] | None:
+        near: Cross,
+        far: Cross,
+        power: Values,
+    ) -> tuple[float, float, float, bool, Values] | None:
         """Return displacement, variance, coherence, whether the peak is alone, and the weights W.
 
         None without a peak.
         """
         first, lone = self._search(near / power)
-        found = self._refine(near, power, first)
-        if found is None:
+        weight = np.zeros(len(power))
+        converged, displacement, coherence, later, square, leverage = _fit(
+            near, far, power, 2.0 * np.pi / self._size, self._used, first, weight
+        )
+        if not converged:
             return None
-        displacement, weight, curvature = found
-        turned = self._turned(near, displacement)
-        score = weight * self._frequency * turned.imag / curvature
-        bands = _in_bands(score)
-        told = weight * self._frequency**2 * turned.real / curvature
-        leverage = _in_bands(told)
-        freedoms = max(1.0 / float(leverage @ leverage), _FEWEST_FREEDOMS)
-        told /= power
-        coherence = float(told @ turned.real)
-        later = float(told @ self._turned(far, displacement * _APART).real)
+        freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
         factor = _FACTOR * math.sqrt(max(1.0 - coherence, 0.0)) * max(1.0 - later, 0.0)
-        variance = float(bands @ bands) * max(_LEAST_FACTOR, factor)
+        variance = square * max(_LEAST_FACTOR, factor)
         variance *= freedoms / (freedoms - 2.0)  # as Student's t
         return displacement, variance, coherence, lone, weight
 
-    def _likeness(self, cross: NDArray[np.complex128], power: NDArray[np.float64]) -> float:
+    def _likeness(self, cross: Cross, power: Values) -> float:
         """Return the sum of the coherences over the band, whatever the displacement."""
         return float(self._band @ (np.hypot(_smooth(cross.real), _smooth(cross.imag)) / power))
 
-    def _turned(self, cross: NDArray[np.complex128], displacement: float) -> NDArray[np.complex128]:
-        """Return a cross-spectrum less the phases of a displacement [px]."""
-        turned: NDArray[np.complex128] = cross * np.exp(-1j * self._frequency * displacement)
-        return turned
-
-    def _search(self, cross: NDArray[np.complex128]) -> tuple[float, bool]:
+    def _search(self, cross: Cross) -> tuple[float, bool]:
         """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
-        correlation = scipy.fft.irfft(cross * self._band, self._size)
+        correlation = scipy.fft.irfft((cross * self._band).astype(np.complex64), self._size)
         around = np.concatenate((correlation[-self._limit :], correlation[: self._limit + 1]))[::-1]
         peak = int(np.argmax(around))
         highest = float(around[peak])
         around[max(0, peak - _SHOULDER) : peak + _SHOULDER + 1] = 0.0
         return float(peak - self._limit), float(around.max()) < _LONE * highest
 
-    def _refine(
-        self,
-        cross: NDArray[np.complex128],
-        power: NDArray[np.float64],
-        displacement: float,
-    ) -> tuple[float, NDArray[np.float64], float] | None:
-        """Return the displacement, the weights W and the curvature there; None without a peak."""
-        for _ in range(_STEPS):
-            turned = self._turned(cross, displacement)
-            coherence = np.clip(_smooth(turned.real) / power, 0.0, 1.0)
-            weight = coherence / np.maximum(1.0 - coherence**2, _INCOHERENT) / power
-            weight *= self._used
-            curvature = float(np.sum(weight * self._frequency**2 * turned.real))
-            if not curvature > 0.0:
-                return None
-            step = float(np.sum(weight * self._frequency * turned.imag)) / curvature
-            displacement += min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
-            if abs(step) < _CONVERGED:
-                break
-        return (displacement, weight, curvature) if abs(step) < _NEARLY else None
 
-
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _smooth(values: Values) -> Values:
     return np.convolve(values, np.full(_SMOOTHED, 1.0 / _SMOOTHED), "same")
 
 
-def _in_bands(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sums over neighbouring frequencies, which know of each other."""
-    sums: NDArray[np.float64] = (
-        values[: len(values) // _BAND * _BAND].reshape(-1, _BAND).sum(axis=1)
-    )
-    return sums
+@njit(cache=True, nogil=True)
+def _turned(cross: Cross, angle: float) -> Cross:
+    """Return a cross-spectrum less the phases of a displacement, an angle per frequency [rad]."""
+    turned = np.empty_like(cross)
+    step = complex(math.cos(angle), -math.sin(angle))
+    phase = complex(1.0, 0.0)
+    for k in range(len(cross)):
+        turned[k] = cross[k] * phase
+        phase *= step
+    return turned
 
 
-def _product(spectra: Spectra, apart: int) -> NDArray[np.complex128]:
-    """Return the sum of the cross-spectra of lines that are so many apart."""
-    product: NDArray[np.complex128] = np.einsum(
-        "ij,ij->j", spectra[apart:], spectra[: len(spectra) - apart].conj()
-    ).astype(np.complex128)
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _product(spectra: Spectra, apart: int) -> Cross:
+    """Return the mean of the cross-spectra of lines that are so many apart."""
+    rows, bins = spectra.shape
+    real, imaginary = np.zeros((2, bins), np.float32)
+    for row in range(apart, rows):
+        new, old = spectra[row], spectra[row - apart]
+        for k in range(bins):
+            a, b = new[k], old[k]
+            real[k] += a.real * b.real + a.imag * b.imag
+            imaginary[k] += a.imag * b.real - a.real * b.imag
+    product = np.empty(bins, np.complex128)
+    for k in range(bins):
+        product[k] = complex(real[k], imaginary[k]) / (rows - apart)
     return product
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _fit(
+    near: Cross,
+    far: Cross,
+    power: Values,
+    step: float,
+    used: int,
+    displacement: float,
+    weight: Values,
+) -> tuple[bool, float, float, float, float, float]:
+    """Find the displacement by Gauss-Newton steps.
+
+    Args:
+        near: cross-spectrum of consecutive lines.
+        far: of lines that are further apart.
+        power: of the lines, smoothed.
+        step: from one frequency to the next [rad/px].
+        used: number of frequencies that count, from zero on.
+        displacement: where to begin [px].
+        weight: receives W.
+
+    Returns:
+        Whether there is a peak; its displacement [px]; the coherences there of consecutive lines
+        and of those further apart; the sum over the bands of the squares of what their phases add
+        to the displacement [px^2], and of their leverages.
+    """
+    real, imaginary = np.zeros((2, used + 2 * _SIDE))  # with a margin for smoothing
+    moved, curvature = 0.0, 0.0
+    for turn in range(_STEPS + 1):
+        angle = step * displacement
+        rotation, phase = complex(math.cos(angle), -math.sin(angle)), complex(1.0, 0.0)
+        for k in range(min(used + _SIDE, len(near))):
+            turned = near[k] * phase
+            real[_SIDE + k], imaginary[_SIDE + k] = turned.real, turned.imag
+            phase *= rotation
+        if turn == _STEPS or (turn > 0 and abs(moved) < _CONVERGED):
+            break
+        slope, curvature = 0.0, 0.0
+        for k in range(1, used):
+            total = 0.0
+            for beside in range(_SMOOTHED):
+                total += real[k + beside]
+            coherence = min(max(total / _SMOOTHED / power[k], 0.0), 1.0)
+            weight[k] = coherence / max(1.0 - coherence * coherence, _INCOHERENT) / power[k]
+            frequency = step * k
+            slope += weight[k] * frequency * imaginary[_SIDE + k]
+            curvature += weight[k] * frequency * frequency * real[_SIDE + k]
+        if not curvature > 0.0:
+            return False, displacement, 0.0, 0.0, 0.0, 0.0
+        moved = slope / curvature
+        displacement += min(max(moved, -_LONGEST_STEP), _LONGEST_STEP)
+    angle = step * displacement * _APART
+    rotation, phase = complex(math.cos(angle), -math.sin(angle)), complex(1.0, 0.0)
+    near_by, later, square, leverage, score, told = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(used):
+        # Sums over neighbouring frequencies, which know of each other.
+        if k % _BAND == 0:
+            square += score * score
+            leverage += told * told
+            score, told = 0.0, 0.0
+        frequency = step * k
+        share = weight[k] * frequency * frequency * real[_SIDE + k] / curvature
+        score += weight[k] * frequency * imaginary[_SIDE + k] / curvature
+        told += share
+        near_by += share * real[_SIDE + k] / power[k]
+        later += share * (far[k] * phase).real / power[k]
+        phase *= rotation
+    square += score * score
+    leverage += told * told
+    return abs(moved) < _NEARLY, displacement, near_by, later, square, leverage

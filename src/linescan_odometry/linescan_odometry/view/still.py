@@ -12,6 +12,9 @@ interpolated. At rest some grains may be taken for them, which does no harm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +32,7 @@ _MIDDLE = 32768.0
 _FORGOTTEN = 0.999  # of the largest change of late
 _FEWEST_LINES = 8
 _BESIDE = 5  # px, whose median a pixel is compared with
+_SIDE = _BESIDE // 2
 _OUTSTANDING = 9.0  # times the median of all differences from it: 6 standard deviations
 _IN_EACH = 0.5  # of that, in every line
 _MOST_DEFECTIVE = 0.03  # share of a line
@@ -85,13 +89,12 @@ class StillView:
         return moving
 
 
-def _median_of_five(values: Floats) -> Floats:
-    """Return the median of each value and two on either side; the ends count more often."""
-    wide = np.pad(values, 2, mode="edge")
-    a, b, c, d, e = (wide[i : i + len(values)] for i in range(5))
+def _median_of_five(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the medians, element by element, of five arrays of one shape."""
+    a, b, c, d, e = values
     low = np.maximum(np.minimum(a, b), np.minimum(c, d))
     high = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    median: Floats = np.maximum(np.minimum(low, high), np.minimum(e, np.maximum(low, high)))
+    median: NDArray[Any] = np.maximum(np.minimum(low, high), np.minimum(e, np.maximum(low, high)))
     return median
 
 
@@ -103,19 +106,25 @@ def without_defects(lines: Lines) -> Lines:
     """
     if len(lines) < _FEWEST_LINES:
         return lines
-    mean = lines.mean(axis=0, dtype=np.float32)
-    out = mean - _median_of_five(mean)
-    limit = max(_OUTSTANDING * float(np.median(np.abs(out))), 1.0)
+    pixels = lines.shape[1]
+    wide = np.empty(pixels + 2 * _SIDE, np.float32)  # the ends count more often
+    mean = wide[_SIDE:-_SIDE]
+    np.divide(lines.sum(axis=0, dtype=np.uint32), len(lines), out=mean)
+    wide[:_SIDE], wide[-_SIDE:] = mean[0], mean[-1]
+    out = mean - _median_of_five([wide[i : i + pixels] for i in range(_BESIDE)])
+    deviation = np.abs(out)
+    deviation.partition(pixels // 2)
+    limit = max(_OUTSTANDING * float(deviation[pixels // 2]), 1.0)
     found = np.flatnonzero(np.abs(out) > limit)
-    if not 0 < len(found) <= _MOST_DEFECTIVE * len(mean):
+    if not 0 < len(found) <= _MOST_DEFECTIVE * pixels:
         return lines
-    near = found[:, None] + np.arange(_BESIDE) - _BESIDE // 2
-    beside = np.median(lines[:, near.clip(0, len(mean) - 1)], axis=2)
+    near = (found + np.arange(-_SIDE, _SIDE + 1)[:, None]).clip(0, pixels - 1)
+    beside = _median_of_five([lines[:, places].astype(np.int32) for places in near])
     above = (lines[:, found] - beside) * np.sign(out[found])
     defective = found[above.min(axis=0) > _IN_EACH * limit]
     if len(defective) == 0:
         return lines
-    sound = np.setdiff1d(np.arange(len(mean)), defective, assume_unique=True)
+    sound = np.setdiff1d(np.arange(pixels), defective, assume_unique=True)
     after = np.searchsorted(sound, defective).clip(1, len(sound) - 1)
     left, right = sound[after - 1], sound[after]
     share = ((defective - left) / (right - left)).clip(0.0, 1.0).astype(np.float32)
