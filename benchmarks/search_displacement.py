@@ -11,7 +11,7 @@ take turns with the lines of a control period of 10 ms: 1024 px at 2500 lines/s,
 (LIS-770i) and 128 px at 15600 (S3901). OpenCV is needed for nothing else; without it that
 comparison is left out:
 
-    ./omni exec python -m pip install --no-deps --require-hashes -r requirements/benchmarks.lock
+    ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """
 
 from __future__ import annotations

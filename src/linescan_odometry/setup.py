@@ -25,6 +25,7 @@ setup(
     entry_points={
         "console_scripts": [
             "odometry = linescan_odometry.start_odometry_node:main",
+            "camera = linescan_odometry.start_camera_node:main",
         ]
     },
 )

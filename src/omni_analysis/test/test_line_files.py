@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from linescan_odometry.camera.cut import Cut
 from linescan_odometry.odometry import LineBatch, OdometryConfiguration
 from omni_analysis.line_files.calibration import Calibration, calibrate, draw_residuals, observe
 from omni_analysis.line_files.kymograph import draw_sights, see
-from omni_analysis.line_files.reading import Cut, LineFileError, read_lines
+from omni_analysis.line_files.reading import LineFileError, RawFormat, read_lines
 from omni_analysis.line_trials.trials import ground
 from omni_analysis.line_trials.twist_trials import cameras_over, poses_at
 from omni_platform.sensors import LineSensor
@@ -51,7 +52,7 @@ def written(folder: Path, kind: str, lines: Any) -> Path:
 def test_lines_are_read_as_they_were_written(kind: str, dtype: Any, tmp_path: Path) -> None:
     lines = LINES.astype(dtype) * (1 if dtype == np.uint8 else 200)
     path = written(tmp_path, kind, lines)
-    read = read_lines(path, Cut(pixels=64, bits=8 * lines.itemsize))
+    read = read_lines(path, Cut(), RawFormat(64, 8 * lines.itemsize))
     assert read.dtype == dtype
     np.testing.assert_array_equal(read, lines)
 
@@ -88,7 +89,7 @@ def test_what_holds_no_lines_is_refused_by_name(
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(LineFileError, match=words) as refused:
-        read_lines(path, Cut(pixels=2))
+        read_lines(path, Cut(), RawFormat(2))
     assert name in str(refused.value)
 
 

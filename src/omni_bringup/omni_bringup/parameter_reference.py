@@ -11,6 +11,7 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
+from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
@@ -44,6 +45,7 @@ def reference() -> str:
         ),
         ("Node `simulator` (package `omni_sim`)", "", SimulatorConfiguration),
         ("Node `linescan_odometry`", "", OdometryConfiguration),
+        ("Node `line_camera` (package `linescan_odometry`)", "", CameraConfiguration),
         ("Node `brake_assist` (package `omni_brake_assist`)", "", BrakeAssistConfiguration),
     ]
     for title, words, cls in sections:

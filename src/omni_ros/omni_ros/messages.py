@@ -20,7 +20,7 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image, JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header
 
 from omni_platform.quantities import SECOND_NS, FloatArray
@@ -163,6 +163,31 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> Image:
         step=lines.shape[1] * little.itemsize,
         data=array("B", little.tobytes()),
     )
+
+
+def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> CameraInfo:
+    """Return a line camera's size and scale.
+
+    A line has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` that
+    across it (one pixel per width of the field of view), ``k[2]`` the centre [px].
+
+    Args:
+        frame: of the sensor.
+        pixels: of a line.
+        length: field of view along the axis [m]; 0 where it is not known, which leaves all of this
+            zero, as ROS has it of a camera that is not calibrated.
+        width: field of view across the axis [m]; 0 likewise.
+    """
+    info = CameraInfo(header=header(0, frame), height=1, width=pixels)
+    if length == 0.0:
+        return info
+    along, across = pixels / length, 1.0 / width if width > 0.0 else 0.0
+    centre = (pixels - 1) / 2.0
+    info.distortion_model, info.d = "plumb_bob", [0.0] * 5
+    info.k = [along, 0.0, centre, 0.0, across, 0.0, 0.0, 0.0, 1.0]
+    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    info.p = [along, 0.0, centre, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    return info
 
 
 def lines_of(message: Image) -> LineArray:

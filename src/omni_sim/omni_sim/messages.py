@@ -1,4 +1,4 @@
-"""The simulator's own messages: truth, camera scale and the scene for viewers."""
+"""The simulator's own messages: truth, IMU and the scene for viewers."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Imu
+from sensor_msgs.msg import Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation, SimulatorConfiguration
@@ -31,27 +30,6 @@ _SECONDS_PER_ARROW = 0.1
 
 IMU_FRAME = "imu"
 """Frame of the unit: axes of `base_link`, at its mounting."""
-
-
-def camera_info(name: str, sensor: LineSensor) -> CameraInfo:
-    """Return a line camera's size and scale.
-
-    A line has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` that
-    across it (one pixel per width of the field of view), ``k[2]`` the centre [px].
-    """
-    along = sensor.pixels / sensor.length
-    across = 1.0 / sensor.width
-    centre = (sensor.pixels - 1) / 2.0
-    return CameraInfo(
-        header=header(0, name),
-        height=1,
-        width=sensor.pixels,
-        distortion_model="plumb_bob",
-        d=[0.0] * 5,
-        k=[along, 0.0, centre, 0.0, across, 0.0, 0.0, 0.0, 1.0],
-        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[along, 0.0, centre, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-    )
 
 
 def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Imu:

@@ -32,6 +32,7 @@ from omni_platform.description import urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
+    camera_info,
     diagnostics,
     joint_state,
     line_image,
@@ -47,7 +48,7 @@ from omni_ros.report import report
 from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import camera_info, ground_truth, imu_message, scene_markers
+from omni_sim.messages import ground_truth, imu_message, scene_markers
 from omni_sim.run_control_node import RunControl
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
@@ -180,7 +181,8 @@ class SimulatorNode(Node):
             String(data=urdf("vehicle", vehicle.wheels, self.configuration.sensors, size))
         )
         for name, sensor in self.configuration.sensors.items():
-            self._send(self._camera_infos[name], camera_info(name, sensor))
+            info = camera_info(name, sensor.pixels, sensor.length, sensor.width)
+            self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
         """Publish one step; the pedal last, so that what it is answered with is under way."""

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from omni_platform.sensors import LineSensor
+from omni_ros.messages import camera_info
 from omni_sim.ground.friction import FrictionPatch
-from omni_sim.messages import camera_info, ground_truth, scene_markers
+from omni_sim.messages import ground_truth, scene_markers
 from omni_sim.simulator import (
     GroundConfiguration,
     ManeuverConfiguration,
@@ -34,7 +35,7 @@ def configuration(forklift: VehicleConfiguration) -> SimulatorConfiguration:
 
 def test_a_pixel_of_the_camera_is_found_on_the_ground() -> None:
     sensor = LineSensor(x=0.0, y=0.5, heading_deg=0.0, pixels=335, length=0.05, width=0.02)
-    info = camera_info("left", sensor)
+    info = camera_info("left", sensor.pixels, sensor.length, sensor.width)
     projection = np.array(info.p).reshape(3, 4)
     # One metre above it a pinhole camera of this scale sees the ends of the field of view
     # at the outer edges of the first and the last pixel.

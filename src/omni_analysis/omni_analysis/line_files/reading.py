@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 
+from linescan_odometry.camera.cut import Cut, FrameError
+from linescan_odometry.camera.sources import INSTALL, VIDEOS
 from linescan_odometry.measurements import Lines
 from omni_platform.configuration import ConfigurationError
 
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
-VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 RAW = (".raw", ".bin", ".dat")
 
 _GREY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
@@ -36,25 +37,19 @@ class LineFileError(ConfigurationError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Cut:
-    """What of a file is lines.
+class RawFormat:
+    """What a file of raw bytes does not say.
 
     Attributes:
-        rows: first row of each picture that counts and the one behind the last; None for all.
-        mean: whether the rows of a picture are averaged to one line.
-        columns: whether the lines are the columns of the pictures.
-        pixels: of a line in raw bytes; 0 where the file says it.
-        bits: of a pixel in raw bytes, 8 or 16 (little endian).
+        pixels: of a line; 0 where the file says it.
+        bits: of a pixel, 8 or 16 (little endian).
     """
 
-    rows: tuple[int, int] | None = None
-    mean: bool = False
-    columns: bool = False
     pixels: int = 0
     bits: int = 8
 
 
-def read_lines(path: Path, cut: Cut) -> Lines:
+def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> Lines:
     """Return the lines of a file or folder, oldest first, 8 or 16 bit, shape (m, n).
 
     Raises:
@@ -66,8 +61,8 @@ def read_lines(path: Path, cut: Cut) -> Lines:
     parts: list[Lines] = []
     size = 0
     try:
-        for frame in _frames(path, cut):
-            part = _cut(path, frame, cut)
+        for frame in _frames(path, raw):
+            part = cut.lines(frame)
             lengths.add((part.shape[1], str(part.dtype)))
             if len(lengths) > 1:
                 told = " and ".join(f"{n} px of {kind}" for n, kind in sorted(lengths))
@@ -81,6 +76,8 @@ def read_lines(path: Path, cut: Cut) -> Lines:
     except (OSError, ValueError, SyntaxError, EOFError) as error:
         if isinstance(error, LineFileError):
             raise
+        if isinstance(error, FrameError):
+            raise LineFileError(str(path), str(error)) from None
         words = " ".join(str(error).split())
         raise LineFileError(str(path), f"cannot be read: {words}") from None
     if not any(len(part) for part in parts):
@@ -89,7 +86,7 @@ def read_lines(path: Path, cut: Cut) -> Lines:
     return lines
 
 
-def _frames(path: Path, cut: Cut) -> Iterator[NDArray[Any]]:
+def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
     """Yield the pictures of a file or folder as arrays of two dimensions."""
     suffix = path.suffix.lower()
     if path.is_dir():
@@ -106,14 +103,14 @@ def _frames(path: Path, cut: Cut) -> Iterator[NDArray[Any]]:
     elif suffix in {".csv", ".txt"}:
         yield _table(path)
     elif suffix in RAW:
-        if cut.pixels <= 0:
+        if raw.pixels <= 0:
             raise LineFileError(str(path), "is raw: say how many pixels a line has with --pixels")
-        values = np.fromfile(path, np.dtype(_DEEPEST[cut.bits]).newbyteorder("<"))
-        if len(values) % cut.pixels:
+        values = np.fromfile(path, np.dtype(_DEEPEST[raw.bits]).newbyteorder("<"))
+        if len(values) % raw.pixels:
             raise LineFileError(
-                str(path), f"{len(values)} pixels are no whole number of lines of {cut.pixels} px"
+                str(path), f"{len(values)} pixels are no whole number of lines of {raw.pixels} px"
             )
-        yield values.reshape(-1, cut.pixels)
+        yield values.reshape(-1, raw.pixels)
     elif suffix in VIDEOS:
         yield from _video(path)
     else:
@@ -151,8 +148,8 @@ def _video(path: Path) -> Iterator[NDArray[Any]]:
     except ImportError:
         raise LineFileError(
             str(path),
-            "is a video, which needs OpenCV: ./omni exec python -m pip install --no-deps "
-            "--require-hashes -r requirements/benchmarks.lock; or give its frames as pictures",
+            f"is a video, which needs OpenCV: {INSTALL.format('opencv')}; or give its frames as "
+            "pictures",
         ) from None
     film = cv2.VideoCapture(str(path))
     try:
@@ -163,33 +160,3 @@ def _video(path: Path) -> Iterator[NDArray[Any]]:
             yield frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
     finally:
         film.release()
-
-
-def _cut(path: Path, frame: NDArray[Any], cut: Cut) -> Lines:
-    """Return what of a picture is lines."""
-    if frame.ndim != 2:
-        raise LineFileError(str(path), f"has {frame.ndim} dimensions, a stack of lines has two")
-    rows = frame.T if cut.columns else frame
-    if cut.rows is not None:
-        first, end = cut.rows
-        if not 0 <= first < end <= len(rows):
-            raise LineFileError(
-                str(path), f"has {len(rows)} rows, of which {first}:{end} cannot be taken"
-            )
-        rows = rows[first:end]
-    if cut.mean:
-        rows = rows.mean(axis=0, keepdims=True)
-    return _whole(path, rows)
-
-
-def _whole(path: Path, rows: NDArray[Any]) -> Lines:
-    """Return grey levels as 8 or 16 bit."""
-    if rows.dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(rows)
-    low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))
-    if not (np.isfinite([low, high]).all() and low >= 0.0 and high <= 65535.0):
-        raise LineFileError(str(path), f"has grey levels from {low:g} to {high:g}, not 0 to 65535")
-    wide = rows.dtype.kind not in "fb" and rows.dtype.itemsize > 1 and high > 255.0
-    rounded = np.rint(rows)
-    whole: Lines = rounded.astype(np.uint16 if wide or high > 255.0 else np.uint8)
-    return whole

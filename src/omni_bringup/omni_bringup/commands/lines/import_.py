@@ -60,7 +60,8 @@ class Options(Configuration):
 
 def run(options: Options, workspace: Path) -> int:
     """Make the recording and return the exit code."""
-    from omni_analysis.line_files.reading import Cut, read_lines
+    from linescan_odometry.camera.cut import Cut, row_range
+    from omni_analysis.line_files.reading import RawFormat, read_lines
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_bringup.graph.run_folder import check_unused, write_configuration
     from omni_bringup.replay.lines import write_lines
@@ -71,8 +72,9 @@ def run(options: Options, workspace: Path) -> int:
     known = library.sensors(options.sensors)
     files = _files(options.sources, tuple(known), options.sensors)
     check_unused(options.out)
-    cut = Cut(_rows(options.rows), options.band, options.columns, options.pixels, int(options.bits))
-    lines = {name: read_lines(path, cut) for name, path in files.items()}
+    cut = Cut(row_range(options.rows, "--rows"), options.band, options.columns)
+    raw = RawFormat(options.pixels, int(options.bits))
+    lines = {name: read_lines(path, cut, raw) for name, path in files.items()}
     sensors = {
         name: dataclasses.replace(
             known[name],
@@ -137,15 +139,3 @@ def _files(sources: tuple[str, ...], known: tuple[str, ...], where: str) -> dict
             raise ConfigurationError("CAMERA=FILE", f"{name} is given twice")
         files[name] = Path(path).expanduser()
     return files
-
-
-def _rows(text: str) -> tuple[int, int] | None:
-    """Return the first of some rows and the one behind the last."""
-    if not text:
-        return None
-    first, colon, end = text.partition(":")
-    try:
-        begin = int(first)
-        return begin, int(end) if colon else begin + 1
-    except ValueError:
-        raise ConfigurationError("--rows", f"{text!r} is neither a row nor FIRST:END") from None

@@ -1,0 +1,1 @@
+"""Frames of real cameras to batches of lines."""

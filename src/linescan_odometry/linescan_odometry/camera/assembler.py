@@ -1,0 +1,86 @@
+"""Frames to batches of lines that follow each other without a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.camera.configuration import CameraConfiguration
+from linescan_odometry.camera.cut import FrameError
+from linescan_odometry.camera.frame_clock import FrameClock
+from linescan_odometry.measurements import LineBatch, Lines
+
+
+class LineAssembler:
+    """Cuts lines out of frames and puts them together, with stamps.
+
+    A message never spans lost frames, so that every two lines of it are one line period apart; the
+    odometry sees a gap by the stamps.
+    """
+
+    def __init__(self, configuration: CameraConfiguration) -> None:
+        """Start before the first frame."""
+        self._configuration = configuration
+        self._cut = configuration.cut
+        self.clock = FrameClock(configuration.frame_rate)
+        self._waiting: list[Lines] = []
+        self._newest_ns = 0
+        self._shape: tuple[int, str] | None = None
+        self.line_rate = 0.0
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of a line; 0 before the first frame."""
+        return self._shape[0] if self._shape else 0
+
+    def take(
+        self, picture: NDArray[np.uint8] | NDArray[np.uint16], arrival_ns: int, number: int | None
+    ) -> list[LineBatch]:
+        """Take a frame and return the batches that are complete, oldest first.
+
+        Args:
+            picture: grey levels, shape (height, width).
+            arrival_ns: its stamp by the driver, or when it came [ns].
+            number: by which the driver counts it; None where it does not.
+
+        Raises:
+            FrameError: it has not the rows, or other lines than the frames before.
+        """
+        lines = self._cut.lines(picture)
+        shape = (lines.shape[1], str(lines.dtype))
+        if self._shape not in (None, shape):
+            raise FrameError(f"has lines of {shape[0]} px of {shape[1]}, unlike the frames before")
+        self._shape = shape
+        stamp_ns, lost = self.clock.take(arrival_ns, number)
+        stamp_ns -= round(1e9 * self._configuration.latency)
+        rate = self.line_rate = self._configuration.line_rate(len(lines))
+        period_ns = 1e9 / rate
+        stamps_ns = stamp_ns + np.rint(period_ns * np.arange(1 - len(lines), 1)).astype(np.int64)
+        ready = self._flush() if lost else []
+        # Batches end at multiples of their time, so that those of several cameras meet.
+        batch_ns = 1e9 * self._configuration.batch
+        last = stamps_ns // batch_ns != (stamps_ns + round(period_ns)) // batch_ns
+        if self._configuration.row_time > 0.0:  # between frames there is a gap
+            last[:] = False
+            last[-1] = True
+        begin = 0
+        for end in map(int, np.flatnonzero(last) + 1):
+            self._waiting.append(lines[begin:end])
+            self._newest_ns = int(stamps_ns[end - 1])
+            ready += self._flush()
+            begin = end
+        if begin < len(lines):
+            self._waiting.append(lines[begin:])
+            self._newest_ns = stamp_ns
+        return ready
+
+    def finish(self) -> list[LineBatch]:
+        """Return what waits for a batch to become full, at the end of a file."""
+        return self._flush()
+
+    def _flush(self) -> list[LineBatch]:
+        if not self._waiting:
+            return []
+        lines: Lines = np.ascontiguousarray(np.concatenate(self._waiting))
+        self._waiting = []
+        return [LineBatch(self._newest_ns, lines)]

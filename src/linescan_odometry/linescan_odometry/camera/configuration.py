@@ -1,0 +1,96 @@
+"""Parameters of the camera node."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from linescan_odometry.camera.cut import Cut, row_range
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraConfiguration(Configuration):
+    """Which camera is read, and what of its frames is lines."""
+
+    sensor: str = parameter(
+        description="Name of the line camera, one of `sensors` of the odometry: lines go to "
+        "line_scan/<name>/lines"
+    )
+    source: str = parameter(
+        description="Device (/dev/video0 or its number), GenTL producer (a file .cti, which may "
+        "be followed by # and the serial number of the camera), or a file in place of a camera: a "
+        "video, or pictures in an array (.npy), played in real time"
+    )
+    frame_rate: float = parameter(
+        description="Frames per second; asked of a device", unit="1/s", above=0.0, maximum=1e5
+    )
+    rows: str = parameter(
+        "", description="Rows of a frame that are taken, such as 240 or 236:244; empty for all"
+    )
+    band: bool = parameter(
+        True, description="Whether their mean is one line a frame; else every row is a line"
+    )
+    columns: bool = parameter(False, description="Whether the columns of a frame are its rows")
+    row_time: float = parameter(
+        0.0,
+        description="Time between rows, where every row is a line: of a rolling shutter; 0 where "
+        "the rows of all frames follow each other evenly, as blocks of a line camera do",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    latency: float = parameter(
+        0.0,
+        description="Time from the exposure of a frame's last row to its stamp (of the driver "
+        "where it gives one, else of the arrival)",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    batch: float = parameter(
+        0.01, description="Time of the lines of a message", unit="s", above=0.0, maximum=1.0
+    )
+    length: float = parameter(
+        0.0,
+        description="Field of view along the axis, told in camera_info so that the odometry can "
+        "compare it with its own; 0 for not known",
+        unit="m",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    frame_width: int = parameter(
+        0, description="Asked of a device; 0 as it is", unit="px", minimum=0, maximum=16384
+    )
+    frame_height: int = parameter(
+        0, description="Asked of a device; 0 as it is", unit="px", minimum=0, maximum=16384
+    )
+    pixel_format: str = parameter(
+        "",
+        description="Asked of a device: four characters of V4L2 (GREY, Y16, YUYV, MJPG) or a name "
+        "of GenICam (Mono8, Mono12); empty as it is, Mono8 of GenICam",
+    )
+    exposure: float = parameter(
+        0.0,
+        description="Asked of a device, which then does not choose by itself; 0 as it is",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+    @property
+    def cut(self) -> Cut:
+        """What of a frame is lines."""
+        return Cut(row_range(self.rows, "rows"), self.band, self.columns)
+
+    def check_consistency(self) -> None:
+        """Refuse rows that are none."""
+        if not self.sensor or not self.source:
+            raise ConfigurationError("source" if self.sensor else "sensor", "is empty")
+        if row_range(self.rows, "rows") == (0, 0):
+            raise ConfigurationError("rows", "holds no row")
+        if self.band and self.row_time > 0.0:
+            raise ConfigurationError("row_time", "is of rows that are lines: set band to false")
+
+    def line_rate(self, rows: int) -> float:
+        """Return lines per second for frames that give so many lines [1/s]."""
+        return 1.0 / self.row_time if self.row_time > 0.0 else self.frame_rate * rows

@@ -1,0 +1,82 @@
+"""What of a picture is lines: all rows, some, the mean of a band, or the columns."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.measurements import Lines
+from omni_platform.configuration import ConfigurationError
+
+
+class FrameError(ValueError):
+    """A picture holds no lines; says what is wrong."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cut:
+    """What of a picture is lines.
+
+    Attributes:
+        rows: first row of each picture that counts and the one behind the last; None for all.
+        mean: whether these rows are averaged to one line.
+        columns: whether the lines are the columns of the picture.
+    """
+
+    rows: tuple[int, int] | None = None
+    mean: bool = False
+    columns: bool = False
+
+    def lines(self, picture: NDArray[Any]) -> Lines:
+        """Return the lines of a picture, 8 or 16 bit, shape (m, n).
+
+        Raises:
+            FrameError: it has no such rows, or its values are no grey levels.
+        """
+        if picture.ndim != 2:
+            raise FrameError(f"has {picture.ndim} dimensions, a stack of lines has two")
+        rows = picture.T if self.columns else picture
+        if self.rows is not None:
+            first, end = self.rows
+            if not 0 <= first < end <= len(rows):
+                raise FrameError(f"has {len(rows)} rows, of which {first}:{end} cannot be taken")
+            rows = rows[first:end]
+        if self.mean:
+            rows = rows.mean(axis=0, keepdims=True)
+        return _whole(rows)
+
+
+def row_range(text: str, key: str) -> tuple[int, int] | None:
+    """Return the first of some rows and the one behind the last: ``240``, ``236:244`` or nothing.
+
+    Args:
+        text: as it was given.
+        key: of the parameter, for messages.
+
+    Raises:
+        ConfigurationError: it is neither.
+    """
+    if not text:
+        return None
+    first, colon, end = text.partition(":")
+    try:
+        begin = int(first)
+        return begin, int(end) if colon else begin + 1
+    except ValueError:
+        raise ConfigurationError(key, f"{text!r} is neither a row nor FIRST:END") from None
+
+
+def _whole(rows: NDArray[Any]) -> Lines:
+    """Return grey levels as 8 or 16 bit."""
+    if rows.dtype in (np.uint8, np.uint16):
+        return np.ascontiguousarray(rows)
+    low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))
+    if not (np.isfinite([low, high]).all() and low >= 0.0 and high <= 65535.0):
+        raise FrameError(f"has grey levels from {low:g} to {high:g}, not 0 to 65535")
+    wide = rows.dtype.kind not in "fb" and rows.dtype.itemsize > 1 and high > 255.0
+    rounded = np.rint(rows)
+    whole: Lines = rounded.astype(np.uint16 if wide or high > 255.0 else np.uint8)
+    return whole

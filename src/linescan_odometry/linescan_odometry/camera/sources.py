@@ -1,0 +1,265 @@
+"""Where frames come from: V4L2 and video files by OpenCV, GenICam by Harvester, arrays.
+
+The libraries are imported when a source that needs them is opened: the odometry runs without.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.camera.configuration import CameraConfiguration
+from omni_platform.configuration import ConfigurationError
+
+VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
+
+INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
+"""How a library that set-up does not install comes into the environment."""
+
+_RAW = ("GREY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # of V4L2, which OpenCV must not turn into colours
+_FETCH_TIMEOUT = 0.5  # [s] after which a silent GenICam camera is asked again
+_DEFAULT_FORMAT = "Mono8"
+_MANUAL = 1.0  # exposure of V4L2, which is given in units of 100 us
+
+
+class CameraError(Exception):
+    """A camera cannot be opened or delivers no more; says why in one sentence."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A picture of a camera.
+
+    Attributes:
+        picture: grey levels, shape (height, width).
+        number: by which its driver counts it; None where it does not.
+        stamp_ns: of its driver, on the monotonic clock of the machine [ns]; None without.
+    """
+
+    picture: NDArray[np.uint8] | NDArray[np.uint16]
+    number: int | None = None
+    stamp_ns: int | None = None
+
+
+class FrameSource(Protocol):
+    """A camera, or what stands for one.
+
+    Attributes:
+        played: whether it is a file, whose frames are there before their time.
+        ended: whether it is at its end.
+    """
+
+    played: bool
+    ended: bool
+
+    def read(self) -> Frame | None:
+        """Return the next frame, waiting for it; None where none came for a while, or at the end.
+
+        Raises:
+            CameraError: there will be none.
+        """
+
+    def close(self) -> None:
+        """Let go of the device."""
+
+
+def open_source(configuration: CameraConfiguration) -> FrameSource:
+    """Open a camera or a file.
+
+    Raises:
+        ConfigurationError: there is no such thing, or its library is missing.
+    """
+    name = configuration.source
+    path = Path(name.partition("#")[0]).expanduser()
+    if path.suffix == ".cti":
+        return GenicamSource(path, name.partition("#")[2], configuration)
+    if path.suffix == ".npy":
+        return ArraySource(path)
+    device = name.isdigit() or name.startswith("/dev/")
+    if not device and path.suffix.lower() not in VIDEOS:
+        kinds = ", ".join((".cti", ".npy", *VIDEOS))
+        raise ConfigurationError("source", f"{name!r} is neither a device nor a file ({kinds})")
+    return VideoSource(int(name) if name.isdigit() else str(path), device, configuration)
+
+
+class ArraySource:
+    """Pictures of an array of three dimensions in a file of NumPy."""
+
+    played = True
+
+    def __init__(self, path: Path) -> None:
+        """Open the file."""
+        self.ended = False
+        try:
+            self._pictures = np.load(path, mmap_mode="r", allow_pickle=False)
+        except (OSError, ValueError) as error:
+            raise ConfigurationError("source", f"{path} cannot be read: {error}") from None
+        if self._pictures.ndim != 3:
+            raise ConfigurationError(
+                "source", f"{path} has {self._pictures.ndim} dimensions, pictures have three"
+            )
+        self._next = 0
+
+    def read(self) -> Frame | None:
+        """Return the next picture."""
+        if self._next == len(self._pictures):
+            self.ended = True
+            return None
+        self._next += 1
+        return Frame(np.array(self._pictures[self._next - 1]), self._next)
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class VideoSource:
+    """A V4L2 or UVC camera, or a video file, by OpenCV."""
+
+    def __init__(self, source: int | str, device: bool, configuration: CameraConfiguration) -> None:
+        """Open it and ask for size, rate, format and exposure."""
+        self._cv2 = _load("cv2", "OpenCV", "opencv")
+        self._name = str(source)
+        self.played = not device
+        self.ended = False
+        if not device and not Path(str(source)).exists():
+            raise ConfigurationError("source", f"there is no file {source}")
+        backend = self._cv2.CAP_V4L2 if device else self._cv2.CAP_ANY
+        self._capture = self._cv2.VideoCapture(source, backend)
+        if not self._capture.isOpened():
+            raise ConfigurationError(
+                "source",
+                f"{source} cannot be opened: "
+                + ("no such device, or in use" if device else "no video that OpenCV can read"),
+            )
+        if device:
+            self._ask(configuration)
+        self._count = 0
+
+    def _ask(self, asked: CameraConfiguration) -> None:
+        cv2, capture = self._cv2, self._capture
+        code = asked.pixel_format.upper().ljust(4)
+        if asked.pixel_format:
+            capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*code[:4]))
+            if code in _RAW:
+                capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
+        for key, value in (
+            (cv2.CAP_PROP_FRAME_WIDTH, asked.frame_width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, asked.frame_height),
+        ):
+            if value:
+                capture.set(key, value)
+        capture.set(cv2.CAP_PROP_FPS, asked.frame_rate)
+        if asked.exposure:
+            capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+            capture.set(cv2.CAP_PROP_EXPOSURE, 1e4 * asked.exposure)
+
+    def read(self) -> Frame | None:
+        """Return the next frame as grey levels."""
+        there, picture = self._capture.read()
+        if not there:
+            if self.played:
+                self.ended = True
+                return None
+            raise CameraError(f"{self._name} delivers no more frames: unplugged, or reset")
+        if picture.ndim == 3 and picture.shape[2] > 1:
+            picture = self._cv2.cvtColor(picture, self._cv2.COLOR_BGR2GRAY)
+        grey = picture.reshape(picture.shape[:2])  # raw formats may keep a third dimension
+        self._count += 1
+        if self.played:
+            return Frame(grey, self._count)
+        # V4L2 stamps buffers on the monotonic clock; a backend that does not says 0.
+        stamp_ms = float(self._capture.get(self._cv2.CAP_PROP_POS_MSEC))
+        return Frame(grey, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
+
+    def close(self) -> None:
+        """Let go of the device."""
+        self._capture.release()
+
+
+class GenicamSource:
+    """A GenICam camera (GigE, USB3 Vision, Camera Link) by Harvester and a GenTL producer."""
+
+    played = False
+    ended = False
+
+    def __init__(self, producer: Path, serial: str, configuration: CameraConfiguration) -> None:
+        """Open the camera of that serial number, or the first one."""
+        core = _load("harvesters.core", "Harvester", "genicam")
+        if not producer.exists():
+            raise ConfigurationError("source", f"there is no GenTL producer {producer}")
+        self._harvester = core.Harvester()
+        self._timeout = importlib.import_module("genicam.gentl").TimeoutException
+        self._harvester.add_file(str(producer))
+        self._harvester.update()
+        serials = [info.serial_number for info in self._harvester.device_info_list]
+        if not serials or (serial and serial not in serials):
+            self._harvester.reset()
+            known = ", ".join(map(str, serials)) or "none at all"
+            raise ConfigurationError(
+                "source", f"{producer} finds no camera {serial or ''}; there are: {known}"
+            )
+        self._camera = self._harvester.create({"serial_number": serial} if serial else 0)
+        try:
+            self._ask(self._camera.remote_device.node_map, configuration)
+        except ConfigurationError:
+            self._camera.destroy()
+            self._harvester.reset()
+            raise
+        self._camera.start()
+
+    @staticmethod
+    def _ask(nodes: Any, asked: CameraConfiguration) -> None:
+        wishes: dict[str, Any] = {
+            "PixelFormat": asked.pixel_format or _DEFAULT_FORMAT,
+            "Width": asked.frame_width,
+            "Height": asked.frame_height,
+            "ExposureTime": 1e6 * asked.exposure,
+            "AcquisitionFrameRate": asked.frame_rate,
+        }
+        for name, value in wishes.items():
+            if not value:
+                continue
+            if not nodes.has_node(name):
+                if name == "AcquisitionFrameRate":
+                    continue  # a triggered camera has none
+                raise ConfigurationError("source", f"the camera has no {name}")
+            try:
+                nodes.get_node(name).value = value
+            except Exception as error:  # of the producer, of any kind
+                words = " ".join(str(error).split())
+                raise ConfigurationError(
+                    "source", f"the camera refuses {name} = {value}: {words}"
+                ) from None
+
+    def read(self) -> Frame | None:
+        """Return the next frame."""
+        try:
+            buffer = self._camera.fetch(timeout=_FETCH_TIMEOUT)
+        except self._timeout:
+            return None
+        with buffer:
+            part = buffer.payload.components[0]
+            if part.num_components_per_pixel != 1:
+                raise CameraError(f"pixels are {part.data_format}, not grey: set pixel_format")
+            picture = np.array(part.data).reshape(part.height, part.width)
+            return Frame(picture, int(buffer.frame_id))
+
+    def close(self) -> None:
+        """Stop the camera and let go of it."""
+        self._camera.stop()
+        self._camera.destroy()
+        self._harvester.reset()
+
+
+def _load(module: str, library: str, lock: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise ConfigurationError(
+            "source", f"needs {library}, which is not installed: {INSTALL.format(lock)}"
+        ) from None

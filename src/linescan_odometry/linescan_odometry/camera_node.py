@@ -1,0 +1,185 @@
+"""A real camera as a ROS node: frames in, batches of lines out.
+
+The contract (topics, types, QoS, parameters) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections import deque
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+from linescan_odometry.camera.assembler import LineAssembler
+from linescan_odometry.camera.configuration import CameraConfiguration
+from linescan_odometry.camera.cut import FrameError
+from linescan_odometry.camera.sources import CameraError, Frame, open_source
+from linescan_odometry.measurements import LineBatch
+from omni_platform.configuration import ConfigurationError
+from omni_ros.frames import FrameConfiguration, prefix_frames
+from omni_ros.messages import camera_info, line_image
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
+from omni_ros.qos import LATCHED, advertise
+from omni_ros.startup import StartupConfiguration
+from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
+
+_MOST_WAITING = 64  # frames that wait to be published; beyond, they are lost
+_OFF_RATE = 0.01  # share by which the rate may differ from the one that was told
+_OLDEST_NS = 2_000_000_000  # age of a driver's stamp that can be one of its clock
+_LONGEST_END = 2.0  # [s] for the device to be let go of
+
+
+class CameraNode(Node):
+    """Reads a camera in a thread of its own and publishes its lines."""
+
+    def __init__(self) -> None:
+        super().__init__("line_camera")
+        self.startup = declare_configuration(self, StartupConfiguration)
+        self._configuration = configuration = declare_configuration(self, CameraConfiguration)
+        self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
+        period = declare_configuration(self, StatusConfiguration).diagnostics_period
+        self._assembler = LineAssembler(configuration)
+        self._source = open_source(configuration)
+        name = configuration.sensor
+        self._lines = advertise(self, Image, f"line_scan/{name}/lines")
+        self._info = self.create_publisher(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
+        self._status = StatusReporter(
+            self, period, Status(ERROR, f"no frame yet of {configuration.source}")
+        )
+        self.outputs = (self._lines,)
+        self._frames: deque[tuple[Frame, int]] = deque()
+        self._overrun = 0
+        self._lost = 0  # as said last
+        self._failure = ""
+        self._ended = False
+        self._stop = threading.Event()
+        self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
+
+    def run(self, spinner: Spinner) -> None:
+        """Publish lines until the end of the file or a stop.
+
+        Raises:
+            NodeError: the camera delivers no more.
+        """
+        self._reader.start()
+        try:
+            while not spinner.stop:
+                ended = self._ended  # before what it left is taken
+                self._publish_all()
+                if ended:
+                    break
+                spinner.spin_once()
+        finally:
+            self._stop.set()
+            self._reader.join(_LONGEST_END)
+            if not self._reader.is_alive():
+                self._source.close()
+        if self._failure:
+            raise NodeError(f"{self._configuration.sensor}: {self._failure}")
+        self._send(self._assembler.finish())
+
+    def _read(self) -> None:
+        """Take frames with the time of their arrival; nothing else, so that none is missed."""
+        try:
+            begin_ns = 0
+            while not self._stop.is_set() and not self._source.ended:
+                frame = self._source.read()
+                if frame is None:
+                    continue
+                now_ns = int(self.get_clock().now().nanoseconds)
+                if self._source.played and frame.number is not None:
+                    begin_ns = begin_ns or now_ns
+                    due_ns = begin_ns + round(1e9 * frame.number / self._configuration.frame_rate)
+                    self._stop.wait(max(0.0, 1e-9 * (due_ns - now_ns)))
+                    now_ns = due_ns
+                elif frame.stamp_ns is not None:
+                    age_ns = time.monotonic_ns() - frame.stamp_ns
+                    now_ns -= age_ns if 0 <= age_ns < _OLDEST_NS else 0
+                if len(self._frames) < _MOST_WAITING:
+                    self._frames.append((frame, now_ns))
+                else:
+                    self._overrun += 1
+                self._wake()
+        except CameraError as error:
+            self._failure = str(error)
+        self._ended = True
+        self._wake()
+
+    def _wake(self) -> None:
+        """End the wait of the thread that publishes."""
+        if self.executor is not None:
+            self.executor.create_task(lambda: None)
+
+    def _publish_all(self) -> None:
+        while self._frames:
+            frame, arrival_ns = self._frames.popleft()
+            known = self._assembler.pixels
+            try:
+                batches = self._assembler.take(frame.picture, arrival_ns, frame.number)
+            except FrameError as error:
+                source = self._configuration.source
+                raise ConfigurationError("rows", f"a frame of {source} {error}") from None
+            if not known:
+                self._tell()
+            self._send(batches)
+            self._report(arrival_ns, frame)
+
+    def _tell(self) -> None:
+        """Say once what the lines are."""
+        pixels, rate = self._assembler.pixels, self._assembler.line_rate
+        info = camera_info(self._configuration.sensor, pixels, self._configuration.length)
+        prefix_frames(info, self._prefix)
+        self._info.publish(info)
+        name = self._configuration.sensor
+        self.get_logger().info(
+            f"{name}: lines of {pixels} px, {rate:g} lines/s; the odometry needs "
+            f"sensors.{name}.pixels: {pixels}, line_rate: {rate:g}"
+        )
+
+    def _send(self, batches: list[LineBatch]) -> None:
+        for batch in batches:
+            image = line_image(batch.stamp_ns, self._configuration.sensor, batch.lines)
+            prefix_frames(image, self._prefix)
+            self._lines.publish(image)
+
+    def _report(self, stamp_ns: int, frame: Frame) -> None:
+        """Say how the camera fares: at each loss, and every second."""
+        clock, told = self._assembler.clock, self._configuration.frame_rate
+        lost = clock.lost + self._overrun
+        off = clock.rate / told - 1.0
+        values = {
+            "frames per second": f"{clock.rate:.4g} (told {told:g})",
+            "lines per second": f"{self._assembler.line_rate:g}",
+            "frames lost": f"{clock.lost}, and {self._overrun} for want of computing power",
+            "time began anew": str(clock.anew),
+            "mean grey level": f"{frame.picture.mean():.1f}",
+        }
+        words = []
+        if lost > self._lost:
+            words.append(f"{lost - self._lost} frames lost")
+        if abs(off) > _OFF_RATE:
+            words.append(f"{100.0 * off:+.1f} % off the frame rate that was told: set frame_rate")
+        level = WARN if words else OK
+        key = (lost, clock.anew, abs(off) > _OFF_RATE)
+        self._lost = lost
+        self._status.update(stamp_ns, key, Status(level, "; ".join(words) or "delivering", values))
+
+
+def main() -> None:
+    """Run the node until the end of a file, SIGINT or SIGTERM."""
+
+    def run(node: CameraNode, spinner: Spinner) -> None:
+        await_subscribers(
+            node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
+        )
+        node.run(spinner)
+
+    sys.exit(run_process(CameraNode, run))
+
+
+if __name__ == "__main__":
+    main()
