@@ -18,6 +18,7 @@ from omni_sim.ground.friction import FrictionPatch
 from omni_sim.simulator import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
+from omni_sim.vehicle.suspension import SuspensionConfiguration
 
 ROOT = Path(__file__).parents[3]
 FLAT = GroundConfiguration()
@@ -57,6 +58,15 @@ def test_a_symmetric_vehicle_stops_as_two_axles_do(symmetric: VehicleConfigurati
     bound = straight_bound(symmetric, FLAT, _moving(8.0))
     assert bound.distance == pytest.approx(8.0**2 / (2.0 * rate), rel=1e-4)
     assert bound.distance <= 8.0**2 / (2.0 * rate)
+
+
+def test_a_sprung_chassis_has_no_bound_and_says_why(forklift: VehicleConfiguration) -> None:
+    springs = SuspensionConfiguration(stiffness=2.0e5)
+    sprung = dataclasses.replace(forklift, suspension=springs)
+    for bound_of in (straight_bound, any_heading_bound):
+        bound = bound_of(sprung, FLAT, _moving(10.0))
+        assert math.isnan(bound.distance)
+        assert "sprung" in bound.reason
 
 
 def test_straight_line_has_the_known_bound(forklift: VehicleConfiguration) -> None:

@@ -207,3 +207,30 @@ def test_speed_passes_smoothly_through_zero_with_losses(
         errors.append(np.max(np.abs(vehicle.twist - amplitude * np.array(direction))))
     assert np.max(errors[200:]) < 0.03
     assert np.max(np.abs(np.diff(np.concatenate(forces)[4000:], axis=0))) < 40.0
+
+
+def test_individual_rollers_lose_as_the_single_roller_does(forklift: VehicleConfiguration) -> None:
+    losses = PassiveLossConfiguration(
+        rolling_resistance=0.01, bearing_friction=0.01, elasticity=1e-7, section_ratio=0.64
+    )
+    slowed = {}
+    for model in ("single", "rollers"):
+        for active in (losses, PassiveLossConfiguration()):
+            configuration = dataclasses.replace(losing(forklift, active), wheel_model=model)
+            vehicle = Vehicle(configuration, twist=(0.0, 2.0, 0.0))
+            vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
+            slowed[model, active.active] = 2.0 - float(vehicle.twist[1])
+    # Contacts that come to rollers at rest cost a little without any losses.
+    one, each = (slowed[m, True] - slowed[m, False] for m in ("single", "rollers"))
+    assert each == pytest.approx(one, rel=0.05)
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.8, False), (1.2, True)])
+def test_resistance_of_individual_rollers_holds_the_vehicle(
+    share: float, moves: bool, forklift: VehicleConfiguration
+) -> None:
+    losses = PassiveLossConfiguration(rolling_resistance=0.02)
+    vehicle = Vehicle(dataclasses.replace(losing(forklift, losses), wheel_model="rollers"))
+    vehicle.push((0.0, share * 0.02 * math.sqrt(2.0) * vehicle.masses.mass * GRAVITY))
+    vehicle.advance(2000, 1.0, OFF, NO_COMMAND)
+    assert (float(vehicle.twist[1]) > 0.01) == moves

@@ -36,6 +36,7 @@ _TIME_STEP = 2e-3  # of the torque that builds up [s]
 _PLACES = 200  # along the way over patches
 _LEAST = 1e-6  # deceleration that is none [m/s^2]
 _SLOPE = "the ground is not level, and gravity's pull along it is left out"
+_SPRUNG = "the chassis is sprung, and how it swings the wheel loads is left out"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,8 +108,8 @@ def straight_bound(
         ground: what it brakes on.
         maneuver: from where.
     """
-    if len(ground.elevation.table()):
-        return Bound(math.nan, reason=_SLOPE)
+    if reason := _left_out(vehicle, ground):
+        return Bound(math.nan, reason=reason)
     return _Way(vehicle, ground).straight(maneuver)
 
 
@@ -116,9 +117,16 @@ def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
     """Return the bound of the path of the centre of gravity in any stop; see `straight_bound`."""
-    if len(ground.elevation.table()):
-        return Bound(math.nan, reason=_SLOPE)
+    if reason := _left_out(vehicle, ground):
+        return Bound(math.nan, reason=reason)
     return _Way(vehicle, ground).any_heading(maneuver)
+
+
+def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
+    """Return why there are no bounds, else nothing."""
+    if len(ground.elevation.table()):
+        return _SLOPE
+    return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
 
 
 class _Way:

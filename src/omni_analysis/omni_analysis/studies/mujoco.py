@@ -32,7 +32,9 @@ from omni_analysis.studies import StudyResult, StudyRun
 from omni_analysis.wheels.engines import ENGINES, Stop, brake_to_rest
 from omni_analysis.wheels.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_platform.configuration import Configuration, parameter
-from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
+from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
 
 _LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
 _COLOURS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
@@ -115,7 +117,7 @@ def _metrics(stops: Stops) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Measure what a millimetre of height at the first wheel does to the wheel loads."""
+    """Measure what a millimetre of height at the first wheel does to loads, theirs and ours."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = _MISMOUNTED
     metrics = {}
@@ -125,8 +127,17 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
             machine = MujocoVehicle(vehicle, suspension=stiffness, height_offset=height)
             machine.advance(4000, 1.0, np.ones(len(offsets)))
             loads.append(machine.wheel_load)
-        change = float(np.max(np.abs(loads[1] - loads[0])))
-        metrics[f"load_change_of_1_mm.{name}"] = Metric(change, "N")
+        high = {next(iter(vehicle.wheels)): WheelCondition(mounted=_MISMOUNTED)}
+        springs = SuspensionConfiguration(stiffness=stiffness)
+        ours = [
+            Vehicle(dataclasses.replace(vehicle, suspension=springs, conditions=conditions)).wheels[
+                "load"
+            ]
+            for conditions in ({}, high)
+        ]
+        for engine, (level, tilted) in (("", loads), ("_ours", ours)):
+            change = float(np.max(np.abs(tilted - level)))
+            metrics[f"load_change_of_1_mm.{name}{engine}"] = Metric(change, "N")
     return metrics
 
 

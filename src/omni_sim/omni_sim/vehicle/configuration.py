@@ -26,6 +26,7 @@ from omni_sim.vehicle.loads import (
     MassProperties,
     support_polygon,
 )
+from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration
 from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geometries
 from omni_sim.wheel.roller_geometry import RollerGeometry
@@ -69,6 +70,13 @@ class WheelCondition(Configuration):
     )
     brake: float = parameter(
         1.0, description="Factor on the torque of this wheel's brake", minimum=0.0, maximum=2.0
+    )
+    mounted: float = parameter(
+        0.0,
+        description="By how much this wheel is mounted higher than the others; needs a suspension",
+        unit="m",
+        minimum=-0.1,
+        maximum=0.1,
     )
 
 
@@ -117,6 +125,9 @@ class VehicleConfiguration(Configuration):
     conditions: Mapping[str, WheelCondition] = section(
         dict, description="Wheels, by name, whose tire or brake is not as those of the others"
     )
+    suspension: SuspensionConfiguration = section(
+        SuspensionConfiguration, description="Springs of the chassis"
+    )
     passive_losses: PassiveLossConfiguration = section(
         PassiveLossConfiguration, description="Losses of every wheel's rollers"
     )
@@ -145,6 +156,16 @@ class VehicleConfiguration(Configuration):
     def brake_share(self) -> FloatArray:
         """Factor on the torque of each wheel's brake [1], shape (N,)."""
         return np.array([self._condition(name).brake for name in self.wheels])
+
+    @property
+    def mounted(self) -> FloatArray:
+        """By how much each wheel is mounted higher than the others [m], shape (N,)."""
+        return np.array([self._condition(name).mounted for name in self.wheels])
+
+    @property
+    def chassis_size(self) -> FloatArray:
+        """Length and width of the chassis [m], shape (2,)."""
+        return np.array([self.chassis_length, self.chassis_width])
 
     def _condition(self, name: str) -> WheelCondition:
         return self.conditions.get(name, WheelCondition())
@@ -179,11 +200,12 @@ class VehicleConfiguration(Configuration):
                 )
         if self.contacts_move:
             _ = self.roller_geometries  # refuses rollers that do not fit
-        if self.wheel_model == "rollers" and self.passive_losses.active:
+        if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:
             raise ConfigurationError(
-                "passive_losses",
-                "belong to the wheel model 'single'; set them to 0 for individual rollers",
+                "passive_losses.roller_mass",
+                "belongs to the wheel model 'single'; individual rollers have rollers.inertia",
             )
+        self._check_heights()
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
         kinematics = PlatformKinematics(self.wheels)
@@ -211,3 +233,15 @@ class VehicleConfiguration(Configuration):
                     f"the whole weight on wheel {name} would flatten it by more than half its "
                     "radius",
                 )
+
+    def _check_heights(self) -> None:
+        """Refuse heights of wheels that nothing answers to."""
+        for place, has in (("conditions", self.mounted.any()), ("rollers.gap", self.rollers.gap)):
+            if has and self.suspension.stiffness == 0.0:
+                raise ConfigurationError(
+                    place, "heights of wheels need springs: set suspension.stiffness [N/m]"
+                )
+        if self.rollers.gap > 0.0 and not self.contacts_move:
+            raise ConfigurationError(
+                "rollers.gap", "needs rollers that count: wheel_model 'rollers' or contact 'roller'"
+            )

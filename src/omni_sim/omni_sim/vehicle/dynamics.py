@@ -38,6 +38,7 @@ from omni_sim.vehicle.state import (
     Structured,
     Triple,
 )
+from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.wheel.brake_pressure import ask, press
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
@@ -109,9 +110,7 @@ def advance(state: State, control: Control, log: Log) -> None:
         yaw = body.yaw + 0.5 * dt * body.yaw_rate
         cos, sin = math.cos(yaw), math.sin(yaw)
 
-        reach = -plant.height / max(pressing, _LEAST_PRESSING)
-        weight, z_x, z_y = mass * max(pressing, 0.0), reach * body.a_x, reach * body.a_y
-        if wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, loads):
+        if _carry(state, body, pressing, (pull[0], pull[1])):
             state.counters[0].tipping_steps += 1
 
         ahead_x, ahead_y = body.v_x + dt * other[0] / mass, body.v_y + dt * other[1] / mass
@@ -148,6 +147,29 @@ def advance(state: State, control: Control, log: Log) -> None:
             energy = energies(state)
             for j in range(len(energy)):
                 log.energy[k, j] = energy[j]
+
+
+@lean_inline
+def _carry(state: State, body: Record, pressing: float, pull: Pair) -> bool:
+    """Distribute the weight over the wheels; return whether fewer than three carry it.
+
+    Args:
+        state: of the vehicle; its loads are written.
+        body: `state.BODY`.
+        pressing: load per mass on the ground [m/s^2].
+        pull: force of the wheels in the body frame [N].
+    """
+    plant = state.plant
+    weight = plant.mass * max(pressing, 0.0)
+    if state.suspension.stiffness > 0.0:
+        sprung: bool = sprung_loads(
+            plant, state.suspension, state.wheels, weight, pull, state.loads
+        )
+        return sprung
+    reach = -plant.height / max(pressing, _LEAST_PRESSING)
+    z_x, z_y = reach * body.a_x, reach * body.a_y
+    tips: bool = wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
+    return tips
 
 
 @lean
@@ -241,6 +263,7 @@ def standing(state: State, ahead: float) -> tuple[float, float, float, float, fl
         plant.plane,
         (body.x + ahead * v_x, body.y + ahead * v_y),
         (math.cos(yaw), math.sin(yaw)),
+        state.suspension.ground,
     )
     return result
 

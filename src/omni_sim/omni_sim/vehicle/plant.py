@@ -13,7 +13,17 @@ from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.roller import passive_parameters
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
-from omni_sim.vehicle.state import CONTACT, LOSS, ROLLER, Losses, Plant, Rollers, Structured
+from omni_sim.vehicle.state import (
+    CHASSIS,
+    CONTACT,
+    LOSS,
+    ROLLER,
+    Losses,
+    Plant,
+    Rollers,
+    Structured,
+    Suspension,
+)
 from omni_sim.wheel.roller_geometry import AXIS
 
 
@@ -100,7 +110,7 @@ def build_losses(
         plant: from `build_plant`; returned as it is if there are no losses.
     """
     losses = configuration.passive_losses
-    if not losses.active:
+    if not losses.active or configuration.wheel_model == "rollers":
         return plant, Losses(np.zeros(0, LOSS), 0.0, 0.0, 0.0)
     geometry = kinematics.geometry
     lever = geometry.position - masses.centre
@@ -138,8 +148,32 @@ def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
         stiffness=rollers.stiffness,
         damping=rollers.damping,
         overlap=rollers.overlap,
+        constant=configuration.passive_losses.constant_share,
+        growing=configuration.passive_losses.growing_share,
         state=np.zeros((n, rollers.count), ROLLER),
         push=np.zeros((n, 3)),
+    )
+
+
+def build_suspension(configuration: VehicleConfiguration, masses: MassProperties) -> Suspension:
+    """Lay out the springs of a chassis.
+
+    Args:
+        configuration: what the vehicle is made of.
+        masses: body and load together.
+    """
+    springs, n = configuration.suspension, len(configuration.wheels)
+    box = masses.mass / 12.0 * (4.0 * masses.height**2 + np.square(configuration.chassis_size))
+    return Suspension(
+        stiffness=springs.stiffness,
+        damping=2.0 * springs.damping_ratio * math.sqrt(springs.stiffness * masses.mass / n),
+        pitch_inertia=springs.pitch_inertia or float(box[0]),
+        roll_inertia=springs.roll_inertia or float(box[1]),
+        mounted=configuration.mounted,
+        half_gap=0.5 * configuration.rollers.gap,
+        ground=np.zeros(n),
+        sunk=np.zeros(n),
+        chassis=np.zeros(1, CHASSIS),
     )
 
 

@@ -81,6 +81,10 @@ def _step_contact(
     clamped = min(touch.load, plant.largest_load)
     spin_lever = max(radius - depth, _LEAST_LEVER) * length
     lever = (radius * rim_active, radius * (axis.u_x * p_x + axis.u_y * p_y))
+    # Dry friction of the roller, which holds it against the torque of its last contact force.
+    turn = plant.dt * spin_lever / rollers.inertia
+    slowed = turn * (rollers.constant + rollers.growing * touch.load) * touch.load
+    free = roller.spin - turn * roller.f_p
     # Speed of the rubber through the contact: wheel along u, roller along its passive direction.
     surface = spin_lever * roller.spin
     rim = radius * touch.turning
@@ -103,7 +107,7 @@ def _step_contact(
                 hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
             ),
             mobility,
-            roller.spin,
+            roller.spin - min(max(free, -slowed), slowed),
             rollers.inertia,
             spin_lever,
         ),

@@ -85,6 +85,10 @@ ROLLER = np.dtype(
 axis (active) and across it (passive); the load that it carries and the friction limit [N]; slip
 [1]; its torque on the wheel [N m]; whether it slides."""
 
+CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
+"""A sprung chassis over the vehicle's plane: ``z`` [m], gradients ``p`` and ``r`` [1], and their
+rates [m/s, 1/s, 1/s]."""
+
 COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
 """Steps with tipping, and wheel-steps beyond the tire's largest load."""
 
@@ -178,6 +182,8 @@ class Rollers(NamedTuple):
         stiffness: of a roller's tread [N/m].
         damping: of a roller's tread [N s/m].
         overlap: see `roller_configuration.RollerConfiguration`.
+        constant: friction that opposes a roller's turning, at its surface per load [1].
+        growing: likewise per load and load, Eq. (19) [1/N].
         state: of the rollers, `ROLLER`, shape (N, n).
         push: forces [N] and moment about the centre of gravity [N m] of each wheel in the last
             step, body frame, shape (N, 3).
@@ -188,8 +194,36 @@ class Rollers(NamedTuple):
     stiffness: float
     damping: float
     overlap: float
+    constant: float
+    growing: float
     state: Structured
     push: FloatArray
+
+
+class Suspension(NamedTuple):
+    """The springs of a chassis; see `suspension`.
+
+    Attributes:
+        stiffness: c of each wheel [N/m]; 0 without suspension.
+        damping: d of each wheel [N s/m].
+        pitch_inertia: I_p [kg m^2].
+        roll_inertia: I_r [kg m^2].
+        mounted: how much higher than the others each wheel is mounted [m], shape (N,).
+        half_gap: from a roller's end to the middle of the gap between two, along the rim [m].
+        ground: height under each wheel over the vehicle's plane [m], shape (N,).
+        sunk: how deep each wheel is in a gap between rollers [m], shape (N,).
+        chassis: `CHASSIS`, shape (1,).
+    """
+
+    stiffness: float
+    damping: float
+    pitch_inertia: float
+    roll_inertia: float
+    mounted: FloatArray
+    half_gap: float
+    ground: FloatArray
+    sunk: FloatArray
+    chassis: Structured
 
 
 class State(NamedTuple):
@@ -199,6 +233,7 @@ class State(NamedTuple):
         plant: constants.
         terrain: height of the ground.
         losses: along the passive directions.
+        suspension: of the chassis.
         body: `BODY`, shape (1,).
         contacts: `CONTACT` of the last step, shape (N,); they change only if there is a roller
             pitch, and individual rollers leave them alone.
@@ -212,6 +247,7 @@ class State(NamedTuple):
     plant: Plant
     terrain: Terrain
     losses: Losses
+    suspension: Suspension
     body: Structured
     contacts: Structured
     rollers: Rollers | None

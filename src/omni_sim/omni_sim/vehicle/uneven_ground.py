@@ -17,8 +17,8 @@ the vehicle would take off, it carries nothing and counts as tipping.
 Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
 kinetic energy of roll and pitch, and the height of the centre of gravity in its path (only load
 transfer knows it); the difference between a wheel's own road plane and the path plane in the
-direction of its force (second order in the angle between them); loads by twisted ground, as if
-the frame of the vehicle yielded.
+direction of its force (second order in the angle between them); without a `suspension` also loads
+by twisted ground, as if the frame of the vehicle yielded.
 """
 
 from __future__ import annotations
@@ -55,6 +55,7 @@ def stand(
     plane: FloatArray,
     place: tuple[float, float],
     heading: tuple[float, float],
+    heights: FloatArray,
 ) -> tuple[float, float, float, float, float, float]:
     """Return how the wheels stand.
 
@@ -64,6 +65,7 @@ def stand(
         plane: from `loads.load_plane`.
         place: centre of gravity in the world [m].
         heading: cosine and sine of the yaw.
+        heights: receives those of the ground under the wheels over the vehicle's plane [m], (N,).
 
     Returns:
         Height ``Z`` of the ground under the centre of gravity [m]; gradient of the vehicle's plane
@@ -76,12 +78,15 @@ def stand(
         r_x = cos * position[i, 0] - sin * position[i, 1]
         r_y = sin * position[i, 0] + cos * position[i, 1]
         z, n_x, n_y, n_z = road_plane_at(terrain, x + r_x, y + r_y, cos, sin)
+        heights[i] = z
         height += plane[i, 0] * z
         forward += plane[i, 1] * z
         left += plane[i, 2] * z
         slope_x -= plane[i, 0] * n_x / n_z
         slope_y -= plane[i, 0] * n_y / n_z
         turn -= plane[i, 0] * (n_y * r_x - n_x * r_y) / n_z
+    for i in range(position.shape[0]):
+        heights[i] -= height + forward * position[i, 0] + left * position[i, 1]
     up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     return height, forward, left, -slope_x * up, -slope_y * up, turn
 

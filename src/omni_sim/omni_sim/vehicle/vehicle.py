@@ -13,8 +13,14 @@ from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
-from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, static_loads
+from omni_sim.vehicle.loads import GRAVITY, MassProperties
+from omni_sim.vehicle.plant import (
+    build_losses,
+    build_plant,
+    build_rollers,
+    build_suspension,
+    static_loads,
+)
 from omni_sim.vehicle.road_plane import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.vehicle.state import (
     BODY,
@@ -27,6 +33,7 @@ from omni_sim.vehicle.state import (
     State,
     Structured,
 )
+from omni_sim.vehicle.suspension import fastest_motion, settle
 from omni_sim.vehicle.uneven_ground import level, orientation
 from omni_sim.wheel.brake_pressure import build_brake_pressure, release
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
@@ -36,6 +43,7 @@ BoolArray = NDArray[np.bool_]
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
 
+_COARSEST = 0.5  # angle of the fastest motion on the springs in a step [rad]
 _PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
 
 
@@ -104,6 +112,7 @@ class Vehicle:
             plant=plant,
             terrain=(elevation or ElevationConfiguration()).terrain,
             losses=losses,
+            suspension=build_suspension(configuration, self.masses),
             body=np.zeros(1, BODY),
             contacts=plant.contact.copy(),
             rollers=build_rollers(configuration),
@@ -114,6 +123,18 @@ class Vehicle:
             ),
             loads=np.empty(n),
         )
+        fastest = fastest_motion(plant, self.state.suspension)
+        if fastest * physics_step > _COARSEST:
+            raise VehicleInputError(
+                f"springs of {configuration.suspension.stiffness:g} N/m swing with "
+                f"{fastest:.3g} rad/s; softer ones or a physics step below "
+                f"{_COARSEST / fastest:.2g} s are needed"
+            )
+        self._rest = np.zeros(3)
+        if self.state.suspension.stiffness > 0.0:
+            level_springs = self.state.suspension._replace(mounted=np.zeros(n))
+            settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
+            self._rest = self._chassis
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
@@ -148,6 +169,10 @@ class Vehicle:
         pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
         wheels["load"] = pressing * static_loads(plant)
         wheels["angle"] = self._start_angle
+        if self.state.suspension.stiffness > 0.0:
+            dynamics.standing(self.state, 0.0)
+            weight = pressing * plant.mass * GRAVITY
+            wheels["load"] = settle(plant, self.state.suspension, wheels["angle"], weight)
         if plant.roller_pitch > 0.0:
             wheels["speed"] = self._rolling_speed(v, twist_body[2])
         wheels["last_speed"] = wheels["speed"]
@@ -342,10 +367,15 @@ class Vehicle:
 
     @property
     def attitude(self) -> FloatArray:
-        """Height of base_link [m], roll, pitch [rad] on uneven ground, shape (3,); else zeros."""
-        if not len(self.state.terrain.parts):
+        """Height of base_link [m], roll, pitch [rad] on uneven ground or springs, shape (3,).
+
+        Zeros on flat ground, on springs at rest with all wheels mounted alike.
+        """
+        if not len(self.state.terrain.parts) and self.state.suspension.stiffness == 0.0:
             return np.zeros(3)
         height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+        heave, pitch, roll = self._chassis - self._rest
+        height, forward, left = height + heave, forward + pitch, left + roll
         rise = orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
         return np.array(
             [
@@ -354,6 +384,11 @@ class Vehicle:
                 -math.asin(rise[0]),
             ]
         )
+
+    @property
+    def _chassis(self) -> FloatArray:
+        """Heave [m] and gradients forward and to the left [1] of the chassis, shape (3,)."""
+        return np.array(list(self.state.suspension.chassis[0])[:3])
 
     @property
     def wheel_contacts(self) -> tuple[WheelContact, ...]:

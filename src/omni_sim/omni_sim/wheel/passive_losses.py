@@ -14,7 +14,8 @@ wheel, and by ``-r_D (u_w . u_i) f`` on the wheel's spin:
 Rolling resistance and bearing friction hold a roller that stands, up to the same force. The
 roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected: that a
 roller which comes into contact has to be brought to speed, and the resistance of the wheel that
-rolls as a whole.
+rolls as a whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their own; each
+that carries load loses by the same resistance.
 """
 
 from __future__ import annotations

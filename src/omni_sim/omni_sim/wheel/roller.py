@@ -18,7 +18,7 @@ the levers and mobilities projected on ``q``, so each step is `drivetrain.wheel_
 repeated until ``q`` lies along the sliding that its force leaves (a few times; the last direction
 is the first guess). The deflection has two components; the roller's spin is solved with it.
 
-Neglected: that a roller's spin turns with the wheel, and roller bearings' friction.
+Neglected: that a roller's spin turns with the wheel.
 """
 
 from __future__ import annotations

@@ -54,6 +54,14 @@ class RollerConfiguration(Configuration):
         minimum=0.01,
         maximum=0.5,
     )
+    gap: float = parameter(
+        0.0,
+        description="Gap between the ends of two neighbouring rollers, along the rim, into which "
+        "the wheel sinks; needs a suspension. 0: they fill the wheel's circle",
+        unit="m",
+        minimum=0.0,
+        maximum=1.0,
+    )
 
 
 def roller_geometries(
@@ -72,6 +80,12 @@ def roller_geometries(
     reach = math.cos(math.pi / rollers.count * (1.0 + rollers.overlap))
     geometries = []
     for name, mount in wheels.items():
+        if rollers.gap >= math.pi * mount.radius / rollers.count:
+            raise ConfigurationError(
+                "rollers.gap",
+                f"{rollers.gap:g} m is more than half of what a roller of wheel {name} has of the "
+                f"rim, {2.0 * math.pi * mount.radius / rollers.count:.3g} m",
+            )
         distance = mount.radius - rollers.radius
         if distance <= 0.0 or mount.radius - distance / reach <= squeeze:
             least = mount.radius - (mount.radius - squeeze) * reach

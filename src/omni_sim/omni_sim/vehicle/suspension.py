@@ -1,0 +1,173 @@
+"""A chassis on springs, whose heave, pitch and roll take their time.
+
+Without it wheels share the weight as on equal springs that are done moving at once (`loads`). With
+it each wheel is sprung and damped on its own, tire included, and the chassis moves by
+
+    m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
+    F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
+
+``z`` upward at the centre of gravity, ``p`` and ``r`` the gradients of the chassis forward and to
+the left, small, ``f`` the force of the wheels along the ground, ``h`` the height at which inertia
+opposes it. ``s_i`` is the height of the road under a wheel over the plane that the vehicle follows
+(`uneven_ground`), less how much higher the wheel is mounted and how deep it sinks into a gap
+between two rollers. So wheels share the weight as their heights and the twist of the ground have
+it, which rigid bodies leave open, and rollers with gaps give a rough ride.
+
+Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the way of the centre of
+gravity over a tilted chassis, and the work that the forces along the ground do on pitch and roll.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.state import Plant, Structured, Suspension
+from omni_sim.wheel.roller_geometry import nearest_roller
+
+_BALANCES = 100  # tried of a chassis at rest
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SuspensionConfiguration(Configuration):
+    """Springs between the ground and the chassis, one for each wheel; none by default."""
+
+    stiffness: float = parameter(
+        0.0,
+        description="Vertical stiffness of each wheel with its suspension; 0: loads follow the "
+        "acceleration within load_transfer_time as on equal springs",
+        unit="N/m",
+        minimum=0.0,
+        maximum=1.0e8,
+    )
+    damping_ratio: float = parameter(
+        0.3, description="Damping ratio of the chassis' heave", minimum=0.0, maximum=2.0
+    )
+    pitch_inertia: float = parameter(
+        0.0,
+        description="Moment of inertia of body and load about the lateral axis through their "
+        "centre of gravity; 0: that of a homogeneous box as long as the chassis",
+        unit="kg m^2",
+        minimum=0.0,
+    )
+    roll_inertia: float = parameter(
+        0.0,
+        description="Likewise about the longitudinal axis; 0: of a box as wide as the chassis",
+        unit="kg m^2",
+        minimum=0.0,
+    )
+
+
+def fastest_motion(plant: Plant, suspension: Suspension) -> float:
+    """Return the largest natural angular frequency of a chassis on its springs [rad/s]."""
+    inertia = np.sqrt([plant.mass, suspension.pitch_inertia, suspension.roll_inertia])
+    scaled = _lever_arms(plant) / inertia
+    return math.sqrt(suspension.stiffness * float(np.linalg.eigvalsh(scaled.T @ scaled)[-1]))
+
+
+def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: float) -> FloatArray:
+    """Put a chassis on its springs at rest and return the wheel loads [N], shape (N,).
+
+    What a vehicle on fewer than three wheels does not balance settles in its first moments.
+
+    Args:
+        plant: constants.
+        suspension: its springs, with the ground under the wheels; the chassis is written.
+        angle: of the wheels [rad], shape (N,).
+        weight: on the ground [N].
+    """
+    basis = _lever_arms(plant)
+    for i in range(len(angle)):
+        suspension.sunk[i] = gap_depth(plant, suspension.half_gap, i, angle[i])
+    height = suspension.ground - suspension.mounted - suspension.sunk
+    carrying = np.ones(len(height), bool)
+    for _ in range(_BALANCES):
+        rows = basis[carrying]
+        balance = rows.T @ height[carrying] - np.array([weight / suspension.stiffness, 0.0, 0.0])
+        plane = np.linalg.lstsq(rows.T @ rows, balance, rcond=None)[0]
+        squeeze = height - basis @ plane
+        if np.array_equal(squeeze > 0.0, carrying):
+            break
+        carrying = squeeze > 0.0
+    suspension.chassis[0] = (*plane, 0.0, 0.0, 0.0)
+    return np.asarray(suspension.stiffness * np.maximum(squeeze, 0.0), dtype=np.float64)
+
+
+def _lever_arms(plant: Plant) -> FloatArray:
+    return np.column_stack((np.ones(len(plant.position)), plant.position))
+
+
+@lean
+def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
+    """Return how deep a wheel sinks between two rollers [m].
+
+    Over the gap the wheel stands on the end of a roller, on the envelope's circle.
+
+    Args:
+        plant: constants.
+        half_gap: from a roller's end to the middle of the gap, along the rim [m].
+        wheel: its index.
+        angle: of the wheel [rad].
+    """
+    if half_gap <= 0.0:
+        return 0.0
+    pitch = plant.roller_pitch
+    gamma = abs(angle - pitch * nearest_roller(angle, pitch))
+    radius = plant.radius[wheel]
+    beyond = max(gamma - 0.5 * pitch + half_gap / radius, 0.0)
+    depth: float = radius * (1.0 - math.cos(beyond))
+    return depth
+
+
+@lean
+def sprung_loads(
+    plant: Plant,
+    suspension: Suspension,
+    wheels: Structured,
+    weight: float,
+    pull: tuple[float, float],
+    loads: FloatArray,
+) -> bool:
+    """Advance the chassis on its springs by one step.
+
+    Args:
+        plant: constants.
+        suspension: its springs and state, changed in place.
+        wheels: `state.WHEEL`, shape (N,).
+        weight: on the ground [N].
+        pull: force of the wheels along the ground in the body frame [N].
+        loads: receives the wheel loads [N], shape (N,).
+
+    Returns:
+        Whether fewer than three wheels carry the vehicle.
+    """
+    chassis, dt = suspension.chassis[0], plant.dt
+    lift, nose, side = -weight, plant.height * pull[0], plant.height * pull[1]
+    carrying = 0
+    for i in range(wheels.shape[0]):
+        x, y = plant.position[i, 0], plant.position[i, 1]
+        sunk = gap_depth(plant, suspension.half_gap, i, wheels[i].angle)
+        stand = suspension.ground[i] - suspension.mounted[i] - sunk
+        squeeze = stand - (chassis.heave + chassis.forward * x + chassis.left * y)
+        rate = (suspension.sunk[i] - sunk) / dt
+        rate -= chassis.heave_rate + chassis.forward_rate * x + chassis.left_rate * y
+        suspension.sunk[i] = sunk
+        loads[i] = 0.0
+        if squeeze > 0.0:
+            loads[i] = max(suspension.stiffness * squeeze + suspension.damping * rate, 0.0)
+            carrying += 1
+        lift += loads[i]
+        nose += loads[i] * x
+        side += loads[i] * y
+    chassis.heave_rate += dt * lift / plant.mass
+    chassis.forward_rate += dt * nose / suspension.pitch_inertia
+    chassis.left_rate += dt * side / suspension.roll_inertia
+    chassis.heave += dt * chassis.heave_rate
+    chassis.forward += dt * chassis.forward_rate
+    chassis.left += dt * chassis.left_rate
+    return carrying < 3
