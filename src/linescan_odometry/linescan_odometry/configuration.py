@@ -55,6 +55,12 @@ class OdometryConfiguration(Configuration):
         minimum=0,
         maximum=100000,
     )
+    flat_field_tables: str = parameter(
+        "",
+        description="Folder of the tables that `omni lines reference` made of dark and white "
+        "references or of a drive, a file <sensor>.npz for each camera that has one; empty for "
+        "none",
+    )
     minimum_correlation: float = parameter(
         0.4,
         description="Pearson's correlation at the peak below which a line pair is not used",

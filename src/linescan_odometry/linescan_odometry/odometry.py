@@ -13,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist import TwistSolver
 from linescan_odometry.view.grain import Grain
 from linescan_odometry.view.occlusion import Covers
+from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 
 __all__ = [
@@ -73,13 +75,17 @@ class LineScanOdometry:
         """Prepare for the sensors of the configuration.
 
         Raises:
-            ConfigurationError: the placement of the sensors is singular.
+            ConfigurationError: the placement of the sensors is singular, or tables of the flat
+                field cannot be used.
         """
         self._configuration = configuration
-        self._sensors = {
-            name: SensorOdometry(sensor, configuration)
-            for name, sensor in configuration.sensors.items()
-        }
+        try:
+            self._sensors = {
+                name: SensorOdometry(sensor, configuration, _tables(configuration, name))
+                for name, sensor in configuration.sensors.items()
+            }
+        except LineBatchError as error:
+            raise ConfigurationError("flat_field_tables", str(error)) from None
         self._axle = configuration.kinematics.axle
         self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever, self._axle)
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
@@ -273,3 +279,20 @@ class LineScanOdometry:
             f"the platform skids: its axle at x = {axle:g} m moves sideways at {sideways:.3g} m/s, "
             f"{score:.3g} standard deviations of one that grips"
         )
+
+
+def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
+    """Return the file of a camera's references and learnt tables, None if it has none.
+
+    Raises:
+        ConfigurationError: the folder is none.
+    """
+    if not configuration.flat_field_tables:
+        return None
+    folder = Path(configuration.flat_field_tables).expanduser()
+    if not folder.is_dir():
+        raise ConfigurationError(
+            "flat_field_tables", f"there is no folder {folder}; omni lines reference makes one"
+        )
+    file = folder / f"{name}.npz"
+    return file if file.exists() else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +106,22 @@ def _stays(lines: Lines, mean: _Mean) -> bool:
 class SensorOdometry:
     """Measures the velocity of one line camera along its axis."""
 
-    def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
-        """Prepare the stages for the sensor's number of pixels."""
+    def __init__(
+        self,
+        sensor: LineSensor,
+        configuration: OdometryConfiguration,
+        tables: Path | None = None,
+    ) -> None:
+        """Prepare the stages for the sensor's number of pixels.
+
+        Args:
+            sensor: the camera.
+            configuration: of the odometry.
+            tables: file of its references and of what stands still in its view; None without.
+
+        Raises:
+            LineBatchError: the file holds no tables of this camera.
+        """
         self._sensor = sensor
         self._configuration = configuration
         self._chain = LineChain(sensor)
@@ -136,6 +151,8 @@ class SensorOdometry:
         }
         self._whitened = WhitenedMatcher(sensor.pixels, limit)
         self._flat_field = FlatField(sensor.pixels, configuration.flat_field_places)
+        if tables is not None:
+            self._flat_field.load(tables)
         self._still = StillView(sensor.pixels)
         self._seen: Lines = np.empty((0, sensor.pixels), np.uint8)  # as the camera delivered them
         self._still_refiner = SubpixelRefiner(sensor.pixels)

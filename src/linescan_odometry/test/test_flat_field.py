@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import LineBatch
+from linescan_odometry.measurements import LineBatch, LineBatchError
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.view.flat_field import FlatField
 from omni_platform.sensors import LineSensor
@@ -115,3 +116,64 @@ def test_a_ground_that_repeats_itself_is_no_profile(expose: Expose) -> None:
 def test_darkness_teaches_nothing() -> None:
     field = FlatField(64, 10)
     assert not field.learn(np.zeros(64, np.uint8))
+
+
+def unlike_pixels(expose: Expose, positions: Any, dark: Any, gain: Any) -> Any:
+    """Return lines of a camera whose pixels differ, of a ground with little light."""
+    light = expose(positions, PIXELS, grain=4.0, noise=1.0)
+    return np.clip(np.rint(0.35 * light * gain + dark), 0, 255).astype(np.uint8)
+
+
+def test_references_correct_the_first_line_and_survive_a_file(
+    tmp_path: Path, expose: Expose
+) -> None:
+    rng = np.random.default_rng(4)
+    dark, gain = rng.uniform(5.0, 15.0, PIXELS), rng.uniform(0.8, 1.2, PIXELS)
+    gain[77] = 0.0  # a dead pixel
+    noise = rng.normal(0.0, 1.0, (2, 100, PIXELS))
+    covered = np.rint(dark + noise[0]).clip(0).astype(np.uint8)
+    white = np.rint(180.0 * gain + dark + noise[1]).clip(0, 255).astype(np.uint8)
+    field = FlatField(PIXELS, 200)
+    field.take_references(covered, white)
+    assert field.corrects
+    assert field.learning  # of dirt and shadows they know nothing
+    assert list(np.flatnonzero(field.blind)) == [77]
+    field.save(tmp_path / "a.npz")
+    loaded = FlatField(PIXELS, 200)
+    loaded.load(tmp_path / "a.npz")
+    lines = unlike_pixels(expose, [500.0, 507.0], dark, gain)
+    corrected = field.correct(lines)
+    np.testing.assert_array_equal(loaded.correct(lines), corrected)
+    even = 64.0 * 0.35 * expose([500.0, 507.0], PIXELS, grain=4.0, noise=0.0)
+    error = np.delete(corrected / corrected.mean() - even / even.mean(), 77, axis=1)
+    assert error.std() < 0.03  # noise of the lines; 0.15 without
+    assert np.delete(lines / lines.mean() - even / even.mean(), 77, axis=1).std() > 0.1
+    # Without learning they are used all the same.
+    fixed = FlatField(PIXELS, 0)
+    fixed.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(fixed.apply(lines), corrected)
+
+
+def test_tables_of_a_drive_are_used_from_the_first_line_of_the_next(
+    tmp_path: Path, expose: Expose
+) -> None:
+    field = FlatField(PIXELS, 1000)
+    field.apply(shaded(expose, np.linspace(-4000.0, 7800.0, 90), 0))
+    field.save(tmp_path / "a.npz")
+    loaded = FlatField(PIXELS, 1000)
+    loaded.load(tmp_path / "a.npz")
+    line = shaded(expose, [500.0], 1)
+    np.testing.assert_array_equal(loaded.correct(line), field.correct(line))
+    assert loaded.learning  # until this drive has shown that nothing else stands still
+
+
+def test_files_that_are_no_tables_are_named(tmp_path: Path) -> None:
+    field = FlatField(PIXELS, 200)
+    (tmp_path / "a.npz").write_text("no tables")
+    with pytest.raises(LineBatchError, match="holds no tables of a camera"):
+        field.load(tmp_path / "a.npz")
+    FlatField(64, 200).save(tmp_path / "b.npz")
+    with pytest.raises(LineBatchError, match=f"is of 64 px, this camera has {PIXELS} px"):
+        field.load(tmp_path / "b.npz")
+    with pytest.raises(LineBatchError, match="no brighter than the dark one"):
+        field.take_references(np.full((3, PIXELS), 9, np.uint8), np.full((3, PIXELS), 9, np.uint8))

@@ -105,6 +105,53 @@ def test_what_cannot_be_imported_is_refused(
     assert not (tmp_path / "bag").exists()
 
 
+def test_references_and_a_drive_become_tables_that_the_odometry_takes(
+    files: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    white = np.full((20, 1024), 180, np.uint8)
+    white[:, 100:200] = 90  # a smear of half the light
+    np.save(tmp_path / "white.npy", white)
+    sources = [f"{name}={path}" for name, path in files.items()]
+    bag, tables = tmp_path / "bag", tmp_path / "tables"
+    assert omni("lines", "import", *sources, "--out", bag) == 0
+    capsys.readouterr()
+    given = ["--white", f"left={tmp_path / 'white.npy'}", "--drive", bag]
+    assert omni("lines", "reference", *given, "--out", tables, "--json") == 0
+    metrics = json.loads(capsys.readouterr().out)["metrics"]
+    assert metrics["gain_spread.left"]["value"] == pytest.approx(100 * white.std() / white.mean())
+    assert metrics["gain_spread.right"]["value"] == 0.0
+    assert all(metrics[f"places.{name}"]["value"] > 5 for name in files)
+    taken = f"odometry.flat_field_tables={tables}"
+    assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "replayed") == 0
+    # Without a folder, and of another camera, they are refused.
+    assert omni("replay", bag, "--offline", "--set", f"{taken}_none", "--out", tmp_path / "b") == 2
+    assert "omni lines reference makes one" in capsys.readouterr().err
+    np.savez(tables / "right.npz", mean=np.ones(3))
+    assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "c") == 2
+    assert "right.npz holds no tables of a camera" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ([], "neither --dark, --white nor --drive"),
+        (["--white", "right=dark.npy"], "right: the white reference is no brighter"),
+        (["--dark", "dark.npy"], "lacks the name of a camera"),
+    ],
+)
+def test_what_is_no_reference_is_refused(
+    words: list[str],
+    complaint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("dark.npy", np.zeros((3, 64), np.uint8))
+    assert omni("lines", "reference", *words, "--out", "tables") == 2
+    assert complaint in capsys.readouterr().err
+
+
 def test_a_recorded_stop_calibrates_the_cameras_that_it_shows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

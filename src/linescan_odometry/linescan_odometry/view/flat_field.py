@@ -15,6 +15,10 @@ is used only where it is clearly more than that, in its levels or in its gradien
 differences between neighbouring pixels are faint, but weigh most in a sub-pixel match), and is
 shrunk by the share of it that is likely texture. A camera without faults keeps its lines as they
 are.
+
+Dark and white references come first: lines less the dark signal, over the white one, are what is
+learnt from. They say nothing of dirt, shadows and mud, so that these are learnt as without them;
+tables of an earlier drive are used from the first line on, and checked by this one's places.
 """
 
 from __future__ import annotations
@@ -73,6 +77,10 @@ class FlatField:
         self._square = np.ones(pixels)
         self._step = np.zeros(pixels - 1)  # mean square of the differences of neighbours
         self._dark: FloatArray = np.zeros(pixels)
+        self._white: FloatArray = np.ones(pixels)  # gain of each pixel, of the references
+        self._dead: NDArray[np.bool_] = np.zeros(pixels, np.bool_)  # by the references
+        self._referenced = False
+        self._own = 0  # places learnt since tables were loaded
         self._gain: FloatArray | None = None
         self._blind: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
         self._relative = np.empty(pixels, np.float32)  # working memory
@@ -96,12 +104,12 @@ class FlatField:
     @property
     def corrects(self) -> bool:
         """Whether lines are corrected already."""
-        return self._gain is not None
+        return self._gain is not None or self._referenced
 
     @property
     def settled(self) -> bool:
         """Whether it is known what stands still in the view, be it nothing."""
-        return self._count >= _FAR_PLACES
+        return self._own >= _FAR_PLACES
 
     @property
     def profile(self) -> FloatArray:
@@ -112,7 +120,12 @@ class FlatField:
     @property
     def blind(self) -> NDArray[np.bool_]:
         """Which pixels see no ground, shape (n,)."""
-        return self._blind
+        return self._blind | self._dead
+
+    @property
+    def references(self) -> tuple[FloatArray, FloatArray]:
+        """Dark signal [grey levels] and gain [1] of each pixel by the references."""
+        return self._dark, self._white
 
     def take_references(self, dark: Lines | None, white: Lines | None) -> None:
         """Take lines of a covered camera and of an even white surface as the tables.
@@ -130,43 +143,52 @@ class FlatField:
                     f"references have lines of {self._pixels} px, not of shape {lines.shape}"
                 )
         self._dark = np.zeros(self._pixels) if dark is None else dark.mean(axis=0)
+        self._white = np.ones(self._pixels)
         if white is not None:
             light = white.mean(axis=0) - self._dark
             if light.mean() <= 0.0:
                 raise LineBatchError("the white reference is no brighter than the dark one")
-            self._mean = light / light.mean()
-            self._square = self._mean**2
-            self._blind = self._mean < 1.0 / _STRONGEST
-        self._count = max(self._count, self._places)
-        self._gain = 1.0 / np.maximum(self._mean, 1.0 / _STRONGEST)
+            relative = light / light.mean()
+            self._dead = relative < 1.0 / _STRONGEST
+            self._white = 1.0 / np.maximum(relative, 1.0 / _STRONGEST)
+        self._referenced = True
+        self._count, self._own, self._structure, self._gain = 0, 0, 0.0, None
 
     def save(self, path: Path) -> None:
-        """Write the learnt tables to a file of numpy (.npz)."""
+        """Write references and learnt tables to a file of numpy (.npz)."""
         np.savez(
             path, count=self._count, mean=self._mean, square=self._square, step=self._step,
-            dark=self._dark, structure=self._structure,
+            dark=self._dark, white=self._white, dead=self._dead, referenced=self._referenced,
+            structure=self._structure,
         )  # fmt: skip
 
     def load(self, path: Path) -> None:
         """Read tables that `save` wrote.
 
         Raises:
-            LineBatchError: they are of a camera of another number of pixels.
+            LineBatchError: they are none, or of a camera of another number of pixels.
         """
-        with np.load(path) as tables:
-            if tables["mean"].shape != (self._pixels,):
-                raise LineBatchError(
-                    f"{path} is of {len(tables['mean'])} px, this camera has {self._pixels} px"
-                )
-            self._count, self._structure = int(tables["count"]), float(tables["structure"])
-            self._mean, self._square = tables["mean"], tables["square"]
-            self._step, self._dark = tables["step"], tables["dark"]
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                tables = dict(file)
+            count, structure = int(tables["count"]), float(tables["structure"])
+            referenced = bool(tables["referenced"])
+            rows = [tables[name] for name in ("mean", "square", "dark", "white", "dead", "step")]
+        except (OSError, ValueError, KeyError) as error:
+            raise LineBatchError(f"{path} holds no tables of a camera: {error}") from None
+        if len(rows[0]) != self._pixels:
+            raise LineBatchError(
+                f"{path} is of {len(rows[0])} px, this camera has {self._pixels} px"
+            )
+        self._mean, self._square, self._dark, self._white, self._dead, self._step = rows
+        self._count, self._structure, self._referenced = count, structure, referenced
+        self._own = 0
         self._undecided = True
 
     def apply(self, lines: Lines) -> Lines:
         """Learn from some lines, oldest first, and return them over the profile."""
         if self._places == 0:
-            return lines
+            return self.correct(lines)
         every = 1 if self._count < _QUICK_PLACES else max(1, len(lines) // _LINES_PER_BATCH)
         for line in lines[::-every][::-1]:
             self.learn(line)
@@ -182,9 +204,9 @@ class FlatField:
             Whether it was taken.
         """
         relative = self._relative
-        if _level(line, self._dark, relative) <= 0.0:
+        if _level(line, self._dark, self._white, relative) <= 0.0:
             return False
-        known = min(self._count, _REMEMBERED)
+        known = min(self._own, _REMEMBERED)
         least, greatest, likeness, energy = _structure(
             relative, self._seen[:known], self._difference
         )
@@ -194,13 +216,14 @@ class FlatField:
             return False
         if greatest > _GROWN * self._structure:
             # The places so far were near each other: their mean holds the ground.
-            self._count, known, self._gain = 0, 0, None
+            self._count, self._own, known, self._gain = 0, 0, 0, None
             self._blind = np.zeros(self._pixels, np.bool_)
         self._structure = max(self._structure, greatest)
         if known and not unlike and least < _DECORRELATED * self._structure:
             return False
-        self._seen[self._count % _REMEMBERED] = relative
+        self._seen[self._own % _REMEMBERED] = relative
         self._count += 1
+        self._own += 1
         self._structure *= 1.0 - 0.1 / _REMEMBERED
         share = 1.0 / min(self._count, self._places)
         _enter(relative, share, self._mean, self._square, self._step)
@@ -219,16 +242,18 @@ class FlatField:
         """
         if self._undecided:
             self._decide()
-        if self._gain is None:
+        if not self.corrects:
             return lines
+        gain = self._white if self._gain is None else self._white * self._gain
+        blind = self._blind | self._dead
         scale = 64.0 if lines.dtype == np.uint8 else 0.25
         corrected: Lines = np.empty(lines.shape, np.uint16)
-        if self._blind.any():
-            light = (lines - self._dark) * (scale * self._gain)
-            _fill(light, self._blind)
+        if blind.any():
+            light = (lines - self._dark) * (scale * gain)
+            _fill(light, blind)
             _round(light, np.zeros(self._pixels), np.ones(self._pixels), corrected)
         else:
-            _round(lines, self._dark, scale * self._gain, corrected)
+            _round(lines, self._dark, scale * gain, corrected)
         return corrected
 
     def _decide(self) -> None:
@@ -261,16 +286,16 @@ class FlatField:
 
 
 @njit(cache=True, nogil=True, fastmath=_REORDER)
-def _level(line: Lines, dark: FloatArray, relative: Floats) -> float:
-    """Write a line less its dark signal over its mean; return the mean."""
+def _level(line: Lines, dark: FloatArray, white: FloatArray, relative: Floats) -> float:
+    """Write a line less its dark signal times the gains over its mean; return the mean."""
     pixels = line.shape[0]
     total = 0.0
     for i in range(pixels):
-        total += line[i] - dark[i]
+        total += (line[i] - dark[i]) * white[i]
     mean: float = total / pixels
     scale = 1.0 / mean if mean > 0.0 else 0.0
     for i in range(pixels):
-        relative[i] = (line[i] - dark[i]) * scale
+        relative[i] = (line[i] - dark[i]) * white[i] * scale
     return mean
 
 

@@ -12,15 +12,16 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from omni_analysis.line_files.options import FileOptions, camera_files
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
 from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import parameter
 
 WORK = "reading and recording lines"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(FileOptions):
     """Options of ``omni lines import``."""
 
     sources: tuple[str, ...] = option(
@@ -36,16 +37,6 @@ class Options(Configuration):
     rate: float | None = option(
         None, above=0.0, unit="1/s", description="lines per second (default: that of the cameras)"
     )
-    rows: str = parameter(
-        "",
-        description="rows of each picture to take, such as 240 or 236:244; without, all of them",
-    )
-    band: bool = parameter(False, description="average these rows to one line a picture")
-    columns: bool = parameter(False, description="lines are the columns of the pictures")
-    pixels: int = option(
-        0, minimum=0, maximum=16384, unit="px", description="of a line in raw bytes"
-    )
-    bits: str = parameter("8", choices=("8", "16"), description="of a pixel in raw bytes")
     batch: float = parameter(
         0.01, above=0.0, maximum=1.0, unit="s", description="time of the lines of a message"
     )
@@ -60,8 +51,7 @@ class Options(Configuration):
 
 def run(options: Options, workspace: Path) -> int:
     """Make the recording and return the exit code."""
-    from linescan_odometry.camera.cut import Cut, row_range
-    from omni_analysis.line_files.reading import RawFormat, read_lines
+    from omni_analysis.line_files.reading import read_lines
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_bringup.graph.run_folder import check_unused, write_configuration
     from omni_bringup.replay.lines import write_lines
@@ -70,11 +60,9 @@ def run(options: Options, workspace: Path) -> int:
 
     library = ExperimentLibrary(workspace / "config")
     known = library.sensors(options.sensors)
-    files = _files(options.sources, tuple(known), options.sensors)
+    files = camera_files(options.sources, known, options.sensors)
     check_unused(options.out)
-    cut = Cut(row_range(options.rows, "--rows"), options.band, options.columns)
-    raw = RawFormat(options.pixels, int(options.bits))
-    lines = {name: read_lines(path, cut, raw) for name, path in files.items()}
+    lines = {name: read_lines(path, options.cut, options.raw) for name, path in files.items()}
     sensors = {
         name: dataclasses.replace(
             known[name],
@@ -122,20 +110,3 @@ def run(options: Options, workspace: Path) -> int:
         print(f"no lines of {', '.join(missing)}: the odometry cannot be replayed, only looked at")
     print(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
     return EXIT_OK
-
-
-def _files(sources: tuple[str, ...], known: tuple[str, ...], where: str) -> dict[str, Path]:
-    """Return the file of each camera."""
-    files: dict[str, Path] = {}
-    for source in sources:
-        name, equals, path = source.partition("=")
-        if not equals or not path:
-            raise ConfigurationError("CAMERA=FILE", f"{source!r} lacks the name of a camera")
-        if name not in known:
-            raise ConfigurationError(
-                "CAMERA=FILE", f"{name!r} is none of the cameras {', '.join(known)} of {where}"
-            )
-        if name in files:
-            raise ConfigurationError("CAMERA=FILE", f"{name} is given twice")
-        files[name] = Path(path).expanduser()
-    return files
