@@ -7,6 +7,14 @@ where base_link lies: it is the part of the levers that no velocity can imitate.
 
 Where the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may give
 one more row, (0, 1, axle x), with the velocity 0. It is a row like any other in what follows.
+
+What a calibration leaves of pitch p, axis phi and lever l of a camera is an error of its velocity
+that lasts as long as the motion does. To first order, with the twist (v_x, v_y, Omega),
+
+    v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
+
+whose variance is added to that of the match: pitch scales a speed, the axis couples the motion
+across it, the place couples the yaw rate.
 """
 
 from __future__ import annotations
@@ -70,6 +78,14 @@ class TwistSolver:
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
         self._verdicts: dict[tuple[bool, ...], str] = {}
+        # Rows of the motion across each axis, and what calibration leaves; none of an axle.
+        self._across = np.zeros_like(matrix)
+        self._across[: len(sensors), 0] = -matrix[: len(sensors), 1]
+        self._across[: len(sensors), 1] = matrix[: len(sensors), 0]
+        self._left = np.zeros_like(matrix)  # shares, [rad], [m]
+        for row, sensor in zip(self._left, sensors.values(), strict=False):
+            row[:] = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
+        self._calibrated = bool(self._left.any())
 
     def problem(self, measured: tuple[bool, ...]) -> str:
         """Return why the rows that are used do not suffice; empty if they do.
@@ -102,8 +118,28 @@ class TwistSolver:
             measured: which of them to use.
 
         Returns:
-            Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance.
+            Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance, which
+            holds what calibration leaves.
         """
+        twist, covariance = self._least_squares(velocity, variance, measured)
+        if self._calibrated:
+            variance = variance + self._systematic(twist)
+            twist, covariance = self._least_squares(velocity, variance, measured)
+        return twist, covariance
+
+    def _systematic(self, twist: FloatArray) -> FloatArray:
+        """Return the variance that calibration leaves of each velocity [m^2/s^2]."""
+        along = self._matrix @ (twist / self._unit)
+        motion = np.column_stack(
+            (along, self._across @ twist, np.full(len(along), float(twist[2])))
+        )
+        variance: FloatArray = np.sum((self._left * motion) ** 2, axis=1)
+        return variance
+
+    def _least_squares(
+        self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the twist that fits best, and its covariance."""
         use = np.array(measured)
         rows = self._matrix[use]
         weighted = rows / variance[use, None]
@@ -138,6 +174,8 @@ class TwistSolver:
             equal: they see that something is wrong, but not which one.
         """
         rows = self._matrix / self._unit
+        if self._calibrated:
+            variance = variance + self._systematic(twist)
         left = variance - np.einsum("ij,jk,ik->i", rows, covariance, rows)
         checked = np.array(measured) & (left > _CHECKED * variance)
         residual = velocity - rows @ twist

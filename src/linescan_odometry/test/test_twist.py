@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from linescan_odometry.twist import TwistSolver, check_placement
 from omni_platform.configuration import ConfigurationError
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, velocity_row
 
 TWIST = np.array([9.0, -2.0, 0.7])
 
@@ -145,3 +146,52 @@ def test_four_sensors_may_be_singular_without_one_of_them() -> None:
     assert solver.problem((True,) * 4) == ""
     assert "pass through one point" in solver.problem((True, True, True, False))
     assert "three sensors" in solver.problem((True, False, False, True))
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
+    told = {
+        name: dataclasses.replace(
+            sensor, scale_error=0.004, heading_error_deg=0.2, lever_error=0.004
+        )
+        for name, sensor in ring(count, 75.0, x=0.3).items()
+    }
+    generator = np.random.default_rng(5)
+    solver = TwistSolver(told, 0.02)
+    variance = np.full(count, 1e-6)
+    squares, scores = [], []
+    for _ in range(600):
+        true = {}
+        for name, sensor in told.items():
+            scale, turn, lever = generator.standard_normal(3)
+            heading = sensor.heading + math.radians(0.2) * turn
+            # Along the axis of the told one, so that the lever changes by this much alone.
+            off = 0.004 * lever + velocity_row(sensor.x, sensor.y, sensor.heading)[2]
+            off -= velocity_row(sensor.x, sensor.y, heading)[2]
+            true[name] = dataclasses.replace(
+                sensor,
+                x=sensor.x + off * math.sin(heading),
+                y=sensor.y - off * math.cos(heading),
+                heading_deg=math.degrees(heading),
+                length=sensor.length * (1.0 + 0.004 * scale),
+            )
+        # A camera of longer pixels than it is told says less than its velocity.
+        share = np.array([sensor.length / true[name].length for name, sensor in told.items()])
+        said = velocities(true) * share + generator.normal(0.0, 1e-3, count)
+        twist, covariance = solver.solve(said, variance, (True,) * count)
+        error = twist - TWIST
+        squares.append(float(error @ np.linalg.solve(covariance, error)) / 3.0)
+        scores += list(solver.contradictions(said, variance, (True,) * count, twist, covariance))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.12)
+    if count > 3:  # cameras that are calibrated so well do not contradict each other
+        assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_exact_cameras_say_what_they_said() -> None:
+    sensors = ring(3)
+    variance = np.full(3, 1e-4)
+    plain = TwistSolver(sensors, 0.02).solve(velocities(sensors), variance, (True,) * 3)
+    scaled = {n: dataclasses.replace(s, scale_error=0.01) for n, s in sensors.items()}
+    twist, covariance = TwistSolver(scaled, 0.02).solve(velocities(sensors), variance, (True,) * 3)
+    assert twist == pytest.approx(plain[0], abs=1e-9)
+    assert (np.diag(covariance) > np.diag(plain[1])).all()

@@ -140,6 +140,10 @@ def test_drives_show_angle_pitch_place_and_mirroring(flip: float) -> None:
     # The stated errors are as large as the true ones, within what four drives can tell.
     assert abs(lever(sensor) - lever(true)) < 4.0 * found.error["lever"] < 4e-3
     assert abs(sensor.length / true.length - 1.0) * sensor.pixel_pitch < 4.0 * found.error["pitch"]
+    # They go with the camera into the covariance of the twist.
+    assert sensor.lever_error == found.error["lever"]
+    assert sensor.scale_error == pytest.approx(found.error["pitch"] / sensor.pixel_pitch, rel=0.01)
+    assert sensor.heading_error_deg == pytest.approx(math.degrees(found.error["heading"]))
     after, before = (np.concatenate(part) for part in (found.residual, found.before))
     assert np.std(after) < 0.2 * np.std(before)
     draw_residuals({"eye": found}, "residuals")
@@ -152,6 +156,8 @@ def test_what_a_drive_does_not_show_stays_as_told() -> None:
     assert "forward motion" in found.unseen
     assert lever(found.sensor) == pytest.approx(lever(told), abs=2e-3)
     assert found.error["lever"] > 0.1
+    assert found.sensor.lever_error == found.sensor.heading_error_deg == 0.0  # as told
+    assert 0.0 < found.sensor.scale_error < 0.01
     assert found.sensor.length == pytest.approx(told.length, rel=3e-3)
 
 

@@ -50,6 +50,24 @@ class LineSensor(Configuration):
         2500.0, description="Lines per second", unit="1/s", above=0.0, maximum=1e6
     )
 
+    scale_error: float = parameter(
+        0.0,
+        description="Standard error of pixel pitch times line rate, as a share: what calibration "
+        "leaves (`omni calibrate-sensors`); 0 where it counts for exact",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    heading_error_deg: float = parameter(
+        0.0, description="Standard error of the axis", unit="deg", minimum=0.0, maximum=90.0
+    )
+    lever_error: float = parameter(
+        0.0,
+        description="Standard error of the distance at which the axis passes base_link",
+        unit="m",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
     @property
     def pixel_pitch(self) -> float:
         """Length of a pixel's footprint along the axis [m]."""

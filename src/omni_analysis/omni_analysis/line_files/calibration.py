@@ -195,8 +195,17 @@ def calibrate(told: LineSensor, drives: Sequence[Drive]) -> Calibration:
     rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
     # The nearest place on the new line of sight, whose distance from base_link is the lever.
     off = lever - velocity_row(told.x, told.y, heading)[2]
+    left = {
+        "scale_error": math.hypot(errors[0] / found_pitch, rate_error / rate),
+        "heading_error_deg": math.degrees(errors[1]),
+        "lever_error": float(errors[2]),
+    }
+    known = errors < _KNOWN * np.array((_PRIOR[0] * found_pitch, *_PRIOR[1:]))
+    stated: Any = {name: float(v) for (name, v), ok in zip(left.items(), known, strict=True) if ok}
     sensor = dataclasses.replace(
         told,
+        # What the drives do not show is as sure as it was told.
+        **stated,
         x=float(told.x + off * math.sin(heading)),
         y=float(told.y - off * math.cos(heading)),
         heading_deg=math.degrees(phi + turned),
