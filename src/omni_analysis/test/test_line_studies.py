@@ -146,6 +146,8 @@ def test_straight_motion_is_right_up_to_the_limit_and_not_beyond(
     metrics = study(overlap, tmp_path, *arguments).metrics
     assert metrics["wrong_share_within_limit.cork"].value == 0.0
     assert metrics["wrong_share_beyond_limit.cork"].value == 1.0
+    assert metrics["displacement_mm.70_2500"].value == pytest.approx(28.0)
+    assert (tmp_path / "figure_54.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("module", [field_of_view, median])

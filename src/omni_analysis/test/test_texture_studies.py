@@ -11,7 +11,7 @@ import pytest
 
 from omni_analysis.line_trials.texture_trials import Eyes, Shifts, Sideways, overlap
 from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.studies import StudyRun, load_study
+from omni_analysis.studies import StudyRun, grounds, load_study
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
@@ -71,12 +71,16 @@ def test_presets_reach_the_speeds_of_table_4(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    metrics = run("sensor_presets", tmp_path, "--ground", "cork")
+    metrics = run("sensor_presets", tmp_path, "--ground", "cork", "--hard", "brick")
     assert metrics["computed_speed.lis770i"] == pytest.approx(3.0, rel=0.02)
     assert metrics["computed_speed.s3901"] == pytest.approx(120.0, rel=0.02)
     for name in ("lis770i", "s3901"):
         assert metrics[f"max_speed.{name}"] == pytest.approx(metrics[f"computed_speed.{name}"])
         assert metrics[f"measurable_speed.{name}_cork"] > metrics[f"computed_speed.{name}"]
+        assert metrics[f"usable_share.{name}_cork"] > 0.95
+        assert metrics[f"usable_share.{name}_brick"] <= 1.0
+        assert 0.0 <= metrics[f"right_median_share.{name}_brick"] <= 1.0
+    assert metrics["computed_speed.lis770i_full"] == pytest.approx(1.3)
 
 
 def test_surfaces_are_written_with_every_shape(
@@ -101,3 +105,18 @@ def test_options_out_of_range_are_refused(tmp_path: Path) -> None:
             study.run(
                 parse_options(study.Options, wrong), StudyRun(ExperimentLibrary(CONFIG), tmp_path)
             )
+
+
+def test_the_plate_of_grounds_tells_contrast_and_fineness(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    options = grounds.Options(ground=("sand", "plastic", "worn_asphalt"), dpi=600.0)
+    result = grounds.run(options, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
+    value = {name: metric.value for name, metric in result.metrics.items()}
+    assert value["texels_per_pixel.sand"] == pytest.approx(0.05 / 1024 / (0.0254 / 600.0), rel=0.01)
+    assert value["contrast.sand"] > 2.0 * value["contrast.plastic"]
+    assert value["median_frequency.sand"] > 2.0 * value["median_frequency.worn_asphalt"]
+    # As photographs of asphalt after a box of 20 mm.
+    assert 1.9 < value["contrast.worn_asphalt"] < 3.1
+    assert all(path.stat().st_size > 0 for path in result.files)

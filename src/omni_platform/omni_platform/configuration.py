@@ -123,7 +123,11 @@ class Configuration:
 
     def __post_init__(self) -> None:
         for name, kind, info in declared_parameters(type(self)):
-            _check_value(name, getattr(self, name), kind, info)
+            value = getattr(self, name)
+            if without_none(kind) is float and type(value) is int:
+                value = _convert(value, float, name)  # 1 where 1.0 is meant
+                object.__setattr__(self, name, value)
+            _check_value(name, value, kind, info)
         self.check_consistency()
 
     def check_consistency(self) -> None:

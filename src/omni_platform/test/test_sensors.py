@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
+from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, sensor_matrix
 
 
@@ -25,3 +27,11 @@ def test_rows_are_velocities_along_the_axes() -> None:
 
 def test_pixel_pitch_divides_the_field_of_view() -> None:
     assert math.isclose(LineSensor(x=0.0, y=0.0, heading_deg=0.0).pixel_pitch * 1024, 0.05)
+
+
+def test_a_whole_number_is_a_number() -> None:
+    sensor = LineSensor(x=0, y=1, heading_deg=90)
+    assert sensor == LineSensor(x=0.0, y=1.0, heading_deg=90.0)
+    assert isinstance(sensor.x, float)
+    with pytest.raises(ConfigurationError, match=r"pixels: 100\.0 is a number, must be a whole"):
+        LineSensor(x=0, y=1, heading_deg=90, pixels=100.0)  # type: ignore[arg-type]

@@ -1,6 +1,7 @@
-"""Overlap and error of a camera that moves straight along its axis (Figure 62).
+"""Overlap and error of a camera that moves straight along its axis (Figures 54 and 62).
 
-5 to 200 m/s over fields of view of 10 to 100 mm, 2500 lines/s, width 40 % of the length.
+5 to 200 m/s over fields of view of 10 to 100 mm, 2500 lines/s, width 40 % of the length; and how
+far a vehicle at 70 m/s, or slower, comes from one line to the next at any line rate.
 """
 
 from __future__ import annotations
@@ -11,7 +12,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_analysis.figures.data_table import write_table
-from omni_analysis.figures.style import LABEL_SIZE, draw_title, save_figure
+from omni_analysis.figures.style import (
+    GREY,
+    LABEL_SIZE,
+    TICK_SIZE,
+    WHEEL_COLOURS,
+    draw_title,
+    save_figure,
+    style_axes,
+)
 from omni_analysis.line_trials.errors import ERROR_COLUMNS
 from omni_analysis.line_trials.figures import add_error_scale, draw_error_map
 from omni_analysis.line_trials.options import LineOptions, grounds_option, measure_on, pairs_option
@@ -23,6 +32,8 @@ _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m
 _SHAPE = 0.4
 _LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
+_RATES = np.geomspace(100.0, 1e5, 61)  # lines per second of Figure 54
+_FAST = (1.0, 3.0, 10.0, 30.0, 70.0)  # m/s, likewise
 _FEW = 0.001  # wrong pairs with which the claim still holds
 
 
@@ -56,8 +67,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             f"off_by_half_share_within_limit.{kind}": Metric(_off_by_half(within), "1"),
             f"rmse_px_within_limit.{kind}": Metric(_rmse(within), "1", note="refined, in pixels"),
         }
+    # From line to line, of which the view must hold twice as much (k = 2).
+    fastest = _FAST[-1]
+    metrics |= {
+        f"displacement_mm.{fastest:g}_{rate}": Metric(1e3 * fastest / rate, "mm")
+        for rate in (100, 2500, 15600)
+    }
     files = (
         save_figure(_draw(motions, found), study.folder / "figure_62.png"),
+        save_figure(_draw_displacements(), study.folder / "figure_54.png"),
         write_table(
             study.folder / "overlap.csv",
             (
@@ -112,6 +130,26 @@ def _off_by_half(matches: list[Matches]) -> float:
 
 def _rmse(matches: list[Matches]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([m.error for m in matches]) ** 2)))
+
+
+def _draw_displacements() -> Figure:
+    figure = Figure(figsize=(7.5, 5.0), layout="constrained")
+    axes = figure.subplots()
+    draw_title(figure, "From one line to the next, over the line rate (Figure 54)")
+    for speed, colour in zip(_FAST, WHEEL_COLOURS, strict=False):
+        axes.loglog(_RATES, 1e3 * speed / _RATES, color=colour, label=f"{speed:g} m/s")
+    for length in (_LENGTHS[0], 0.05, _LENGTHS[-1]):
+        limit = 1e3 * _LIMIT * length
+        axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9)
+        axes.annotate(
+            f"shift limit of {1e3 * length:g} mm", (_RATES[-1], limit), (-2, 3),
+            textcoords="offset points", ha="right", fontsize=TICK_SIZE, color=GREY,
+        )  # fmt: skip
+    axes.set_xlabel("lines per second", fontsize=LABEL_SIZE)
+    axes.set_ylabel("displacement [mm]", fontsize=LABEL_SIZE)
+    axes.legend(frameon=False, loc="lower left", fontsize=TICK_SIZE)
+    style_axes(axes)
+    return figure
 
 
 def _draw(motions: list[Motion], found: dict[str, list[Matches]]) -> Figure:
