@@ -42,6 +42,7 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "nav2-polygons": "ten thousand stops: test_stopping_area.py has fewer",
     "study laws": "minutes: test_laws.py has the parts",
     "study robustness": "minutes: test_robustness.py has fewer runs",
+    "study bounds": "an hour: test_beside_limit.py has fewer",
     "study faults": "minutes: test_lies.py has fewer",
     "study tuning": "minutes: test_tuning.py has fewer situations",
     "study optical": "minutes of rendered lines: test_optical_study.py",

@@ -35,6 +35,9 @@ KEPT = math.radians(0.5)
 _TIME_STEP = 2e-3  # of the torque that builds up [s]
 _PLACES = 200  # along the way over patches
 _LEAST = 1e-6  # deceleration that is none [m/s^2]
+_LEVELS = 64  # of the torque at which brakes that build up are taken, the next one above
+_SKETCHED_LEVELS = 12  # likewise of a sketch, the next one below
+_SKETCHED_HEADINGS = 12
 _SLOPE = "the ground is not level, and gravity's pull along it is left out"
 _SPRUNG = "the chassis is sprung, and how it swings the wheel loads is left out"
 
@@ -129,6 +132,24 @@ def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
 
 
+def straight_sketch(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> float:
+    """Return what `straight_bound` is not above, for a few programs instead of many [m].
+
+    A run that takes longer need not be compared with the bound itself. Torque that builds up is
+    rounded down.
+    """
+    return _Way(vehicle, ground).straight_sketch(maneuver)
+
+
+def any_heading_sketch(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> float:
+    """Return what `any_heading_bound` is not above [m]: one good heading; see `straight_sketch`."""
+    return _Way(vehicle, ground).any_heading_sketch(maneuver)
+
+
 class _Way:
     """A vehicle on its ground."""
 
@@ -159,7 +180,10 @@ class _Way:
         while speed > 0.0:
             torque = self._torque(maneuver, time + _TIME_STEP)
             settled = torque >= min(enough, 0.999 * final)
-            torque = math.inf if torque >= enough else (final if settled else torque)
+            if settled:
+                torque = math.inf if torque >= enough else final
+            else:
+                torque = min(cases.level(torque), final)
             if settled and cases.uniform:
                 rate = cases.deceleration(distance, distance, torque)
                 return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
@@ -207,11 +231,27 @@ class _Way:
         give = self._limit.give(maneuver.twist[:2] / speed, best.bound)
         return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
 
+    def straight_sketch(self, maneuver: Maneuver) -> float:
+        """Return no less than the bound of stops that keep heading and line [m]."""
+        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
+        if cases.first is None or cases.first.bound <= _LEAST:
+            return math.inf
+        return self._integrate(maneuver, math.hypot(*maneuver.twist[:2]), cases)
+
+    def any_heading_sketch(self, maneuver: Maneuver) -> float:
+        """Return no less than the bound of every stop [m]."""
+        cases = _OneHeading(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
+        return self._integrate(maneuver, self._centre_speed(maneuver), cases)
+
+    def _centre_speed(self, maneuver: Maneuver) -> float:
+        centre = self._limit.masses.centre
+        return math.hypot(
+            *(maneuver.twist[:2] + maneuver.twist[2] * np.array([-centre[1], centre[0]]))
+        )
+
     def any_heading(self, maneuver: Maneuver) -> Bound:
         """Bound every stop."""
-        centre = self._limit.masses.centre
-        v = maneuver.twist[:2] + maneuver.twist[2] * np.array([-centre[1], centre[0]])
-        speed = math.hypot(*v)
+        speed = self._centre_speed(maneuver)
         if speed <= 0.0:
             return Bound(0.0)
         cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
@@ -228,17 +268,35 @@ class _Way:
 class _Cases:
     """Decelerations by place and torque; each distinct case is solved once."""
 
-    def __init__(self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver) -> None:
+    def __init__(
+        self,
+        limit: LimitVehicle,
+        friction: FrictionMap,
+        maneuver: Maneuver,
+        cap: float,
+        *,
+        sketch: bool = False,
+    ) -> None:
         self._limit = limit
         self._map = friction
         self._maneuver = maneuver
+        self._cap = cap
+        self._sketch = sketch
         self._solved: dict[tuple[object, ...], float] = {}
         top = max((friction.base, *friction.table[:, 6])) * float(np.max(limit.grip))
         weakest = max(float(np.min(limit.torque_force)), _LEAST)
-        self.enough_torque = top * limit.strongest_peak / weakest
+        self.enough_torque: float = top * limit.strongest_peak / weakest
         self.uniform = len(friction.table) == 0
         self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
         self.step = max(self.step, 1e-3)
+
+    def level(self, torque: float) -> float:
+        """Round a torque [N m] that builds up, so that few cases need be solved: a bound's up."""
+        if self._sketch:
+            grain = self.enough_torque / _SKETCHED_LEVELS
+            return float(math.floor(torque / grain) * grain)
+        grain = self.enough_torque / _LEVELS
+        return float(math.ceil(torque / grain) * grain)
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
         """Return the strongest deceleration [m/s^2] between two places of the way [m]."""
@@ -260,10 +318,15 @@ class _Straight(_Cases):
     """A stop that keeps its heading and its line."""
 
     def __init__(
-        self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver, cap: float
+        self,
+        limit: LimitVehicle,
+        friction: FrictionMap,
+        maneuver: Maneuver,
+        cap: float,
+        *,
+        sketch: bool = False,
     ) -> None:
-        super().__init__(limit, friction, maneuver)
-        self._cap = cap
+        super().__init__(limit, friction, maneuver, cap, sketch=sketch)
         v = maneuver.twist[:2]
         self._direction = v / math.hypot(*v)
         cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
@@ -313,10 +376,15 @@ class _AnyHeading(_Cases):
     tolerance = 1e-3
 
     def __init__(
-        self, limit: LimitVehicle, friction: FrictionMap, maneuver: Maneuver, cap: float
+        self,
+        limit: LimitVehicle,
+        friction: FrictionMap,
+        maneuver: Maneuver,
+        cap: float,
+        *,
+        sketch: bool = False,
     ) -> None:
-        super().__init__(limit, friction, maneuver)
-        self._cap = cap
+        super().__init__(limit, friction, maneuver, cap, sketch=sketch)
         cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
         turn = np.array([[cos, -sin], [sin, cos]])
         self._centre = maneuver.pose[:2] + turn @ limit.masses.centre
@@ -330,6 +398,21 @@ class _AnyHeading(_Cases):
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         return self._limit.largest(Case(friction, False, min(torque, self._cap)), self.tolerance)
+
+
+class _OneHeading(_AnyHeading):
+    """A stop under the heading that is best at its start, of a few."""
+
+    _heading: FloatArray | None = None
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        if self._heading is None:
+            case = Case(friction, False, self._cap)
+            angles = np.arange(_SKETCHED_HEADINGS) * 2.0 * math.pi / _SKETCHED_HEADINGS
+            headings = np.column_stack((np.cos(angles), np.sin(angles)))
+            self._heading = max(headings, key=lambda one: self._limit.at_least(one, case))
+        case = Case(friction, False, min(torque, self._cap))
+        return self._limit.at_least(self._heading, case)
 
 
 def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:

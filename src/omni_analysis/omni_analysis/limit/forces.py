@@ -37,6 +37,7 @@ _GRID_ERROR = 1e-3  # of a tangent's height, which is taken from a grid of loads
 _EXCESS = 1e-3  # by which a force may exceed a tangent that is left out [N]
 # A wheel whose active direction is this square to the motion is not dragged either way [1].
 _STANDING = 1e-9
+_ITERATIONS = 12  # of loads and forces
 
 PLANE, BALANCE, SUM = range(3)
 """What is asked of the loads: their plane, the balance of weight and moments, the weight."""
@@ -177,6 +178,25 @@ class LimitVehicle:
         if np.min(self._plane @ np.array([1.0, *z])) <= 0.0:
             return found
         return self._solve(direction, case, PLANE)
+
+    def at_least(self, direction: FloatArray, case: Case) -> float:
+        """Return a deceleration that `strongest` of a stop that may turn is not below [m/s^2].
+
+        Every wheel pushes as hard as it can against the direction; loads follow by iteration, and
+        forces shrunk by what they exceed friction by exist, as in `_solve`.
+        """
+        along = self.active @ direction
+        torque = case.torque * self.torque_force
+        z_of_force = self._zero_moment_point()[:, : len(along)]
+        load, force = self._weight * self._plane[:, 0], np.zeros(len(along))
+        for _ in range(_ITERATIONS):
+            force = -np.sign(along) * np.minimum(case.friction * self.peak(load), torque)
+            load = self._weight * self._plane @ np.append(1.0, z_of_force @ force)
+        if np.min(load) <= 0.0:
+            found = self._solve(direction, case, *self._kinds(case.friction)[0])
+            return 0.0 if found is None else found.feasible
+        excess = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
+        return float(-along @ force / self.masses.mass / max(1.0, float(np.max(excess))))
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
         """Return the models of the loads, and the wheels that they lift, that need be tried."""

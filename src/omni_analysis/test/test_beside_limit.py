@@ -1,0 +1,66 @@
+"""Random stops of every law are held against bounds; a run that is below one is found."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_analysis.campaign.beside_limit import LAWS, BesideLimit, Held
+from omni_analysis.limit.bounds import (
+    Maneuver,
+    any_heading_bound,
+    any_heading_sketch,
+    straight_bound,
+    straight_sketch,
+)
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_analysis.studies import StudyRun, bounds
+from omni_sim.simulator import GroundConfiguration
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+
+
+@pytest.fixture(scope="module")
+def library() -> ExperimentLibrary:
+    return ExperimentLibrary(CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "ramp"), [("mecanum_forklift", 0.05), ("six_wheel_mecanum", 0.0)]
+)
+def test_a_bound_is_not_above_its_sketch_and_not_far_below(
+    library: ExperimentLibrary, vehicle: str, ramp: float
+) -> None:
+    twist = np.array([2.0, 0.5, 0.0])
+    question = library.vehicle(vehicle), GroundConfiguration(friction=0.8)
+    straight = straight_bound(*question, Maneuver(np.zeros(3), twist, 1.0, ramp)).distance
+    sketch = straight_sketch(*question, Maneuver(np.zeros(3), twist, 1.0, ramp))
+    assert straight * (1.0 - 1e-9) <= sketch < 1.1 * straight
+    if ramp:  # its bound over headings takes seconds
+        return
+    anyhow = any_heading_bound(*question, Maneuver(np.zeros(3), twist)).distance
+    sketch = any_heading_sketch(*question, Maneuver(np.zeros(3), twist))
+    assert anyhow * (1.0 - 1e-9) <= sketch < 1.1 * anyhow
+
+
+def test_random_stops_are_not_below_their_bounds(
+    library: ExperimentLibrary, tmp_path: Path
+) -> None:
+    options = bounds.Options(runs=12, seed=35, workers=1)
+    result = bounds.run(options, StudyRun(library, tmp_path))
+    assert result.metrics["runs.all"].value == 12
+    assert result.metrics["compared.any_heading"].value == 12
+    assert result.metrics["below_bound.any_heading"].value == 0
+    assert result.metrics["least_over_bound.any_heading"].value > 1.0
+    assert (tmp_path / "bounds.png").exists()
+
+
+def test_a_path_that_cannot_be_is_found(library: ExperimentLibrary) -> None:
+    held = BesideLimit(library)(36)
+    assert bounds.below([held], "any_heading") == 0
+    assert bounds.below([held._replace(path_allocation=0.8 * held.any_heading)], "any_heading") == 1
+    fine = Held(0, "any", 1.0, math.nan, 2.0, 0.01, *[1.5] * len(LAWS), *[1.995] * len(LAWS))
+    assert bounds.below([fine], "straight") == 0  # within the tolerance
+    assert bounds.below([fine._replace(kept_unassisted=1.9)], "straight") == 1
+    assert bounds.below([fine._replace(kept_unassisted=math.nan)], "straight") == 0
