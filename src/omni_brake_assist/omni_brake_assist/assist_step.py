@@ -13,6 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_brake_assist.brake_monitor import (
+    NO_WHEEL,
+    BrakeConstants,
+    BrakedWheels,
+    brake_constants,
+    brake_memory,
+    watch_brakes,
+)
 from omni_brake_assist.braking_line import (
     LINE_SIZE,
     STORED,
@@ -94,6 +102,7 @@ _STEP = np.dtype(
         ("line_doubted", "?"),  # whether the line was stored while somebody was contradicted
         ("helped", "?"),  # whether the last step released brakes
         ("falls", "i8"),  # how often trust was lost since the pedal went down
+        ("dead", "i8"),  # number of the wheel whose brake has been found dead, from 1; 0: none
     ]
 )
 
@@ -107,6 +116,7 @@ class Constants(NamedTuple):
         second_opinion: whether the observer and the monitor of the effect have a say.
         observer: their constants.
         effect: likewise.
+        brakes: of the monitor of the brakes, which has its say with them.
         r_x: wheel positions [m], shape (N,).
         r_y: likewise in y [m].
         pedal_threshold: from which the driver brakes [1].
@@ -122,6 +132,7 @@ class Constants(NamedTuple):
     second_opinion: bool
     observer: ObserverConstants
     effect: EffectConstants
+    brakes: BrakeConstants
     r_x: FloatArray
     r_y: FloatArray
     pedal_threshold: float
@@ -143,6 +154,7 @@ class Memory(NamedTuple):
         laws: of the control laws.
         observer: see `observer`.
         effect: ledger of `effect_monitor`, shape (17,).
+        brakes: of `brake_monitor`, shape (N + 1,).
         told: enables of the last step, shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
         speeds: of the wheels that the observer is told [rad/s], shape (N,).
@@ -156,6 +168,7 @@ class Memory(NamedTuple):
     laws: LawMemory
     observer: ObserverMemory
     effect: FloatArray
+    brakes: FloatArray
     told: FloatArray
     answer: FloatArray
     speeds: FloatArray
@@ -240,6 +253,7 @@ def make_constants(
         configuration.second_opinion,
         observer_constants(configuration, geometry),
         effect_constants(geometry),
+        brake_constants(configuration, geometry),
         r_x,
         r_y,
         configuration.pedal_threshold,
@@ -262,6 +276,7 @@ def new_memory(wheels: int) -> Memory:
         law_memory(wheels),
         observer_memory(wheels),
         effect_memory(),
+        brake_memory(wheels),
         np.ones(wheels),
         np.zeros(3),
         np.zeros(wheels),
@@ -324,6 +339,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
     trusted = memory.trust[0].cause == GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.twist
+    elapsed = since(inputs.now_ns, step.observed_ns) * 1e-9
     if constants.second_opinion:
         chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
         step.contradicted = chosen == NOBODY
@@ -335,6 +351,18 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         elif chosen == NOBODY:
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
+    if not braking:
+        step.dead = 0
+    if constants.second_opinion and step.dead == 0 and (not braking or (good and trusted)):
+        dead = watch_brakes(
+            constants.brakes,
+            memory.brakes,
+            min(max(elapsed, 0.0), constants.maximum_time_step),
+            inputs.pedal if braking else 0.0,
+            BrakedWheels(memory.told, memory.speeds, memory.observer.belief[0].scale),
+            (v_x, v_y, yaw_rate),
+        )
+        step.dead = dead + 1 if dead != NO_WHEEL else 0
     dt = 0.0
     if good:
         dt = since(stamp_ns, step.followed_ns) * 1e-9
@@ -480,7 +508,7 @@ def _outcome(
     if step.falls > _RETURNS:
         distrust(memory.trust[0], UNSTEADY, step.falls, _RETURNS, 0.0)
         lost = True
-    if inputs.outside != GOOD or lost or step.no_effect or not ready:
+    if inputs.outside != GOOD or lost or step.no_effect or step.dead != 0 or not ready:
         return FAULTY
     if slow:
         return SLOW

@@ -47,6 +47,7 @@ from omni_brake_assist.fail_safe import (
     ABSENT,
     CHECKS,
     CONTRADICTED,
+    DEAD_BRAKE,
     GOOD,
     INTERNAL_ERROR,
     INVALID_DEMAND,
@@ -252,6 +253,9 @@ class BrakeAssist:
         cause = int(trust["cause"])
         if step["no_effect"]:
             return Fault(*CHECKS[NO_EFFECT])
+        if step["dead"]:
+            state, words = CHECKS[DEAD_BRAKE]
+            return Fault(state, words.format(wheel=self.geometry.names[int(step["dead"]) - 1]))
         if cause == GOOD:
             return Fault(*CHECKS[CONTRADICTED]) if step["contradicted"] else None
         fault = self._said.get(cause) or fault_in_words(trust)

@@ -34,6 +34,7 @@ class AssistState(enum.Enum):
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     NO_EFFECT = "no_effect"
+    DEAD_BRAKE = "dead_brake"  # a wheel rolls free though its brake should act
     UNSTEADY = "unsteady"  # trust lost too often in one stop
     INTERNAL_ERROR = "internal_error"
 
@@ -72,6 +73,8 @@ _ERROR_STATES = frozenset(
         AssistState.SECOND_VOICE,
         AssistState.NO_FEEDBACK,
         AssistState.STALE_FEEDBACK,
+        AssistState.NO_EFFECT,
+        AssistState.DEAD_BRAKE,
         AssistState.INTERNAL_ERROR,
     }
 )

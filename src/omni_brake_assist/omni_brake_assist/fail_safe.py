@@ -58,7 +58,8 @@ GOOD = 0
     CONTRADICTED,
     NO_EFFECT,
     UNSTEADY,
-) = range(1, 28)
+    DEAD_BRAKE,
+) = range(1, 29)
 
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
@@ -127,6 +128,10 @@ CHECKS: dict[int, tuple[AssistState, str]] = {
         AssistState.NO_EFFECT,
         "braking has too little effect: all brakes on until the pedal is released",
     ),
+    DEAD_BRAKE: (
+        AssistState.DEAD_BRAKE,
+        "the brake of {wheel} does not act: all brakes on until the pedal is released",
+    ),
     UNSTEADY: (
         AssistState.UNSTEADY,
         "trust has been lost {value:.0f} times in this stop, more than {limit:.0f}: all brakes on "
@@ -134,7 +139,7 @@ CHECKS: dict[int, tuple[AssistState, str]] = {
     ),
     LAW_ERROR: (AssistState.INTERNAL_ERROR, "the law gave an enable that is no share of 0 to 1"),
 }
-"""State and words of what can be wrong; ``value``, ``limit`` and ``within`` are filled in."""
+"""State and words of what can be wrong; value, limit, within and wheel are filled in."""
 
 TRUST = np.dtype(
     [

@@ -17,9 +17,9 @@ SPEED, STEP = 10.0, 0.0005  # [m/s], [s]
 
 
 def in_condition(
-    vehicle: VehicleConfiguration, *names: str, friction: float = 1.0, brake: float = 1.0
+    vehicle: VehicleConfiguration, *names: str, **condition_of_them: float
 ) -> VehicleConfiguration:
-    condition = WheelCondition(friction=friction, brake=brake)
+    condition = WheelCondition(**condition_of_them)
     return dataclasses.replace(vehicle, conditions=dict.fromkeys(names, condition))
 
 
@@ -55,6 +55,34 @@ def test_a_brake_that_fails_lets_its_wheel_roll(forklift: VehicleConfiguration) 
     vehicle = braked(in_condition(forklift, "front_left", brake=0.0), steps=500)
     pulling = vehicle.wheels["brake"] != 0.0
     assert list(pulling) == [name != "front_left" for name in forklift.wheels]
+
+
+def test_a_valve_that_cannot_release_brakes_with_the_pedal(
+    forklift: VehicleConfiguration,
+) -> None:
+    told = np.array([float(name != "front_left") for name in forklift.wheels])
+    poses = []
+    for configuration, enable in (
+        (in_condition(forklift, "front_left", open_valve=1.0), told),
+        (forklift, np.ones(4)),
+    ):
+        vehicle = Vehicle(configuration, None, STEP, twist=(SPEED, 0.0, 0.0))
+        vehicle.advance(500, 1.0, enable, (SPEED, 0.0, 0.0))
+        poses.append(vehicle.pose)
+    np.testing.assert_array_equal(poses[0], poses[1])
+
+
+def test_a_stuck_brake_acts_with_the_pedal_up(forklift: VehicleConfiguration) -> None:
+    """On rolling wheels of a vehicle whose drive does not pull: it loses what that brake takes."""
+    idle = dataclasses.replace(forklift, drive=dataclasses.replace(forklift.drive, max_torque=0.0))
+    share, steps = 0.05, 400
+    stuck = in_condition(idle, *idle.wheels, stuck_brake=share)
+    vehicle = Vehicle(stuck, None, STEP, twist=(SPEED, 0.0, 0.0))
+    before = energy(vehicle, stuck)
+    vehicle.advance(steps, 0.0, np.ones(4), (SPEED, 0.0, 0.0))
+    turned = float(np.sum(np.abs(vehicle.wheels["angle"])))
+    taken = before - energy(vehicle, stuck)
+    assert taken == pytest.approx(share * stuck.brake.max_torque * turned, rel=0.05)
 
 
 def energy(vehicle: Vehicle, configuration: VehicleConfiguration) -> float:

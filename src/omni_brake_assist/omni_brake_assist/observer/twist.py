@@ -157,7 +157,8 @@ def tell_apart(
 ) -> None:
     """Learn by how much the yaw rates of twist and gyro differ [rad/s], and whose error that is.
 
-    A gyro that has been calibrated is off by little; what is more is the twist's.
+    A gyro that has been calibrated is off by little, a twist from pictures by nothing: a small
+    difference is the gyro's. A larger one is the twist's, and says nothing of the gyro.
     """
     if not abs(gyro) < FASTEST_TURN:
         return
@@ -166,7 +167,9 @@ def tell_apart(
     gain = spread / (spread + variance + constants.gyro**2)
     course.apart += gain * (rate - gyro - course.apart)
     course.apart_spread = (1.0 - gain) * spread
-    bias = min(max(-course.apart, -LARGEST_BIAS), LARGEST_BIAS)
+    size = abs(course.apart)
+    sure = LARGEST_BIAS**2 / (LARGEST_BIAS**2 + course.apart_spread)
+    bias = -math.copysign(sure * max(min(size, 2.0 * LARGEST_BIAS - size), 0.0), course.apart)
     course.offset = course.apart + bias
     for k in (ALL, NO_TWIST, NO_FORCE):
         memory.state[k, BIAS_RATE] = bias

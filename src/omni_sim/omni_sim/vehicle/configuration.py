@@ -60,7 +60,7 @@ class DriveConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelCondition(Configuration):
-    """What tells a wheel from the others: a worn or oily tire, a brake that pulls less."""
+    """What tells a wheel from the others: a worn or oily tire, a brake that fails."""
 
     friction: float = parameter(
         1.0,
@@ -77,6 +77,19 @@ class WheelCondition(Configuration):
         unit="m",
         minimum=-0.1,
         maximum=0.1,
+    )
+    open_valve: float = parameter(
+        0.0,
+        description="Share of the pedal's pressure that the valve of this brake lets pass whatever "
+        "it is told, 1 for one that cannot release",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    stuck_brake: float = parameter(
+        0.0,
+        description="Share of its torque that this brake exerts even with the pedal up",
+        minimum=0.0,
+        maximum=1.0,
     )
 
 
@@ -166,6 +179,16 @@ class VehicleConfiguration(Configuration):
     def chassis_size(self) -> FloatArray:
         """Length and width of the chassis [m], shape (2,)."""
         return np.array([self.chassis_length, self.chassis_width])
+
+    @property
+    def open_valves(self) -> FloatArray:
+        """Share that the valve of each wheel lets pass in any case [1], shape (N,)."""
+        return np.array([self._condition(name).open_valve for name in self.wheels])
+
+    @property
+    def stuck_brakes(self) -> FloatArray:
+        """Share of its torque that each brake exerts in any case [1], shape (N,)."""
+        return np.array([self._condition(name).stuck_brake for name in self.wheels])
 
     def _condition(self, name: str) -> WheelCondition:
         return self.conditions.get(name, WheelCondition())

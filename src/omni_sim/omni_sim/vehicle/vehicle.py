@@ -135,6 +135,8 @@ class Vehicle:
             level_springs = self.state.suspension._replace(mounted=np.zeros(n))
             settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
             self._rest = self._chassis
+        self.state.pressure.open[:] = configuration.open_valves
+        self.state.pressure.stuck[:] = brake.max_torque * configuration.stuck_brakes
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))

@@ -36,6 +36,8 @@ class BrakePressure(NamedTuple):
         acting: that each can exert on average over the step [N m], shape (N,).
         delayed: what was asked in the last D steps of the dead time [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
+        open: share that each valve lets pass whatever it is told [1], shape (N,).
+        stuck: torque that each exerts whatever pedal and valve say [N m], shape (N,).
         grain: step of the share that a valve can let pass [1], 1 for on and off, 0 for any.
     """
 
@@ -46,6 +48,8 @@ class BrakePressure(NamedTuple):
     acting: FloatArray
     delayed: FloatArray
     oldest: IntArray
+    open: FloatArray
+    stuck: FloatArray
     grain: float = 0.0
 
 
@@ -74,6 +78,8 @@ def build_brake_pressure(
         np.zeros(wheels),
         np.zeros((delay, wheels)),
         np.zeros(1, dtype=np.int64),
+        np.zeros(wheels),
+        np.zeros(wheels),
         grain,
     )
 
@@ -103,7 +109,8 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
         enable: share that each valve is told to let pass [1], shape (N,).
     """
     for i in range(enable.size):
-        pressure.asked[i] = passed(pressure, enable[i]) * demand
+        share = max(passed(pressure, enable[i]), pressure.open[i])
+        pressure.asked[i] = max(share * demand, pressure.stuck[i])
 
 
 @lean

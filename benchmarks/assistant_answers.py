@@ -1,0 +1,170 @@
+"""Measure how late the brake assistant's node answers in real time: from a twist to its enables.
+
+One stop from 10 m/s after the other is told to a node of its own, 100 times a second, with pedal,
+wheel speeds and IMU. Timed is what a vehicle waits for: from the twist's publication until the
+enables of its stamp are heard, over two hops of DDS, in wall-clock time on a machine as busy as
+this one. Started by ``chrt -f 50``, the node has real-time priority too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState
+
+from omni_analysis.loop.compiled import FastRun, run_fast_loop
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
+from omni_platform.quantities import FloatArray
+from omni_ros.environment import node_environment
+from omni_ros.messages import (
+    header,
+    joint_state,
+    planar_twist_with_covariance,
+    to_nanoseconds,
+)
+from omni_ros.qos import RECENT
+
+CONFIG = Path(__file__).parents[1] / "config"
+BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
+PERIOD = 0.01  # [s]
+SPEED_UP = 3.0  # [s] from one stop to the next
+LATE = 0.05  # [s], `enable_timeout`: the valves open by themselves
+SHARES = (50.0, 99.0, 99.9)
+
+
+class Vehicle(Node):
+    """Tells the assistant of stops and notes when it answers.
+
+    Args:
+        wheels: their names.
+        frames: pedal, twist (3), wheel speeds (N), specific force (2) of each step, shape (K, 6+N).
+    """
+
+    def __init__(self, wheels: tuple[str, ...], frames: FloatArray) -> None:
+        super().__init__("vehicle")
+        self._wheels, self._frames = wheels, frames
+        self.pedal = self.create_publisher(JointState, "brake/pedal", RECENT)
+        self._states = self.create_publisher(JointState, "wheel_states", RECENT)
+        self._imu = self.create_publisher(Imu, "imu", RECENT)
+        self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RECENT)
+        self.create_subscription(JointState, "brake/enable", self._on_enable, RECENT)
+        self._due: dict[int, float] = {}
+        self.answers: list[float] = []
+        self.released = 0
+        self._stamp_ns = 0
+
+    def steps(self) -> Iterator[None]:
+        """Publish a step at each turn, one stop after the other."""
+        covariance = 1e-6 * np.eye(3)
+        for frame in itertools.cycle(self._frames):
+            self._stamp_ns += round(PERIOD * 1e9)
+            stamp_ns, twist = self._stamp_ns, frame[1:4]
+            imu = Imu(header=header(stamp_ns, "imu"))
+            imu.angular_velocity.z = float(twist[2])
+            imu.linear_acceleration.x, imu.linear_acceleration.y = frame[-2:].tolist()
+            self.pedal.publish(joint_state(stamp_ns, ("brake_pedal",), position=frame[:1]))
+            self._states.publish(joint_state(stamp_ns, self._wheels, velocity=frame[4:-2]))
+            self._imu.publish(imu)
+            message = planar_twist_with_covariance(stamp_ns, twist, covariance)
+            self._due[stamp_ns] = time.perf_counter()
+            self._twist.publish(message)
+            yield
+
+    def _on_enable(self, message: JointState) -> None:
+        asked = self._due.pop(to_nanoseconds(message.header.stamp), None)
+        if asked is not None:  # else that of a watchdog
+            self.answers.append(time.perf_counter() - asked)
+            self.released += min(message.effort) < 1.0
+
+    def missing(self) -> int:
+        """Return how many twists have not been answered."""
+        return len(self._due)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=1.0)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
+    blind = ExperimentLibrary(CONFIG).load("straight_line", "assisted", BLIND)
+    frames = stop_and_go(run_fast_loop(blind))
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        reserved_domain() as domain,
+        process_group(node_environment(domain)) as group,
+    ):
+        group.start(graph.brake_assist(configuration, Path(scratch), lockstep=False, listeners=0))
+        rclpy.init(domain_id=domain)
+        vehicle = Vehicle(tuple(configuration.vehicle.wheels), frames)
+        drive(vehicle, 60.0 * options.minutes)
+        rclpy.try_shutdown()
+    times = np.array(vehicle.answers)
+    metrics = {
+        "answers.all": {"value": len(times), "unit": "1"},
+        "answers.missing": {"value": vehicle.missing(), "unit": "1"},
+        "answers.late": {"value": int(np.sum(times > LATE)), "unit": "1"},
+        "answers.releasing": {"value": vehicle.released, "unit": "1"},
+        **{
+            f"answer_time_p{share:g}".replace(".", "_") + ".all": {
+                "value": float(np.percentile(times, share)) * 1e3,
+                "unit": "ms",
+            }
+            for share in SHARES
+        },
+        "answer_time_longest.all": {"value": float(times.max()) * 1e3, "unit": "ms"},
+    }
+    if options.json:
+        print(json.dumps({"name": "assistant_answers", "metrics": metrics}, indent=2))
+    else:
+        for name, entry in metrics.items():
+            print(f"{name:28} {entry['value']:.6g} {entry['unit']}")
+
+
+def stop_and_go(run: FastRun) -> FloatArray:
+    """Return a stop and the way back to its first speed, which may be told over and over."""
+    moving = np.column_stack([run.twist, run.wheels[:, :, 1]])
+    share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
+    moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])
+    pedal = np.concatenate([run.pedal, np.zeros(len(share))])
+    force = np.diff(moving[:, :2], axis=0, prepend=moving[-1:, :2]) / PERIOD
+    return np.column_stack([pedal, moving, force])
+
+
+def drive(vehicle: Vehicle, duration: float) -> None:
+    """Tell the node of a step every period, for as long as asked [s]."""
+    executor = EventsExecutor()
+    executor.add_node(vehicle)
+    while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:
+        executor.spin_once(timeout_sec=0.05)
+    end = time.monotonic() + duration
+    due = time.monotonic() + 1.0  # all topics have been matched by then
+    steps = vehicle.steps()
+    while time.monotonic() < end:
+        wait = due - time.monotonic()
+        if wait > 0.0:
+            executor.spin_once(timeout_sec=wait)
+            continue
+        due += PERIOD
+        next(steps)
+    for _ in range(100):
+        executor.spin_once(timeout_sec=PERIOD)
+
+
+if __name__ == "__main__":
+    main()

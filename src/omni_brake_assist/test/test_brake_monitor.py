@@ -1,0 +1,127 @@
+"""The monitor of the brakes against wheels of which one rolls though its brake should act."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omni_brake_assist.brake_assist import AssistState, BrakeAssist, BrakeDemand
+from omni_brake_assist.brake_monitor import (
+    NO_WHEEL,
+    BrakeConstants,
+    BrakedWheels,
+    brake_constants,
+    brake_memory,
+    watch_brakes,
+)
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.brakes import BrakeConfiguration
+from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_platform.quantities import FloatArray
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+
+DT = 0.01
+TWIST = (5.0, 0.5, 0.2)
+LAG = BrakeConfiguration(dead_time=0.02, time_constant=0.02)
+
+
+@pytest.fixture
+def configuration(mecanum: dict[str, WheelMount]) -> BrakeAssistConfiguration:
+    return BrakeAssistConfiguration(wheels=mecanum)
+
+
+def constants_of(configuration: BrakeAssistConfiguration) -> BrakeConstants:
+    return brake_constants(configuration, PlatformGeometry.from_wheels(configuration.wheels))
+
+
+def rolling(constants: BrakeConstants, twist: tuple[float, float, float]) -> FloatArray:
+    """Return the speeds of wheels that roll free [rad/s]."""
+    hubs = constants.n_x * twist[0] + constants.n_y * twist[1] + constants.lever * twist[2]
+    speeds: FloatArray = hubs / constants.roll
+    return speeds
+
+
+def found(
+    constants: BrakeConstants,
+    slips: FloatArray,
+    told: FloatArray,
+    *,
+    pedal: float = 1.0,
+    duration: float = 1.0,
+) -> tuple[int, float]:
+    """Return whose brake is called dead, and when, if the rims fall behind by these shares."""
+    memory = brake_memory(len(told))
+    wheels = BrakedWheels(told, (1.0 - slips) * rolling(constants, TWIST), 0.0)
+    for step in range(1, round(duration / DT)):
+        wheel = watch_brakes(constants, memory, DT, pedal, wheels, TWIST)
+        if wheel != NO_WHEEL:
+            return int(wheel), step * DT
+    return NO_WHEEL, np.inf
+
+
+@pytest.mark.safety(
+    "a brake does not do what it is told",
+    "a brake without torque",
+    "monitor of the brakes: its wheel rolls while others slide; all brakes on, and says so",
+    within=0.2,
+)
+@pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])
+@pytest.mark.parametrize("dead", range(4))
+def test_a_brake_whose_wheel_rolls_on_is_dead(
+    configuration: BrakeAssistConfiguration, brake: BrakeConfiguration, dead: int, within: float
+) -> None:
+    constants = constants_of(dataclasses.replace(configuration, brake=brake))
+    slips = np.where(np.arange(4) == dead, 0.01, 0.3)
+    wheel, time = found(constants, slips, np.ones(4))
+    assert wheel == dead
+    assert time <= within
+
+
+@pytest.mark.parametrize(
+    ("slips", "told", "pedal"),
+    [
+        ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # nobody slides: gentle brakes
+        ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one that slides less than others
+        ([0.0, 0.3, 0.3, 0.3], [0.0, 1.0, 1.0, 1.0], 1.0),  # let go
+        ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # by a law that gives it less
+        ([0.0, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 0.1),  # a pedal that asks for little
+        ([np.nan, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # an encoder that is silent
+    ],
+)
+def test_a_brake_that_may_well_act_is_not_called_dead(
+    configuration: BrakeAssistConfiguration, slips: list[float], told: list[float], pedal: float
+) -> None:
+    constants = constants_of(configuration)
+    wheel, _ = found(constants, np.array(slips), np.array(told), pedal=pedal)
+    assert wheel == NO_WHEEL
+
+
+def test_a_dead_brake_has_all_on_until_the_pedal_is_released(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    assist, constants = BrakeAssist(configuration), constants_of(configuration)
+    slips = np.array([0.5, 0.0, 0.5, 0.5])  # the second one's brake is dead, unless let go
+    states, stamp_ns, v_x = [], 0, 5.0
+    for pedal in [0.0] * 30 + [1.0] * 60 + [0.0] * 5 + [1.0]:
+        stamp_ns += round(DT * 1e9)
+        v_x -= 4.0 * DT * pedal
+        twist = np.array([v_x, 0.0, 0.0])
+        speeds = (1.0 - slips * pedal) * rolling(constants, (v_x, 0.0, 0.0))
+        decision = assist.update(
+            BrakeDemand(
+                stamp_ns,
+                pedal,
+                Twist(stamp_ns, twist, 1e-6 * np.eye(3)),
+                WheelSpeeds(stamp_ns, speeds),
+                ImuReading(stamp_ns, 0.0, np.array([-4.0 * pedal, 0.0])),
+            )
+        )
+        states.append(decision.state)
+        if decision.state == AssistState.DEAD_BRAKE:
+            assert np.all(decision.enable == 1.0)
+            assert "front_left" in decision.reason
+    dead = [state == AssistState.DEAD_BRAKE for state in states]
+    first = dead.index(True)
+    assert 30 < first < 30 + 25
+    assert all(dead[first:90])
+    assert not any(dead[90:])
