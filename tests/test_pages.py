@@ -40,6 +40,7 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "fit-brakes": "the reader's recordings: test_fit_brakes.py has ours",
     "design-sensors": "half a minute: test_design_sensors.py",
     "nav2-polygons": "ten thousand stops: test_stopping_area.py has fewer",
+    "limit straight_line --best": "an optional solver: test_best_stop.py where it is installed",
     "study laws": "minutes: test_laws.py has the parts",
     "study robustness": "minutes: test_robustness.py has fewer runs",
     "study bounds": "an hour: test_beside_limit.py has fewer",

@@ -37,7 +37,8 @@ _GRID_ERROR = 1e-3  # of a tangent's height, which is taken from a grid of loads
 _EXCESS = 1e-3  # by which a force may exceed a tangent that is left out [N]
 # A wheel whose active direction is this square to the motion is not dragged either way [1].
 _STANDING = 1e-9
-_ITERATIONS = 12  # of loads and forces
+_ITERATIONS = 16  # of loads and forces
+_NEARLY = 1.02  # by which they may exceed friction before they are shrunk [1]
 
 PLANE, BALANCE, SUM = range(3)
 """What is asked of the loads: their plane, the balance of weight and moments, the weight."""
@@ -188,15 +189,19 @@ class LimitVehicle:
         along = self.active @ direction
         torque = case.torque * self.torque_force
         z_of_force = self._zero_moment_point()[:, : len(along)]
-        load, force = self._weight * self._plane[:, 0], np.zeros(len(along))
+        load, excess = self._weight * self._plane[:, 0], math.inf
         for _ in range(_ITERATIONS):
-            force = -np.sign(along) * np.minimum(case.friction * self.peak(load), torque)
-            load = self._weight * self._plane @ np.append(1.0, z_of_force @ force)
-        if np.min(load) <= 0.0:
+            bearable = case.friction * self.peak(load)
+            force = -np.sign(along) * np.minimum(bearable, torque)
+            carried = self._weight * self._plane @ np.append(1.0, z_of_force @ force)
+            load = 0.5 * (load + carried)  # at once it may swing to and fro
+        if np.min(carried) > 0.0:
+            bearable = case.friction * self.peak(carried)
+            excess = max(1.0, float(np.max(np.abs(force) / np.maximum(bearable, 1e-9))))
+        if excess > _NEARLY:  # wheels are about to lift off
             found = self._solve(direction, case, *self._kinds(case.friction)[0])
-            return 0.0 if found is None else found.feasible
-        excess = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
-        return float(-along @ force / self.masses.mass / max(1.0, float(np.max(excess))))
+            return 0.0 if found is None else found.bound
+        return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
         """Return the models of the loads, and the wheels that they lift, that need be tried."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from omni_analysis.limit.bounds import Bound, Maneuver
+    from omni_analysis.limit.front import Load, Stop
     from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_sim.simulator import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -61,6 +62,14 @@ class Options(Configuration):
     friction: float | None = parameter(
         None, description="factor of the ground (default: 1)", minimum=0.0, maximum=2.0
     )
+    best: bool = parameter(
+        False,
+        description="also plan the shortest stops for several rotations, and draw them with the "
+        "laws beside them: minutes, needs CasADi",
+    )
+    out: Path | None = option(
+        None, metavar="DIR", description="folder of --best's figure (default: results/limit/NAME)"
+    )
     overrides: tuple[str, ...] = overrides_option()
     json: bool = json_option()
 
@@ -85,10 +94,28 @@ def run(options: Options, workspace: Path) -> int:
         }
         for case, bound in bounds.items()
     }
+    figure = None
+    if options.best:
+        from omni_analysis.figures.style import save_figure
+        from omni_analysis.limit.front import draw_front, front
+
+        stops = front(_loader(options, library), maneuver)
+        metrics |= {
+            case: {
+                "stopping_distance": Metric(stop.distance, "m"),
+                "orientation_change": Metric(stop.rotation, "deg"),
+            }
+            for case, stop in stops.items()
+        }
+        folder = options.out or workspace / "results" / "limit" / name
+        drawn = draw_front(name, stops, bounds["bound"].distance)
+        figure = save_figure(drawn, folder / "front.png")
     if options.json:
         print(json.dumps(results_document(name, metrics), indent=2, allow_nan=False))
     else:
         _print(name, vehicle, ground, maneuver, bounds)
+        if figure is not None:
+            _print_front(stops, figure)
     return EXIT_OK
 
 
@@ -131,6 +158,34 @@ def _question(
         GroundConfiguration(friction=friction),
         maneuver,
     )
+
+
+def _loader(options: Options, library: ExperimentLibrary) -> Load:
+    """Return what loads the experiment in question with more changes."""
+    if options.vehicle is None:
+        name = options.experiment or "straight_line"
+        variant = library.variants(name)[-1]
+        return lambda changes: library.load(name, variant, (*options.overrides, *changes))
+    asked = {
+        "vehicle": options.vehicle,
+        "maneuver.speed": 10.0 if options.speed is None else options.speed,
+        "maneuver.direction_deg": options.direction or 0.0,
+        "ground.friction": 1.0 if options.friction is None else options.friction,
+    }
+    moving = tuple(f"{key}={value}" for key, value in asked.items())
+    return lambda changes: library.load("straight_line", "assisted", (*moving, *changes))
+
+
+def _print_front(stops: dict[str, Stop], figure: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("stop", "distance [m]", "rotation [deg]", pad_edge=False)
+    for case, stop in stops.items():
+        found = "-" if math.isnan(stop.distance) else f"{stop.distance:.2f}"
+        table.add_row(case.replace("_", " "), found, f"{stop.rotation:.1f}")
+    Console().print(table)
+    Console().print(f"figure: {figure}", highlight=False)
 
 
 def _clean(value: float) -> float:
