@@ -134,4 +134,4 @@ def _draw_displacements(axes: Axes, sight: Sight) -> None:
     axes.set_xlabel("displacement [px]", fontsize=LABEL_SIZE)
     title = f"1 px/line = {scale:.3g} m/s; {100.0 * sight.measured:.0f} % of batches measured"
     axes.set_title(title, fontsize=LABEL_SIZE, loc="left")
-    axes.legend(frameon=False, fontsize=8, loc="best")
+    axes.legend(fontsize=8, loc="best", framealpha=0.85, edgecolor="none")

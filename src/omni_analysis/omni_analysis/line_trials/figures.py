@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from omni_analysis.figures.style import BLACK, LABEL_SIZE, TICK_SIZE
 from omni_platform.quantities import FloatArray
@@ -43,7 +44,11 @@ def draw_error_map(
     lines = axes.contour(
         np.asarray(x), np.asarray(y), overlap, levels=list(levels), colors=BLACK, linewidths=1.0
     )
-    axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %", fontsize=TICK_SIZE)
+    # Readable on the darkest shade too.
+    labels = axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %", fontsize=TICK_SIZE)
+    for label in labels:
+        label.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
+    lines.set_path_effects([withStroke(linewidth=2.4, foreground="white")])
     axes.tick_params(labelsize=TICK_SIZE, colors=BLACK, length=3)
 
 

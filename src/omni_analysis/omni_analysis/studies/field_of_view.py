@@ -74,8 +74,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             )
         metrics |= {
             f"rmse_mm.{kind}_{1e3 * motions[i].view.length:.0f}": Metric(
-                matches[i].error_values(motions[i].view, motions[i].speed)[2], "mm",
-                note="refined, at 80 % overlap, by the length of the view",
+                _right_rmse_mm(motions[i], matches[i]), "mm",
+                note="of right pairs, refined, at 80 % overlap, by the length of the view",
             )
             for i in _alike(motions)
         }  # fmt: skip
@@ -107,6 +107,11 @@ def _alike(motions: list[Motion]) -> list[int]:
         if abs(motions[best].overlap - _ALIKE) < _NEAR:
             nearest.append(best)
     return nearest
+
+
+def _right_rmse_mm(motion: Motion, matches: Matches) -> float:
+    error = matches.error[matches.right]
+    return 1e3 * motion.view.pitch * math.sqrt(float(np.mean(error**2))) if len(error) else math.nan
 
 
 def _causes(kinds: list[str], metrics: dict[str, Metric]) -> tuple[str, ...]:

@@ -1,0 +1,162 @@
+"""A patch of 64 x 64 pixels beside a line of 1024: what the same number of pixels a second tells.
+
+Both see 50 mm of the ground along the axis. The line camera takes 2500 lines/s, 20 mm wide; the
+patch, square, 625 frames/s. Both have 10 ms: the line camera a batch through the whole odometry of
+one camera, the patch seven frames through OpenCV's phase correlation and Lucas-Kanade, consecutive
+ones where it moves far, else the first and the last. Told is the error of the velocity along the
+axis.
+
+    ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
+    ./omni exec python benchmarks/flow_patch.py [--json] [--runs N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import itertools
+import json
+import math
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.sensor import SensorOdometry
+from omni_analysis.line_trials.trials import ground
+from omni_analysis.line_trials.twist_trials import cameras_over, poses_at, rendered
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
+
+GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
+SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # [m/s]
+ANGLES = (0.0, 45.0)  # of the motion from the axis [deg]
+EYE = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
+OTHERS = {"a": replace(EYE, y=0.5), "b": replace(EYE, x=0.6, heading_deg=90.0)}
+LINES, BATCHES = 25, 3  # of the batches the last one counts
+PIXELS, FRAMES = 64, 7
+FRAME_RATE = EYE.pixels * EYE.line_rate / PIXELS**2
+NOISE = 1.0  # grey levels
+_FINE = 8  # samples of the ground to a pixel of the patch, each way
+_SMOOTH, _ROUNDS = 0.8, 5  # of Lucas and Kanade: Gaussian [px], iterations
+_SPANNED = 24.0  # px of the patch from the first to the last frame, up to which they are compared
+
+Frame = NDArray[np.float32]
+
+
+def line_error(texture: GroundTexture, velocity: Any, seed: int) -> float:
+    """Return the error of one batch [m/s]; NaN where the camera does not call it measured."""
+    generator = np.random.default_rng(seed)
+    start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
+    cameras = cameras_over(texture, {"eye": EYE}, NOISE, seed)
+    odometry = SensorOdometry(EYE, OdometryConfiguration(sensors={"eye": EYE, **OTHERS}))
+    twist = np.append(velocity, 0.0)
+    for batch in range(BATCHES):
+        numbers = np.arange(LINES * batch, LINES * (batch + 1))
+        reading = odometry.update(rendered(cameras, start, twist, {"eye": numbers})["eye"])
+    return reading.velocity - float(velocity[0]) if reading.measured else math.nan
+
+
+def patch_error(cv2: Any, texture: GroundTexture, velocity: Any, seed: int) -> float:
+    """Return the error of seven frames [m/s]."""
+    generator = np.random.default_rng(seed)
+    start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
+    elapsed = np.arange(FRAMES) / FRAME_RATE
+    frames = [
+        patch(cv2, texture, pose, generator)
+        for pose in poses_at(elapsed, start, np.append(velocity, 0.0))
+    ]
+    steps = [displacement(cv2, old, new) for old, new in itertools.pairwise(frames)]
+    shift = float(np.median(steps))
+    if abs(shift) * (FRAMES - 1) < _SPANNED:
+        shift = displacement(cv2, frames[0], frames[-1]) / (FRAMES - 1)
+    return shift * FRAME_RATE * EYE.length / PIXELS - float(velocity[0])
+
+
+def displacement(cv2: Any, old: Frame, new: Frame) -> float:
+    """Return how far the camera went along its axis [px]: phase correlation, then Lucas-Kanade."""
+    window = cv2.createHanningWindow((PIXELS, PIXELS), cv2.CV_32F)
+    # It multiplies what it is given by the window.
+    d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
+    first, second = (cv2.GaussianBlur(frame, (0, 0), _SMOOTH) for frame in (old, new))
+    for _ in range(_ROUNDS):
+        matrix = np.array([[1.0, 0.0, -d[0]], [0.0, 1.0, -d[1]]])
+        moved = cv2.warpAffine(second, matrix, (PIXELS, PIXELS), flags=cv2.INTER_CUBIC)
+        edge = int(np.ceil(np.abs(d).max())) + 3
+        if 2 * edge > PIXELS - 8:
+            break
+        inner = (slice(edge, -edge), slice(edge, -edge))
+        slope_y, slope_x = np.gradient(0.5 * (first + moved))
+        slopes = np.stack((slope_x[inner].ravel(), slope_y[inner].ravel()))
+        d = d + np.linalg.solve(slopes @ slopes.T, slopes @ (first - moved)[inner].ravel())
+    return -float(d[0])
+
+
+def patch(cv2: Any, texture: GroundTexture, pose: Any, generator: np.random.Generator) -> Frame:
+    """Return what the area camera sees from a pose, with noise; columns run along its axis."""
+    count = PIXELS * _FINE
+    place = ((np.arange(count) + 0.5) / count - 0.5) * EYE.length
+    along, across = np.meshgrid(place, place)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x = (pose[0] + c * along - s * across) / texture.texel - 0.5
+    y = (pose[1] + s * along + c * across) / texture.texel - 0.5
+    n = len(texture.grey)
+    seen = cv2.remap(
+        texture.grey, (x % n).astype(np.float32), (y % n).astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
+    )  # fmt: skip
+    mean = seen.reshape(PIXELS, _FINE, PIXELS, _FINE).mean(axis=(1, 3))
+    noisy = np.rint(mean + generator.normal(0.0, NOISE, mean.shape))
+    return np.asarray(noisy.clip(0, 255), np.float32)
+
+
+def main() -> int:
+    """Compare, print the table or the document."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=12, help="places for each cell")
+    parser.add_argument("--json", action="store_true", help="print one document")
+    options = parser.parse_args()
+    try:
+        cv2: Any = importlib.import_module("cv2")
+    except ImportError:
+        print("needs OpenCV: see the head of this file", file=sys.stderr)
+        return 2
+    cv2.setNumThreads(1)
+    metrics: dict[str, dict[str, float | str]] = {}
+    if not options.json:
+        print(f"{'RMSE along the axis [mm/s]':28}" + "".join(f"{v:>20g} m/s" for v in SPEEDS))
+    for kind in GROUNDS:
+        texture = ground(kind)
+        for angle in ANGLES:
+            cells = []
+            for speed in SPEEDS:
+                turn = math.radians(angle)
+                velocity = speed * np.array([math.cos(turn), math.sin(turn)])
+                seeds = range(1, options.runs + 1)
+                lines = np.array([line_error(texture, velocity, seed) for seed in seeds])
+                flow = np.array([patch_error(cv2, texture, velocity, seed) for seed in seeds])
+                told = lines[np.isfinite(lines)]
+                case = f"{kind}_{angle:.0f}_{speed:g}"
+                rmse = math.sqrt(float(np.mean(told**2))) if len(told) else math.nan
+                patch_rmse = math.sqrt(float(np.mean(flow**2)))
+                metrics[f"patch_rmse.{case}"] = {"value": patch_rmse, "unit": "m/s"}
+                if len(told):
+                    metrics[f"line_rmse.{case}"] = {"value": rmse, "unit": "m/s"}
+                metrics[f"line_measured.{case}"] = {"value": len(told) / len(lines), "unit": "1"}
+                share = "" if len(told) == len(lines) else f" ({100 * len(told) // len(lines)} %)"
+                cells.append(f"{1e3 * rmse:.3g}{share} | {1e3 * patch_rmse:.3g}")
+            if not options.json:
+                print(f"{kind + f', {angle:.0f} deg':28}" + "".join(f"{c:>24}" for c in cells))
+                sys.stdout.flush()
+    if options.json:
+        print(json.dumps({"name": "flow_patch", "metrics": metrics}, indent=2, allow_nan=False))
+    else:
+        print("line | patch; in brackets the batches that the line camera calls measured")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
