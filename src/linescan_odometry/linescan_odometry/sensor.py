@@ -27,6 +27,7 @@ from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
 from linescan_odometry.view.still import STRUCTURE, StillView, structure_of, without_defects
 from linescan_odometry.view.structures import StructureCounter
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
@@ -42,6 +43,7 @@ _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
 _QUICK = 6.0  # px per line, beyond which the peak at zero is apart from that of the motion
 _STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
+_SAME_CHANGE = 0.6  # correlation of what changes in the two halves of a batch
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
 _SLOW = 0.6  # px per line, below which the mean of the lines so far is mostly ground
 _PULLED = 2.0  # standard deviations
@@ -460,7 +462,8 @@ class SensorOdometry:
         if math.isinf(median):
             steps = np.diff(moving, axis=0)
             if float(np.sum(steps[:, 1:] * steps[:, :-1])) < _STEPPING * structure * len(steps):
-                return mean  # each line is much like the one before: too little moves to tell
+                # Each line is much like the one before: only over half of the batch it shows.
+                return self._doubt_changes(moving, mean)
         if abs(median - mean.displacement) > self._configuration.median_tolerance:
             raise Unmeasured(
                 "something stands still in the view: less the mean of all lines, the lines of the "
@@ -472,6 +475,35 @@ class SensorOdometry:
             return mean
         pull = max(0.0, abs(float(near.mean()) - mean.displacement) - _LEAST_PULL)
         return dataclasses.replace(mean, variance=mean.variance + pull**2)
+
+    def _doubt_changes(self, moving: FloatArray, mean: _Mean) -> _Mean:
+        """Doubt a displacement that does not explain how the view has changed.
+
+        Into the changes over the two halves of a batch nothing fixed enters. Where they are unlike,
+        the ground may move by as much as pairs of lines do not show.
+
+        Args:
+            moving: lines less their mean.
+            mean: displacement of the lines.
+
+        Raises:
+            Unmeasured: what has changed is the same in both, but elsewhere than the lines say.
+        """
+        half = (len(moving) - 1) // 2
+        changes = moving[[half, 2 * half]] - moving[[0, half]]
+        scale = _MOVING_RANGE / max(float(np.abs(changes).max()), 1.0)
+        found = self._moving_matcher.match(np.rint(32768.0 + scale * changes).astype(np.uint16))
+        way = float(found.displacement[0])
+        off = abs(way - half * mean.displacement)
+        if not found.usable[0] or float(found.similarity[0]) < _SAME_CHANGE:
+            return dataclasses.replace(mean, variance=mean.variance + _MOVES**2)
+        if off > self._configuration.median_tolerance:
+            raise Unmeasured(
+                f"something stands still in the view: what changes in it moves by {way:.3g} px in "
+                f"{half} lines",
+                open=True,
+            )
+        return mean
 
     def _reading(self, stamp_ns: int, lines: Lines, mean: _Mean) -> SensorReading:
         """Return the velocity of a mean displacement."""

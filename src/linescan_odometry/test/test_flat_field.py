@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, LineBatchError
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.view.flat_field import FlatField
+from linescan_odometry.view.flat_field import FlatField, _fill
 from omni_platform.sensors import LineSensor
 
 Expose = Callable[..., Any]
@@ -177,3 +177,34 @@ def test_files_that_are_no_tables_are_named(tmp_path: Path) -> None:
         field.load(tmp_path / "b.npz")
     with pytest.raises(LineBatchError, match="no brighter than the dark one"):
         field.take_references(np.full((3, PIXELS), 9, np.uint8), np.full((3, PIXELS), 9, np.uint8))
+
+
+def test_rest_under_a_strong_pattern_is_not_sure_while_a_faint_ground_creeps(
+    expose: Expose,
+) -> None:
+    """Dirt rules every pair of lines; what changes between them shows over half of a batch."""
+    pattern = 50.0 * gaussian_filter1d(np.random.default_rng(3).standard_normal(PIXELS), 3.0)
+    sensor, score = camera(), []
+    for i in range(4):
+        positions = 0.6 * (25 * i + np.arange(26))
+        ground = expose(positions[1:] if i else positions, PIXELS, grain=6.0, noise=0.0)
+        noise = np.random.default_rng(i).standard_normal(ground.shape)
+        grey = 120.0 + 0.05 * (ground.astype(np.float64) - 128.0) + pattern + noise
+        lines = np.rint(grey).clip(0, 255).astype(np.uint8)
+        reading = sensor.update(LineBatch(round((25 * i + 25) * 1e9 / RATE), lines))
+        if reading.measured:
+            score.append((reading.velocity - 0.6 * PITCH * RATE) / reading.variance**0.5)
+    assert np.all(np.abs(score) < 4.0)
+
+
+def test_blind_pixels_fade_to_the_mean_without_a_step() -> None:
+    light = np.random.default_rng(1).normal(100.0, 0.1, (3, PIXELS))
+    light += 20.0 * np.linspace(-1.0, 1.0, PIXELS)
+    seen = light.copy()
+    blind = np.zeros(PIXELS, np.bool_)
+    blind[100:108] = blind[180:] = True
+    light[:, blind] = 0.0
+    _fill(light, blind)
+    assert np.abs(np.diff(light, axis=1)).max() < 1.5
+    assert light[:, 100:108] == pytest.approx(seen[:, 100:108], abs=1.0)
+    assert light[:, 230] == pytest.approx(light[:, ~blind].mean(axis=1))

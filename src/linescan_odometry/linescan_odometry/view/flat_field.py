@@ -3,7 +3,7 @@
 Uneven light, dirt, unlike pixels, a shadow of the vehicle: whatever is fixed in the view matches
 itself at a displacement of zero. The mean of lines of many different places is its profile, and
 lines are divided by it. Pixels that do not change as the others do, stuck ones or some that look at
-mud, see no ground: a few side by side are interpolated, more are set to the mean of the line.
+mud, see no ground: they are filled from those beside them.
 
 Only places that share little with those before may enter, or the ground itself would be taken for
 a profile, at rest above all. Whether the view has moved on is told from the *difference* of two
@@ -49,7 +49,7 @@ _DECIDED_EVERY = 24  # places, beyond those
 _CLEARLY = 3.0  # times what the texture of the places lets expect
 _STRONGEST = 4.0  # gain
 _BLIND = 0.45  # of the temporal deviation of the other pixels
-_FEW = 6  # blind pixels side by side that are interpolated
+_FADE = 32.0  # px beside a gap of blind pixels
 _MOST_BLIND = 0.6  # share of a view; beyond, there is nothing to be saved
 
 # Sums in any order; such a kernel must not be called by another one (see `subpixel`).
@@ -364,15 +364,16 @@ def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, flo
 
 
 def _fill(light: FloatArray, blind: NDArray[np.bool_]) -> None:
-    """Interpolate a few blind pixels side by side, set more of them to the mean of the line."""
+    """Let blind pixels fade from those beside them to the mean of the line.
+
+    Over short gaps that is interpolation. A step at the edge of a gap would stand still with all of
+    its gradient, and draw the match of a coarse ground.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], blind, [False])).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    sighted = ~blind
-    mean = light[:, sighted].mean(axis=1)
-    for first, end in zip(starts, ends, strict=True):
-        if end - first > _FEW or first == 0 or end == len(blind):
-            light[:, first:end] = mean[:, None]
-        else:
-            share = (np.arange(first, end) - first + 1.0) / (end - first + 1.0)
-            before, after = light[:, first - 1, None], light[:, end, None]
-            light[:, first:end] = before + share * (after - before)
+    mean = light[:, ~blind].mean(axis=1, keepdims=True)
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        away = np.arange(1.0, end - first + 1.0)
+        share = np.maximum(1.0 - away / min(_FADE, end - first + 1.0), 0.0)
+        before = light[:, first - 1, None] - mean if first > 0 else 0.0
+        after = light[:, end, None] - mean if end < len(blind) else 0.0
+        light[:, first:end] = mean + before * share + after * share[::-1]
