@@ -12,6 +12,7 @@ import pytest
 from omni_analysis.line_trials import trials as line_trials
 from omni_analysis.line_trials import view_grid
 from omni_analysis.line_trials.trials import Matches, View
+from omni_analysis.line_trials.twist_trials import TwistTrial
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import (
     StudyResult,
@@ -115,6 +116,7 @@ def test_the_twist_is_as_accurate_as_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(covariance, "_GROUNDS", ("cork", "stone"))
+    monkeypatch.setattr(covariance, "_HARDER", ())
     monkeypatch.setattr(covariance, "_CAMERAS", {"generic": covariance._CAMERAS["generic"]})
     motions = {name: covariance._MOTIONS[name] for name in ("at rest", "slow", "diagonal")}
     monkeypatch.setattr(covariance, "_MOTIONS", motions)
@@ -125,10 +127,29 @@ def test_the_twist_is_as_accurate_as_it_says(
         assert 0.65 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
 
 
+def test_a_ground_is_judged_by_what_the_others_say() -> None:
+    """One whose errors are twice as large as all say gets no part in the factor it is judged by."""
+
+    def case(kind: str, deviation: float) -> covariance.Case:
+        ratio = deviation * np.random.default_rng(1).standard_normal(400)
+        none = np.empty((0, 3))
+        trial = TwistTrial(
+            np.zeros(3), none, np.empty((0, 3, 3)), 1.0, ratio, np.arange(400) % 2 == 0
+        )
+        return covariance.Case("generic", kind, "slow", (trial,))
+
+    judged = covariance._leave_one_out([case("a", 1.0), case("b", 1.0), case("c", 2.0)])
+    assert judged["c"].squared == pytest.approx(4.0, rel=0.01)
+    assert judged["c"].coverage < 75.0
+    assert judged["a"].pairs == pytest.approx(0.5 * (1.0 + 4.0), rel=0.3)
+    assert judged["a"].squared < 0.5
+
+
 def test_a_covariance_of_nothing_is_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(covariance, "_GROUNDS", ("cork",))
+    monkeypatch.setattr(covariance, "_HARDER", ())
     monkeypatch.setattr(covariance, "_CAMERAS", {"s3901": covariance._CAMERAS["s3901"]})
     monkeypatch.setattr(covariance, "_MOTIONS", {"slow": covariance._MOTIONS["slow"]})
     result = study(covariance, tmp_path, "--starts", "2", "--noise", "50")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
 from omni_analysis.line_trials.trials import PERIOD
 from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture
 
@@ -100,12 +100,17 @@ class TwistTrial:
         estimate: of it, where it was measured, shape (m, 3).
         covariance: stated with each, shape (m, 3, 3).
         measured: share of the batches that were measured, 0..1.
+        ratio: error of each camera's velocity along its axis over the stated deviation, of every
+            batch that it measured, shape (k,).
+        together: whether all lines of that batch were matched together, shape (k,).
     """
 
     twist: FloatArray
     estimate: FloatArray
     covariance: FloatArray
     measured: float
+    ratio: FloatArray
+    together: NDArray[np.bool_]
 
     @property
     def error(self) -> FloatArray:
@@ -141,16 +146,23 @@ def drive(
     odometry = LineScanOdometry(configuration)
     sizes = {name: batch_lines(sensor.line_rate) for name, sensor in sensors.items()}
     odometry.update(rendered(cameras, start, twist, {name: np.arange(1) for name in sensors}))
-    estimates, covariances = [], []
+    truth = dict(zip(sensors, sensor_matrix(sensors) @ twist, strict=True))
+    estimates, covariances, ratios, together = [], [], [], []
     for batch in range(batches):
         lines = {name: 1 + np.arange(batch * n, (batch + 1) * n) for name, n in sizes.items()}
         estimate = odometry.update(rendered(cameras, start, twist, lines))
         if estimate.measured:
             estimates.append(estimate.twist)
             covariances.append(estimate.covariance)
+        for name, reading in estimate.readings.items():
+            if reading.measured:
+                ratios.append((reading.velocity - truth[name]) / math.sqrt(reading.variance))
+                together.append(reading.batch_time > 0.0)
     return TwistTrial(
         twist,
         np.array(estimates).reshape(-1, 3),
         np.array(covariances).reshape(-1, 3, 3),
         len(estimates) / batches,
+        np.array(ratios),
+        np.array(together, np.bool_),
     )
