@@ -226,7 +226,7 @@ class _Way:
         gap = best.bound / best.feasible - 1.0
         lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
         gain = max(lagging / best.bound - 1.0, 0.0)
-        turned = max(cases.turned(side * 2.0 * KEPT) for side in (-1.0, 1.0))
+        turned = max(cases.turned(angle) for angle in cases.near)
         leeway = distance * (1.0 - best.bound / max(turned, best.bound))
         give = self._limit.give(maneuver.twist[:2] / speed, best.bound)
         return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
@@ -354,6 +354,17 @@ class _Straight(_Cases):
         """Likewise, without the wheels that the motion does not drag."""
         case = Case(self.friction(0.0, 0.0), True, standing=False)
         return self._limit.strongest(self._direction, case)
+
+    @property
+    def near(self) -> list[float]:
+        """The ends of what heading and direction may be off by [rad], and where wheels stand.
+
+        A wheel that the motion does not drag may hold either way, which one nearby may not.
+        """
+        d, active = self._direction, self._limit.active
+        away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
+        square = [float(a - side * 0.5 * math.pi) for a in away for side in (-1.0, 1.0)]
+        return [-2.0 * KEPT, 2.0 * KEPT, *{a for a in square if abs(a) < 2.0 * KEPT}]
 
     def turned(self, angle: float) -> float:
         """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
