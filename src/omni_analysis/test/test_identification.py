@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from omni_analysis.identification.identification import (
     refine,
     rounded,
     search,
+    unsound,
 )
 from omni_analysis.identification.sensitivity import Sensitivity, sensitivities
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -115,6 +117,30 @@ def test_search_gets_better(bases: Bases) -> None:
     first = search(bases, seed=3, generations=1, on_generation=lambda _, best: costs.append(best))
     assert cost(bases, first, 4) == pytest.approx(costs[-1])
     assert cost(bases, first) < cost(bases, MIDDLE)
+
+
+def test_a_load_that_overhangs_or_a_wheel_beyond_its_tire_is_not_sound(bases: Bases) -> None:
+    found = parameters_of(bases["k7"])
+    overhang = found["load_y"] / (0.5 * found["track"]) - 1.0
+    overload = 6099.0 / 6000.0 - 1.0  # front left, docs/identification.md
+    amiss = unsound(configure(bases["k7"], found).vehicle)
+    assert amiss == pytest.approx(overhang + overload, rel=1e-3)
+    assert cost(bases, found, sound=True) > 100.0 * cost(bases, found)
+    inside = {**found, "load_y": 0.3, "load_mass": 300.0}
+    assert unsound(configure(bases["k7"], inside).vehicle) == 0.0
+    assert cost(bases, inside, sound=True) == cost(bases, inside)
+
+
+def test_a_sound_vehicle_gives_table_2_as_well(bases: Bases) -> None:
+    """That of docs/identification.md, all ten numbers within their tolerance."""
+    page = (CONFIG.parent / "docs/identification.md").read_text()
+    table = page.split("with its load over the wheels")[1].split("Front left")[0]
+    cells = re.findall(r"`(\w+)` \| (-?[\d.]+)", table)
+    found = rounded([dict(cells)[quantity.name] for quantity in QUANTITIES])
+    variants = {case: configure(base, found) for case, base in bases.items()}
+    assert unsound(variants["k7"].vehicle) == 0.0
+    for name, value in measure(variants).items():
+        assert abs(value - table_2.REFERENCES[name]) < 0.8 * table_2.tolerance(name)
 
 
 def test_refinement_is_reproducible_and_makes_the_largest_deviation_smaller(bases: Bases) -> None:

@@ -13,16 +13,21 @@ The vehicle moves along the world's y axis, up the page as in Figure 43, and bra
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
 
 from omni_analysis.identification import table_2
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError
+from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
-from omni_sim.vehicle.loads import MassConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,8 +199,26 @@ _SKIPPED = 100.0  # cost of a case that is not worth running
 _HOPELESS = 25.0  # mean cost of the cases before it from which on it is not
 
 
+def unsound(vehicle: VehicleConfiguration) -> float:
+    """Return how far a vehicle is from standing soundly [1], 0 if it does.
+
+    Sound is a load over the area between the wheels, and no wheel that carries more at rest than
+    the tire is known for.
+    """
+    position = PlatformKinematics(vehicle.wheels).geometry.position
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    carried = masses.mass * GRAVITY * load_plane(position - masses.centre)[:, 0]
+    overload = max(float(carried.max()) / vehicle.tire.largest_load - 1.0, 0.0)
+    overhang = np.abs([vehicle.load.x, vehicle.load.y]) / np.abs(position).max(axis=0) - 1.0
+    return overload + float(np.maximum(overhang, 0.0).sum())
+
+
 def cost(
-    bases: Mapping[str, ExperimentConfiguration], parameters: Parameters, exponent: int = 2
+    bases: Mapping[str, ExperimentConfiguration],
+    parameters: Parameters,
+    exponent: int = 2,
+    *,
+    sound: bool = False,
 ) -> float:
     """Return the sum of powers of the deviations from Table 2 in tolerances [1].
 
@@ -205,8 +228,16 @@ def cost(
         bases: the variants of ``turn_while_translate`` by case.
         parameters: by the names of `QUANTITIES`.
         exponent: even; the larger, the more the worst deviation counts.
+        sound: whether vehicles that are `unsound` cost more than any that is not.
     """
     total = 0.0
+    if sound:
+        try:
+            amiss = unsound(configure(next(iter(bases.values())), parameters).vehicle)
+        except ConfigurationError:
+            return math.inf
+        if amiss > 0.0:
+            return _SKIPPED * len(bases) * (1.0 + amiss)
     for done, (case, base) in enumerate(bases.items()):
         if total > _HOPELESS * done:
             return total + (len(bases) - done) * _SKIPPED
@@ -239,6 +270,7 @@ def search(
     *,
     seed: int,
     generations: int = GENERATIONS,
+    sound: bool = False,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
     """Seek the parameters that give Table 2, by differential evolution in one process.
@@ -252,6 +284,7 @@ def search(
         seed: of every random draw.
         generations: of the first search at most, which ends when its cost is below 1; the second
             takes no more than these either, and ends when no deviation is above 0.7 tolerances.
+        sound: whether only vehicles are sought that are not `unsound`.
         on_generation: called after each with its number, counted anew in the second search, and
             the lowest cost so far.
 
@@ -259,9 +292,12 @@ def search(
         The best candidate found, by the names of `QUANTITIES`.
     """
     box = [(quantity.low, quantity.high) for quantity in QUANTITIES]
-    found = _evolve(bases, box, 2, 1.0, seed, generations, on_generation)
+    squares = functools.partial(cost, bases, exponent=2, sound=sound)
+    found = _evolve(squares, box, 1.0, seed, generations, on_generation)
     most = min(generations, _REFINEMENT)
-    return refine(bases, found, seed=seed, generations=most, on_generation=on_generation)
+    return refine(
+        bases, found, seed=seed, generations=most, sound=sound, on_generation=on_generation
+    )
 
 
 def refine(
@@ -270,6 +306,7 @@ def refine(
     *,
     seed: int,
     generations: int = _REFINEMENT,
+    sound: bool = False,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
     """Make the largest deviation small in the neighbourhood of a candidate; see `search`."""
@@ -278,13 +315,13 @@ def refine(
         reach = _NEIGHBOURHOOD * (quantity.high - quantity.low)
         centre = found[quantity.name]
         box.append((max(centre - reach, quantity.low), min(centre + reach, quantity.high)))
-    return _evolve(bases, box, 4, 0.7**4, seed, generations, on_generation)
+    fourths = functools.partial(cost, bases, exponent=4, sound=sound)
+    return _evolve(fourths, box, 0.7**4, seed, generations, on_generation)
 
 
 def _evolve(
-    bases: Mapping[str, ExperimentConfiguration],
+    cost_of: Callable[[Parameters], float],
     box: Sequence[tuple[float, float]],
-    exponent: int,
     good_enough: float,
     seed: int,
     generations: int,
@@ -302,7 +339,7 @@ def _evolve(
             raise StopIteration
 
     result = differential_evolution(
-        lambda vector: min(cost(bases, rounded(vector), exponent), _IMPOSSIBLE),
+        lambda vector: min(cost_of(rounded(vector)), _IMPOSSIBLE),
         box,
         rng=seed,
         init="latinhypercube",

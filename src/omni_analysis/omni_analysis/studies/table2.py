@@ -39,6 +39,11 @@ class Options(Configuration):
         description="seek the vehicle that gives Table 2 (minutes); its configuration files are "
         "written beside the results",
     )
+    sound: bool = parameter(
+        False,
+        description="seek only among vehicles whose load stands over the area between the wheels "
+        "and whose wheels carry no more than the tire is known for",
+    )
     seed: int = parameter(1, description="of the search", minimum=0)
     generations: int = parameter(
         GENERATIONS, description="generations of the search at most", minimum=1
@@ -62,6 +67,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             bases,
             seed=options.seed,
             generations=options.generations,
+            sound=options.sound,
             on_generation=on_generation,
         )
         bases = {case: configure(base, found) for case, base in bases.items()}
