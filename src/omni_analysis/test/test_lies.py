@@ -107,6 +107,16 @@ def test_an_imu_that_lies_makes_no_stop_worse(
         assert stop.rotation <= ROTATION_LIMIT
 
 
+def test_a_gyro_that_lies_just_before_the_pedal_is_no_offset_of_the_twist(
+    stops: LyingSensors,
+) -> None:
+    lie = Lie("gyro", "offset", 0, -0.03, 1.05, 0.17)
+    stop = stops.run(0, "turn_while_translate", lie, imu=True)
+    assert stop.rest
+    assert stop.distance <= 1.05
+    assert stop.rotation <= ROTATION_LIMIT
+
+
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "a lie too small to be found, also while the line of motion is stored",

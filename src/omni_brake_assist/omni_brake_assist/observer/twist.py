@@ -164,8 +164,11 @@ def tell_apart(
         return
     course = memory.course[0]
     spread = course.apart_spread + _APART_WALK**2
-    gain = spread / (spread + variance + constants.gyro**2)
-    course.apart += gain * (rate - gyro - course.apart)
+    total = spread + variance + constants.gyro**2
+    gain, news = spread / total, rate - gyro - course.apart
+    if abs(news) > _LEAP_DEVIATIONS * math.sqrt(total):
+        return  # no error of calibration begins at once: one of the two lies
+    course.apart += gain * news
     course.apart_spread = (1.0 - gain) * spread
     size = abs(course.apart)
     sure = LARGEST_BIAS**2 / (LARGEST_BIAS**2 + course.apart_spread)
