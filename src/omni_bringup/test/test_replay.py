@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from omni_bringup.cli import main
 from omni_recording.compare import compare_topics
@@ -23,7 +24,12 @@ from omni_recording.write import Rosbag2Writer
 WORKSPACE = Path(__file__).resolve().parents[3]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 TWIST = "/odometry/twist"
-STEPS = 228
+_RECORDED = yaml.safe_load((SAMPLE / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+STEPS = next(
+    topic["message_count"]
+    for topic in _RECORDED["topics_with_message_count"]
+    if topic["topic_metadata"]["name"] == "/clock"
+)
 
 Change = Callable[[RecordedMessage], bytes | None]
 

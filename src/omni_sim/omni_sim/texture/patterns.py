@@ -262,9 +262,9 @@ def _voronoi(band: Floats, first_row: int, mosaic: _Mosaic, warped: bool, shift:
             n_x = n_y = s_x = s_y = np.float32(0.0)
             shade = np.float32(0.0)
             for j in range(j_0 - 1, j_0 + 2):
-                j_in = j + cells if j < 0 else (j - cells if j >= cells else j)
+                j_in = j % cells  # twice around, where there are few cells
                 for i in range(i_0 - 1, i_0 + 2):
-                    i_in = i + cells if i < 0 else (i - cells if i >= cells else i)
+                    i_in = i % cells
                     d_x = np.float32(i) + points[j_in, i_in, 0] - x
                     d_y = np.float32(j) + points[j_in, i_in, 1] - y
                     square = d_x * d_x + d_y * d_y
