@@ -14,10 +14,6 @@ the others, as 1 - gamma^2 counts as 0.3 at least. The first d is the peak of th
 correlation (Knapp and Carter 1976) over the whole range. What single pairs of lines do not show,
 all pairs together do.
 
-Detail finer than pixels folds back to frequencies near half of the sampling rate and pulls to whole
-pixels, so these do not count. The overlap of two lines falls as they shift, which pulls the maximum
-to zero by ``o'(d) / o(d)`` over the curvature: a fiftieth of a pixel at 128 px. It is added again.
-
 What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
 lines are apart: that of the first and the last third of a batch, which is taken off until the
 flat field knows it. Where the view has hardly moved on in between, that would take off the ground
@@ -207,22 +203,11 @@ class WhitenedMatcher:
         )
         if not converged:
             return None
-        displacement += self._shrunk(near, weight, displacement)
         freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
         factor = _FACTOR * math.sqrt(max(1.0 - coherence, 0.0)) * max(1.0 - later, 0.0)
         variance = square * max(_LEAST_FACTOR, factor)
         variance *= freedoms / (freedoms - 2.0)  # as Student's t
         return displacement, variance, coherence, lone, weight
-
-    def _shrunk(self, near: Cross, weight: Values, displacement: float) -> float:
-        """Return by how much the overlap of the lines, which falls with it, pulls to zero [px]."""
-        moved = weight * _turned(near, 2.0 * np.pi / self._size * displacement).real
-        curvature = float(moved @ np.square(self._frequency)) / max(float(moved.sum()), 1e-30)
-        way = round(abs(displacement))
-        if not 0 < way < len(self._overlap) - 1:
-            return 0.0
-        fall = 0.5 * (self._overlap[way - 1] - self._overlap[way + 1]) / self._overlap[way]
-        return math.copysign(fall / curvature, displacement)
 
     def _likeness(self, cross: Cross, power: Values) -> float:
         """Return the sum of the coherences over the band, whatever the displacement."""
