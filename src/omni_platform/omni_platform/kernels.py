@@ -10,6 +10,24 @@ what it works on comes from its caller. One that does is a `kernel`, and short.
 from __future__ import annotations
 
 from numba import njit
+from numba.np import linalg
+
+
+def _defer_blas() -> None:
+    """Let numba look for a BLAS when a kernel calls it, not when the first kernel is loaded.
+
+    It looks by importing all of scipy.linalg, 0.3 s in each process. SciPy is there, so the answer
+    is known, and whoever compiles a product of matrices still loads it.
+    """
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath  # noqa: F401  # asks while it is imported
+    finally:
+        linalg.ensure_blas = look
+
+
+_defer_blas()
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=True)
 """Declares a kernel that makes or returns arrays."""

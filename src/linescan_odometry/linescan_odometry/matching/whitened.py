@@ -34,7 +34,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
+import scipy  # whose fft is loaded by its first use: not where configurations are read
 from numba import njit
 from numpy.typing import NDArray
 

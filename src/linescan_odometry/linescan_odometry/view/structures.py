@@ -12,7 +12,7 @@ the refinement matches, it tells the grounds apart whose errors are larger than 
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
+import scipy  # whose fft is loaded by its first use: not where configurations are read
 
 from linescan_odometry.matching.subpixel import kernel_sigma
 from linescan_odometry.measurements import Lines
