@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
 from omni_platform.configuration import ConfigurationError
@@ -42,6 +43,18 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
     return int(text)
 
 
+def name_log_folder(environment: MutableMapping[str, str]) -> None:
+    """Let ROS log below the folder for temporary files where there is no home, as in a service.
+
+    It would end the process otherwise.
+
+    Args:
+        environment: environment variables, changed in place.
+    """
+    if not any(environment.get(name) for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR")):
+        environment["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir(), "ros_log"))
+
+
 def node_environment(domain: int) -> dict[str, str]:
     """Return this process's environment, made fit for the nodes of a local graph.
 
@@ -55,4 +68,5 @@ def node_environment(domain: int) -> dict[str, str]:
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILE))
     environment.setdefault("PYTHONUNBUFFERED", "1")
+    name_log_folder(environment)
     return environment

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from omni_platform.configuration import ConfigurationError
-from omni_ros.environment import PARENT_PID_VARIABLE, chosen_domain
+from omni_ros.environment import PARENT_PID_VARIABLE, chosen_domain, name_log_folder
 from omni_ros.parameters import refuse_unknown_parameters
 
 EXIT_OK = 0
@@ -119,6 +119,7 @@ def _initialize_ros() -> None:
     Raises:
         ConfigurationError: the domain, an argument or a parameter file cannot be used.
     """
+    name_log_folder(os.environ)
     chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
     try:
         surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises

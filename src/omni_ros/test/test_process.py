@@ -34,6 +34,15 @@ def test_without_arguments_it_runs() -> None:
     assert (finished.returncode, finished.stdout) == (0, "ran\n"), finished.stderr
 
 
+@pytest.mark.parametrize("home", [None, ""])
+def test_without_a_home_it_runs(home: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    if home is not None:
+        monkeypatch.setenv("HOME", home)
+    test_without_arguments_it_runs()
+
+
 @pytest.mark.parametrize(
     ("arguments", "domain", "words"),
     [
