@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from linescan_odometry.odometry import LineBatch
+from linescan_odometry.odometry import LineBatch, OdometryConfiguration
+from omni_platform.signals import Flow
 
 _PATIENCE = 2  # batches that the others may deliver while one camera is waited for
 
@@ -17,22 +18,44 @@ class BatchCollector:
     for until another one has delivered two batches more; then the group is handed on without it,
     and nobody waits for it again until it speaks. What comes too late for its group is dropped:
     the odometry sees a gap in that camera's lines and starts its chain anew.
+
+    Followers, flow sensors beside cameras, measure at a rate of their own and make no group. One
+    is waited for in the same way, but only for groups in whose time its next measurement is due.
     """
 
-    def __init__(self, sensors: Iterable[str], maximum_skew: float) -> None:
+    def __init__(
+        self,
+        sensors: Iterable[str],
+        maximum_skew: float,
+        followers: Mapping[str, float] | None = None,
+    ) -> None:
         """Prepare for these cameras.
 
         Args:
             sensors: names; a group lists its batches in this order.
             maximum_skew: largest difference of stamps within a group [s].
+            followers: measurements per second of sensors that follow the others, by name.
         """
         self._skew_ns = round(1e9 * maximum_skew)
-        self._pending: dict[str, deque[LineBatch]] = {name: deque() for name in sensors}
+        self._pending: dict[str, deque[LineBatch | Flow]] = {name: deque() for name in sensors}
+        self._periods = {name: round(1e9 / rate) for name, rate in (followers or {}).items()}
+        self._following: dict[str, deque[Flow]] = {name: deque() for name in self._periods}
         self._last_ns: dict[str, int] = {}  # of each camera
         self._silent: set[str] = set()
         self._handed_on_ns: int | None = None  # newest stamp of the groups so far
 
-    def add(self, sensor: str, batch: LineBatch) -> list[dict[str, LineBatch]]:
+    @classmethod
+    def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
+        """Make the collector of an odometry: cameras lead, without any the fastest flow sensors."""
+        flows = configuration.flow_sensors
+        leading = list(configuration.sensors)
+        if not leading and flows:
+            fastest = max(sensor.rate for sensor in flows.values())
+            leading = [name for name, sensor in flows.items() if sensor.rate == fastest]
+        followers = {name: s.rate for name, s in flows.items() if name not in leading}
+        return cls(leading, configuration.maximum_skew, followers)
+
+    def add(self, sensor: str, batch: LineBatch | Flow) -> list[dict[str, LineBatch | Flow]]:
         """Take a batch and return the groups that are ready, oldest first.
 
         Args:
@@ -42,6 +65,13 @@ class BatchCollector:
         Raises:
             KeyError: the camera is not one of those that were declared.
         """
+        following = self._following.get(sensor)
+        if following is not None and isinstance(batch, Flow):
+            self._silent.discard(sensor)
+            if batch.stamp_ns > self._last_ns.get(sensor, batch.stamp_ns - 1):
+                self._last_ns[sensor] = batch.stamp_ns
+                following.append(batch)
+            return self._ready()
         queue = self._pending[sensor]
         if batch.stamp_ns <= self._last_ns.get(sensor, batch.stamp_ns - 1):
             self._start_anew()  # its time went back: a recording that is played again
@@ -50,6 +80,9 @@ class BatchCollector:
         if self._handed_on_ns is not None and batch.stamp_ns <= self._handed_on_ns:
             return []
         queue.append(batch)
+        return self._ready()
+
+    def _ready(self) -> list[dict[str, LineBatch | Flow]]:
         ready = []
         while group := self._take_group():
             ready.append(group)
@@ -58,20 +91,48 @@ class BatchCollector:
     def _start_anew(self) -> None:
         for queue in self._pending.values():
             queue.clear()
+        for follower in self._following.values():
+            follower.clear()
         self._last_ns.clear()
         self._handed_on_ns = None
 
-    def _take_group(self) -> dict[str, LineBatch]:
+    def _take_group(self) -> dict[str, LineBatch | Flow]:
         """Return the oldest group if nothing more is to be waited for, else an empty one."""
         oldest = {name: queue[0] for name, queue in self._pending.items() if queue}
         awaited = self._pending.keys() - oldest.keys() - self._silent
         backlog = max(len(queue) for queue in self._pending.values())
-        if not oldest or (awaited and backlog <= _PATIENCE):
+        if not oldest:
+            return {}
+        until_ns = min(batch.stamp_ns for batch in oldest.values()) + self._skew_ns
+        newest_ns = max(b.stamp_ns for b in oldest.values() if b.stamp_ns <= until_ns)
+        from_ns = until_ns - 2 * self._skew_ns
+        choices = {name: self._choice(name, from_ns, newest_ns, until_ns) for name in self._periods}
+        awaited |= {
+            name
+            for name, period_ns in self._periods.items()
+            # The next one is due.
+            if self._last_ns.get(name, from_ns - period_ns) + period_ns
+            <= (until_ns if choices[name] is None else newest_ns)
+        } - self._silent
+        if awaited and backlog <= _PATIENCE:
             return {}
         self._silent |= awaited
-        until_ns = min(batch.stamp_ns for batch in oldest.values()) + self._skew_ns
         group = {name: batch for name, batch in oldest.items() if batch.stamp_ns <= until_ns}
         for name in group:
             self._pending[name].popleft()
         self._handed_on_ns = max(batch.stamp_ns for batch in group.values())
+        for name, chosen in choices.items():
+            queue = self._following[name]
+            while queue and queue[0].stamp_ns <= newest_ns:
+                queue.popleft()
+            if chosen is not None:
+                group[name] = chosen
+                if chosen.stamp_ns > newest_ns:
+                    queue.popleft()
         return group
+
+    def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
+        """Return the last measurement before the end of a group, or else the first after it."""
+        near = [flow for flow in self._following[name] if from_ns <= flow.stamp_ns <= until_ns]
+        before = [flow for flow in near if flow.stamp_ns <= newest_ns]
+        return before[-1] if before else (near[0] if near else None)

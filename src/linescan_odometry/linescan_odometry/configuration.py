@@ -11,7 +11,7 @@ from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.sideslip import SideslipWheel, check_axis
 from linescan_odometry.twist import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,11 @@ class OdometryConfiguration(Configuration):
 
     sensors: Mapping[str, LineSensor] = parameter(
         description="Line cameras on the platform: three or more, or two with a constraint of the "
-        "kinematics"
+        "kinematics; fewer or none beside flow sensors"
+    )
+    flow_sensors: Mapping[str, FlowSensor] = section(
+        dict,
+        description="Optical-flow sensors on the platform, each of which counts as two cameras",
     )
     metric: str = parameter(
         "pearson",
@@ -144,6 +148,11 @@ class OdometryConfiguration(Configuration):
         dict, description="Wheels whose sideslip angle is measured"
     )
 
+    @property
+    def all_sensors(self) -> dict[str, Mount]:
+        """Line cameras, then flow sensors, by name."""
+        return {**self.sensors, **self.flow_sensors}
+
     def shift_limit(self, sensor: LineSensor) -> int:
         """Return the largest shift of the search, n / k rounded down [px]."""
         return int(sensor.pixels / self.shift_divisor)
@@ -177,7 +186,12 @@ class OdometryConfiguration(Configuration):
         Raises:
             ConfigurationError: see the text; it names the sensors.
         """
-        check_placement(self.sensors, self.minimum_lever, self.kinematics.axle)
+        both = self.sensors.keys() & self.flow_sensors.keys()
+        if both:
+            raise ConfigurationError(
+                f"flow_sensors.{min(both)}", "is the name of a line camera too; choose another one"
+            )
+        check_placement(self.all_sensors, self.minimum_lever, self.kinematics.axle)
 
     def _check_sideslip(self) -> None:
         for name, wheel in self.sideslip.items():

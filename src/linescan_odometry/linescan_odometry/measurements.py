@@ -99,6 +99,34 @@ class SensorReading:
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class FlowReading:
+    """What one flow sensor says about the motion of its place.
+
+    Attributes:
+        velocity: along its axis and to the left of it [m/s], shape (2,), 0 if not measured.
+        covariance: of the velocity [m^2/s^2], shape (2, 2), `UNMEASURED_VARIANCE` times the
+            identity if not measured.
+        measured: whether they can be used.
+        reason: why they cannot; empty if they can.
+    """
+
+    velocity: FloatArray
+    covariance: FloatArray
+    measured: bool
+    reason: str = ""
+
+    @classmethod
+    def unmeasured(cls, reason: str) -> FlowReading:
+        """Make a reading that says why there is none."""
+        return cls(np.zeros(2), UNMEASURED_VARIANCE * np.eye(2), False, reason)
+
+    def in_words(self) -> str:
+        """Return the velocity, or why there is none."""
+        x, y = self.velocity
+        return self.reason or f"{x:.3f} m/s along its axis, {y:.3f} m/s to the left of it"
+
+
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
     """A batch shows no velocity; carries the reading that says why."""
 
@@ -130,13 +158,14 @@ class TwistEstimate:
         covariance: of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity if not
             measured.
         measured: whether enough sensors saw the motion.
-        readings: what each sensor said, by name, all sensors in the order of the configuration.
+        readings: what each camera said, by name, all in the order of the configuration.
         assumed: whether a degree of freedom is not measured but that of the kinematics: if the
             vehicle skids, the twist is wrong by the skid, and the covariance does not know.
         skid: how the sensors contradict the kinematics, which then have no part in the twist;
             empty if they do not, or cannot.
         inflation: factor in the covariance by which the variances of the readings had to grow to
             explain how far they contradict each other; 1 if they do not.
+        flows: what each flow sensor said, by name, likewise.
     """
 
     stamp_ns: int
@@ -147,13 +176,11 @@ class TwistEstimate:
     assumed: bool = False
     skid: str = ""
     inflation: float = 1.0
+    flows: Mapping[str, FlowReading] = dataclasses.field(default_factory=dict)
 
     @property
     def reason(self) -> str:
         """Why sensors did not measure, such as ``front: no line; left: ...``, and any skid."""
-        reasons = [
-            f"{name}: {reading.reason}"
-            for name, reading in self.readings.items()
-            if not reading.measured
-        ]
+        each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
+        reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

@@ -1,11 +1,14 @@
-"""ROS messages to batches of lines."""
+"""ROS messages to batches of lines and measurements of flow sensors."""
 
 from __future__ import annotations
 
+import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
 
 from linescan_odometry.measurements import LineBatch
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import Flow
 from omni_ros.messages import lines_of, to_nanoseconds
 
 _SAME_SCALE = 0.005  # of a camera's own scale and the configured one
@@ -18,6 +21,17 @@ def line_batch_of(message: Image) -> LineBatch:
         return LineBatch(stamp_ns, lines_of(message))
     except ValueError as error:
         return LineBatch.unusable(stamp_ns, str(error))
+
+
+def flow_of(message: TwistWithCovarianceStamped) -> Flow:
+    """Return what a flow sensor says of its place, in its own axes; other components are not read.
+
+    A driver that cannot measure says so by no number, or by a variance of 1e6 and more.
+    """
+    twist = message.twist.twist
+    covariance = np.asarray(message.twist.covariance, np.float64).reshape(6, 6)[:2, :2]
+    velocity = np.array([twist.linear.x, twist.linear.y])
+    return Flow(to_nanoseconds(message.header.stamp), velocity, covariance.copy())
 
 
 def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:

@@ -11,15 +11,17 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.flow import monitors
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
+    FlowReading,
     LineBatch,
     LineBatchError,
     SensorReading,
@@ -31,8 +33,11 @@ from linescan_odometry.view.grain import Grain
 from linescan_odometry.view.occlusion import Covers
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import Flow
 
 __all__ = [
+    "Flow",
+    "FlowReading",
     "LineBatch",
     "LineBatchError",
     "LineScanOdometry",
@@ -54,7 +59,9 @@ class _Solution:
     Attributes:
         twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         covariance: of the twist, shape (3, 3).
-        measured: which of the sensors, and of the axle as the last one, it was made of.
+        measured: which of the cameras, the flow sensors, and the axle as the last one, it was
+            made of.
+        count: velocities that it was made of.
         assumed: whether the axle has part in it.
         scores: standard deviations by which each contradicts the others, shape (S,) or (S + 1,).
         last_variance: of the last sensor, or of the axle [m^2/s^2].
@@ -63,13 +70,14 @@ class _Solution:
     twist: FloatArray
     covariance: FloatArray
     measured: tuple[bool, ...]
+    count: int
     assumed: bool
     scores: FloatArray
     last_variance: float
 
 
 class LineScanOdometry:
-    """Body twist from one-dimensional line cameras."""
+    """Body twist from one-dimensional line cameras, optical-flow sensors, or both."""
 
     def __init__(self, configuration: OdometryConfiguration) -> None:
         """Prepare for the sensors of the configuration.
@@ -87,33 +95,47 @@ class LineScanOdometry:
         except LineBatchError as error:
             raise ConfigurationError("flat_field_tables", str(error)) from None
         self._axle = configuration.kinematics.axle
-        self._solver = TwistSolver(configuration.sensors, configuration.minimum_lever, self._axle)
+        self._flows = monitors(configuration.flow_sensors, configuration.maximum_acceleration)
+        self._solver = TwistSolver(
+            configuration.all_sensors, configuration.minimum_lever, self._axle
+        )
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
         self._pool = ThreadPoolExecutor(1, "match")  # starts its thread when it is first used
         self._stamp_ns = 0
 
-    def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
-        """Take the lines since the last update and estimate the twist.
+    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
+        """Take what the sensors saw since the last update and estimate the twist.
 
         Args:
-            batches: lines by sensor name; a sensor that is left out has not measured.
+            batches: lines of cameras and measurements of flow sensors by name; a sensor that is
+                left out has not measured.
 
         Raises:
-            LineBatchError: a name is not that of a configured sensor.
+            LineBatchError: a name is not that of a configured sensor of this kind.
         """
-        for name in batches:
-            if name not in self._sensors:
-                raise LineBatchError(
-                    f"{name!r} is not one of the sensors {', '.join(self._sensors)}"
+        lines: dict[str, LineBatch] = {}
+        flows: dict[str, Flow] = {}
+        for name, batch in batches.items():
+            if isinstance(batch, Flow) and name in self._flows:
+                flows[name] = batch
+            elif isinstance(batch, LineBatch) and name in self._sensors:
+                lines[name] = batch
+            else:
+                kind, known = (
+                    ("flow sensors", self._flows)
+                    if isinstance(batch, Flow)
+                    else ("sensors", self._sensors)
                 )
+                raise LineBatchError(f"{name!r} is not one of the {kind} {', '.join(known)}")
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
-        readings = self._read_all(batches)
+        readings = self._read_all(lines)
+        measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
         if self._covers is None or self._grain is None:
-            return self._estimate(readings)
+            return self._estimate(readings, measured)
         readings |= self._covers.stopped(self._stamp_ns, readings)
-        estimate = self._estimate(readings)
+        estimate = self._estimate(readings, measured)
         if estimate.measured:
             self._covers.remember(self._stamp_ns, estimate.twist)
             self._grain.remember(self._stamp_ns, estimate.twist)
@@ -164,39 +186,71 @@ class LineScanOdometry:
         if batch is None:
             return SensorReading.unmeasured("no lines arrived")
         reading = self._sensors[name].update(batch)
-        age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
-        if age > self._configuration.maximum_skew:
-            return SensorReading.unmeasured(f"stale: {1e3 * age:.3g} ms older than the newest line")
-        return reading
+        stale = self._stale(batch)
+        return SensorReading.unmeasured(stale) if stale else reading
 
-    def _estimate(self, readings: dict[str, SensorReading]) -> TwistEstimate:
+    def _read_flow(self, name: str, flow: Flow | None) -> FlowReading:
+        if flow is None:
+            return FlowReading.unmeasured("no measurement arrived")
+        reading = self._flows[name].read(flow)
+        stale = self._stale(flow)
+        return FlowReading.unmeasured(stale) if stale else reading
+
+    def _stale(self, batch: LineBatch | Flow) -> str:
+        """Say by how much something is too old for the others, empty if it is not."""
+        age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
+        too_old = age > self._configuration.maximum_skew
+        return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
+
+    def _estimate(
+        self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
+    ) -> TwistEstimate:
         """Solve, check, exclude whoever is wrong, and solve again."""
         while True:
-            solution = self._solve(readings)
+            solution = self._solve(readings, flows)
             if solution is None:
                 if self._grain is not None:
                     readings = readings | self._grain.unconfirmed(readings)
                 covariance = UNMEASURED_VARIANCE * np.eye(3)
-                return TwistEstimate(self._stamp_ns, np.zeros(3), covariance, False, readings)
-            wrong = (
-                self._contradicting(solution, readings)
-                or self._covered(solution, readings)
-                or self._misled(solution, readings)
-            )
+                return TwistEstimate(
+                    self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
+                )
+            suspect = self._contradicting(solution, [*readings, *flows])
+            if suspect is not None:
+                name, reason = suspect
+                if name in flows:
+                    flows = flows | {name: FlowReading.unmeasured(reason)}
+                    continue
+                reading = readings[name]
+                wrong = {
+                    name: SensorReading.unmeasured(
+                        reason, reading.correlation, reading.inlier_share
+                    )
+                }
+            else:
+                wrong = self._covered(solution, readings) or self._misled(solution, readings)
             if not wrong:
-                return self._judged(solution, readings)
+                return self._judged(solution, readings, flows)
             readings = readings | wrong
 
-    def _solve(self, readings: Mapping[str, SensorReading]) -> _Solution | None:
+    def _solve(
+        self, readings: Mapping[str, SensorReading], flows: Mapping[str, FlowReading]
+    ) -> _Solution | None:
         """Return the twist of the sensors that measured, None where they do not suffice."""
-        measured = tuple(reading.measured for reading in readings.values())
-        velocity = np.array([reading.velocity for reading in readings.values()])
+        each: list[SensorReading | FlowReading] = [*readings.values(), *flows.values()]
+        measured = tuple(reading.measured for reading in each)
+        velocity = np.array([r.velocity for r in readings.values()])
         variance = np.array([r.variance for r in readings.values()])
-        largest = float(np.max(variance, where=np.array(measured), initial=0.0))
+        if flows:
+            velocity = np.concatenate([velocity, *(f.velocity for f in flows.values())])
+            of_flows = (np.diag(f.covariance) for f in flows.values())
+            variance = np.concatenate([variance, *of_flows])
+        used = self._solver.rows(measured)
+        largest = float(np.max(variance, where=used, initial=0.0))
         variance = np.maximum(variance, max(_SMALLEST_SHARE * largest, _MINIMUM_VARIANCE))
         assumed = False
         if self._axle is not None:
-            speed = float(np.max(np.abs(velocity), where=np.array(measured), initial=0.0))
+            speed = float(np.max(np.abs(velocity), where=used, initial=0.0))
             velocity = np.append(velocity, 0.0)
             variance = np.append(variance, self._configuration.kinematics.variance(speed))
             # The sensors are believed where they suffice: the axle stands in where they do not.
@@ -204,26 +258,36 @@ class LineScanOdometry:
             measured = (*measured, assumed)
         if self._solver.problem(measured):
             return None
+        last_variance = float(variance[-1])
+        if flows:
+            variance = np.diag(variance)
+            places = self._solver.places[len(readings) :]
+            for place, flow in zip(places, flows.values(), strict=True):
+                for i, j in ((0, 1), (1, 0)):
+                    variance[place.start + i, place.start + j] = flow.covariance[i, j]
         twist, covariance = self._solver.solve(velocity, variance, measured)
-        scores = np.zeros(len(velocity))
-        if sum(measured) > _UNKNOWNS and self._configuration.contradiction_limit > 0.0:
+        scores = np.zeros(len(measured))
+        count = int(np.count_nonzero(self._solver.rows(measured)))
+        if count > _UNKNOWNS and self._configuration.contradiction_limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
-        return _Solution(twist, covariance, measured, assumed, scores, float(variance[-1]))
+        return _Solution(twist, covariance, measured, count, assumed, scores, last_variance)
 
-    def _contradicting(
-        self, solution: _Solution, readings: Mapping[str, SensorReading]
-    ) -> dict[str, SensorReading]:
-        """Return the sensor that contradicts the others most, unmeasured, if they can tell."""
+    def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
+        """Return which sensor contradicts the others most, and how, if they can tell."""
+        limit = self._configuration.contradiction_limit
         worst = int(np.argmax(solution.scores))
         score = float(solution.scores[worst])
         others = tuple(use and i != worst for i, use in enumerate(solution.measured))
-        too_few = sum(others) <= _UNKNOWNS or bool(self._solver.problem(others))
-        if not score > self._configuration.contradiction_limit > 0.0 or too_few:
-            return {}
-        name = list(readings)[worst]
-        reason = f"contradicts the other sensors by {score:.3g} standard deviations"
-        reading = readings[name]
-        return {name: SensorReading.unmeasured(reason, reading.correlation, reading.inlier_share)}
+        count = int(np.count_nonzero(self._solver.rows(others)))
+        too_few = count <= _UNKNOWNS or bool(self._solver.problem(others))
+        if not score > limit > 0.0 or too_few:
+            return None
+        if self._flows:
+            # Two errors of a flow sensor can look like those of another one.
+            rivals = np.delete(solution.scores, worst) ** 2 >= score**2 - limit**2
+            if rivals.any():
+                return None
+        return names[worst], f"contradicts the other sensors by {score:.3g} standard deviations"
 
     def _covered(
         self, solution: _Solution, readings: Mapping[str, SensorReading]
@@ -244,7 +308,12 @@ class LineScanOdometry:
             else self._grain.misled(self._stamp_ns, readings, solution.twist)
         )
 
-    def _judged(self, solution: _Solution, readings: Mapping[str, SensorReading]) -> TwistEstimate:
+    def _judged(
+        self,
+        solution: _Solution,
+        readings: Mapping[str, SensorReading],
+        flows: Mapping[str, FlowReading],
+    ) -> TwistEstimate:
         """Return the twist with what is left to say of it."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
@@ -254,7 +323,7 @@ class LineScanOdometry:
         skid = ""
         if self._axle is not None and not solution.assumed:
             skid = self._skid(self._axle, solution.twist, covariance, solution.last_variance)
-            if skid and sum(solution.measured) == _UNKNOWNS:
+            if skid and solution.count == _UNKNOWNS:
                 skid += "; or one of the three sensors is wrong"
         return TwistEstimate(
             self._stamp_ns,
@@ -265,6 +334,7 @@ class LineScanOdometry:
             solution.assumed,
             skid,
             inflation,
+            flows,
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:

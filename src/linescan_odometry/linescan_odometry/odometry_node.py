@@ -18,14 +18,15 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.messages import contradiction_of, line_batch_of
+from linescan_odometry.measurements import FlowReading, SensorReading
+from linescan_odometry.messages import contradiction_of, flow_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
 from linescan_odometry.pose import PoseIntegrator
 from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip import SideslipEstimate
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, Mount
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
     fixed_transform,
@@ -82,14 +83,14 @@ class OdometryNode(Node):
         self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
         self._odometry = make_odometry(source.own_odometry, configuration)
         self._odometry.warm_up()
-        self._collector = BatchCollector(configuration.sensors, configuration.maximum_skew)
+        self._collector = BatchCollector.of(configuration)
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
         self._odom = advertise(self, Odometry, "odom")
         self._pose = PoseIntegrator()
         self._transforms = None
         if inputs.publish_tf:
-            self._transforms = self._make_transforms(configuration.sensors)
-        sensors = ", ".join(configuration.sensors)
+            self._transforms = self._make_transforms(configuration.all_sensors)
+        sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
@@ -107,9 +108,16 @@ class OdometryNode(Node):
             listen(self, Image, f"line_scan/{name}/lines", partial(self._on_lines, name), qos)
             told = partial(self._on_camera_info, name, sensor)
             listen(self, CameraInfo, f"line_scan/{name}/camera_info", told, LATCHED)
+        for name in configuration.flow_sensors:
+            taken = partial(self._on_flow, name)
+            listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
 
     def _on_lines(self, sensor: str, message: Image) -> None:
         for batches in self._collector.add(sensor, line_batch_of(message)):
+            self._publish(self._odometry.update(batches))
+
+    def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:
+        for batches in self._collector.add(sensor, flow_of(message)):
             self._publish(self._odometry.update(batches))
 
     def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
@@ -136,7 +144,7 @@ class OdometryNode(Node):
         if self._transforms is not None:
             self._transforms.follow(odometry)
 
-    def _make_transforms(self, sensors: Mapping[str, LineSensor]) -> TransformPublisher:
+    def _make_transforms(self, sensors: Mapping[str, Mount]) -> TransformPublisher:
         fixed = [
             fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
             for name, sensor in sensors.items()
@@ -149,10 +157,11 @@ class OdometryNode(Node):
         return transforms
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
-        """Say how every camera fares, when one changes and every second."""
+        """Say how every sensor fares, when one changes and every second."""
+        each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
         # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
         key = (
-            *(reading.measured for reading in estimate.readings.values()),
+            *(reading.measured for reading in each.values()),
             estimate.assumed,
             bool(estimate.skid),
             *(wheel.measured for wheel in sideslip.values()),
@@ -162,11 +171,12 @@ class OdometryNode(Node):
             name: reading.reason or reading.remark or f"correlation {reading.correlation:.3f}"
             for name, reading in estimate.readings.items()
         }
+        values |= {name: reading.in_words() for name, reading in estimate.flows.items()}
         values |= {
             f"sideslip {name}": wheel.reason or f"{math.degrees(wheel.angle):.2f} deg"
             for name, wheel in sideslip.items()
         }
-        blind = [name for name, reading in estimate.readings.items() if not reading.measured]
+        blind = [name for name, reading in each.items() if not reading.measured]
         if estimate.assumed or estimate.skid:
             values["kinematics"] = estimate.skid or _ASSUMED
         unlike = {name: words for name, words in self._contradictions.items() if words}

@@ -9,7 +9,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
 from omni_platform.plugins import load_class, make_part
-from omni_platform.signals import Twist
+from omni_platform.signals import Flow, Twist
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Entry points under which an installed package offers its odometries by name."""
@@ -18,7 +18,7 @@ ODOMETRY_GROUP = "linescan_odometry.odometries"
 class Odometry(Protocol):
     """What makes a twist of lines."""
 
-    def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
+    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Take the lines since the last update and estimate the twist."""
 
     def warm_up(self) -> None:
@@ -31,7 +31,7 @@ class _OwnOdometry:
     def __init__(self, odometry: Any) -> None:
         self._odometry = odometry
 
-    def update(self, batches: Mapping[str, LineBatch]) -> TwistEstimate:
+    def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         twist: Twist = self._odometry.update(batches)
         return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
 

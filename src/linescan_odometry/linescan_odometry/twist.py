@@ -5,6 +5,9 @@ give the twist if the axes neither are all parallel nor all pass through one poi
 about that point is not seen by any of them). How well the yaw rate is seen does not depend on
 where base_link lies: it is the part of the levers that no velocity can imitate.
 
+A flow sensor measures the velocities of one place in two directions: two rows, whose errors may
+depend on each other.
+
 Where the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may give
 one more row, (0, 1, axle x), with the velocity 0. It is a row like any other in what follows.
 
@@ -14,19 +17,21 @@ that lasts as long as the motion does. To first order, with the twist (v_x, v_y,
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
 
 whose variance is added to that of the match: pitch scales a speed, the axis couples the motion
-across it, the place couples the yaw rate.
+across it, the place couples the yaw rate. A flow sensor has one scale and one axis for both of its
+velocities.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
 _CHECKED = 1e-6  # of its variance must be left for the others to check a sensor
@@ -34,18 +39,18 @@ _WEAKEST_LEVER = 0.05  # effective lever over the spread of the sensors
 
 
 def check_placement(
-    sensors: Mapping[str, LineSensor], minimum_lever: float, axle: float | None = None
+    sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
 ) -> None:
     """Refuse sensors that cannot tell the three components of the twist apart.
 
     Args:
-        sensors: the line cameras by name.
+        sensors: line cameras and flow sensors by name.
         minimum_lever: smallest effective lever for the yaw rate [m].
         axle: x of an axle that does not slip sideways [m], which counts as a sensor where the
             sensors do not suffice; None without.
 
     Raises:
-        ConfigurationError: fewer than three sensors, axes (nearly) parallel, or axes that
+        ConfigurationError: fewer than three velocities, axes (nearly) parallel, or axes that
             (nearly) pass through one point; the text names the sensors.
     """
     problem = _problem(sensors, minimum_lever)
@@ -60,7 +65,7 @@ class TwistSolver:
 
     def __init__(
         self,
-        sensors: Mapping[str, LineSensor],
+        sensors: Mapping[str, Mount],
         minimum_lever: float,
         axle: float | None = None,
     ) -> None:
@@ -78,14 +83,31 @@ class TwistSolver:
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
         self._verdicts: dict[tuple[bool, ...], str] = {}
+        sizes = [len(sensor.directions) for sensor in sensors.values()]
+        self._sizes = np.array(sizes if axle is None else [*sizes, 1], np.intp)
+        ends = np.cumsum(sizes)
+        self._places = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         # Rows of the motion across each axis, and what calibration leaves; none of an axle.
         self._across = np.zeros_like(matrix)
-        self._across[: len(sensors), 0] = -matrix[: len(sensors), 1]
-        self._across[: len(sensors), 1] = matrix[: len(sensors), 0]
         self._left = np.zeros_like(matrix)  # shares, [rad], [m]
-        for row, sensor in zip(self._left, sensors.values(), strict=False):
-            row[:] = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
+        for place, sensor in zip(self._places, sensors.values(), strict=True):
+            if len(sensor.directions) == 1:
+                self._across[place, 0] = -matrix[place, 1]
+                self._across[place, 1] = matrix[place, 0]
+            else:  # the place is known: what one axis measures is across the other
+                self._across[place] = matrix[place][::-1] * ((1.0,), (-1.0,))
+            errors = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
+            self._left[place] = errors
         self._calibrated = bool(self._left.any())
+
+    def rows(self, measured: tuple[bool, ...]) -> NDArray[np.bool_]:
+        """Return which velocities belong to what is used, shape (R,)."""
+        return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
+
+    @property
+    def places(self) -> Sequence[slice]:
+        """Where the velocities of each sensor are among all of them."""
+        return self._places
 
     def problem(self, measured: tuple[bool, ...]) -> str:
         """Return why the rows that are used do not suffice; empty if they do.
@@ -112,10 +134,11 @@ class TwistSolver:
         """Estimate the twist; `problem` must be empty for these sensors.
 
         Args:
-            velocity: along each sensor's axis [m/s], shape (S,), or (S + 1,) with an axle, which
-                has the last place and the velocity 0.
-            variance: of these velocities [m^2/s^2], positive, of the same shape.
-            measured: which of them to use.
+            velocity: along each sensor's axes [m/s], shape (R,); an axle has the last place and
+                the velocity 0.
+            variance: of these velocities [m^2/s^2], positive, shape (R,), or, where those of flow
+                sensors depend on each other, their covariance, shape (R, R).
+            measured: which of the S sensors to use, and whether to use the axle, if there is one.
 
         Returns:
             Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance, which
@@ -123,26 +146,37 @@ class TwistSolver:
         """
         twist, covariance = self._least_squares(velocity, variance, measured)
         if self._calibrated:
-            variance = variance + self._systematic(twist)
+            variance = variance + self._systematic(twist, variance.ndim)
             twist, covariance = self._least_squares(velocity, variance, measured)
         return twist, covariance
 
-    def _systematic(self, twist: FloatArray) -> FloatArray:
-        """Return the variance that calibration leaves of each velocity [m^2/s^2]."""
+    def _systematic(self, twist: FloatArray, dimensions: int) -> FloatArray:
+        """Return the variance, (R,), or the covariance, (R, R), that calibration leaves."""
         along = self._matrix @ (twist / self._unit)
         motion = np.column_stack(
             (along, self._across @ twist, np.full(len(along), float(twist[2])))
         )
-        variance: FloatArray = np.sum((self._left * motion) ** 2, axis=1)
-        return variance
+        errors = self._left * motion
+        variance: FloatArray = np.sum(errors**2, axis=1)
+        if dimensions == 1:
+            return variance
+        covariance = np.diag(variance)
+        for place in self._places:
+            if place.stop - place.start > 1:
+                common, own = errors[place, :2], errors[place, 2]
+                covariance[place, place] = common @ common.T + np.diag(own**2)
+        return covariance
 
     def _least_squares(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
         """Return the twist that fits best, and its covariance."""
-        use = np.array(measured)
+        use = self.rows(measured)
         rows = self._matrix[use]
-        weighted = rows / variance[use, None]
+        if variance.ndim == 1:
+            weighted = rows / variance[use, None]
+        else:
+            weighted = np.linalg.solve(variance[np.ix_(use, use)], rows)
         covariance = np.linalg.inv(rows.T @ weighted)
         covariance = 0.5 * (covariance + covariance.T)
         twist = covariance @ (weighted.T @ velocity[use])
@@ -169,50 +203,62 @@ class TwistSolver:
             covariance: that `solve` returned.
 
         Returns:
-            Standard deviations of the residuals [1], of the same shape; 0 for a sensor that the
-            others cannot check and for one that has not measured. With four sensors all four are
-            equal: they see that something is wrong, but not which one.
+            Standard deviations of the residuals [1], of each sensor (and the axle), shape (S,) or
+            (S + 1,); 0 for a sensor that the others cannot check and for one that has not
+            measured. With four line cameras all four are equal: they see that something is wrong,
+            but not which one. Of a flow sensor the root of the sum of squares of its two.
         """
         rows = self._matrix / self._unit
         if self._calibrated:
-            variance = variance + self._systematic(twist)
-        left = variance - np.einsum("ij,jk,ik->i", rows, covariance, rows)
-        checked = np.array(measured) & (left > _CHECKED * variance)
+            variance = variance + self._systematic(twist, variance.ndim)
         residual = velocity - rows @ twist
+        explained = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        own = variance if variance.ndim == 1 else np.diag(variance)
+        left = own - explained
+        checked = self.rows(measured) & (left > _CHECKED * own)
         score: FloatArray = np.zeros(len(velocity))
         score[checked] = np.abs(residual[checked]) / np.sqrt(left[checked])
-        return score
+        if variance.ndim == 1:
+            return score
+        each: FloatArray = score[np.cumsum(self._sizes) - self._sizes]
+        for i, place in enumerate(self._places):
+            if place.stop - place.start > 1:
+                root = np.linalg.cholesky(variance[place, place])
+                white = np.linalg.solve(root, np.column_stack((rows[place], residual[place])))
+                share, axes = np.linalg.eigh(np.eye(2) - white[:, :3] @ covariance @ white[:, :3].T)
+                told = share > _CHECKED
+                of_each = (axes.T @ white[:, 3])[told] ** 2 / share[told]
+                each[i] = math.sqrt(float(np.sum(of_each))) if measured[i] else 0.0
+        return each
 
 
-def _rows(sensors: Mapping[str, LineSensor], axle: float | None) -> FloatArray:
+def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
     """Return the rows of the sensors and below them that of the axle, shape (S + 1, 3)."""
     matrix = sensor_matrix(sensors)
     return matrix if axle is None else np.vstack((matrix, (0.0, 1.0, axle)))
 
 
-def _problem(
-    sensors: Mapping[str, LineSensor], minimum_lever: float, axle: float | None = None
-) -> str:
+def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None) -> str:
     """Return what makes a placement unusable, empty if it is usable."""
     names = ", ".join(sensors) or "none"
-    if axle is None and len(sensors) < 3:
-        hint = ""
-        if len(sensors) == 2:
-            hint = "; two suffice with an axle that does not slip sideways (kinematics.constraint)"
+    matrix = _rows(sensors, axle)
+    if axle is None and len(matrix) < 3:
+        hint = " (a flow sensor counts as two)" if len(matrix) > len(sensors) else ""
+        if len(matrix) == 2:
+            hint += "; two suffice with an axle that does not slip sideways (kinematics.constraint)"
         return (
             f"three sensors are needed to measure the twist, these are {len(sensors)}: {names}"
             + hint
         )
-    if axle is not None and len(sensors) < 2:
+    if axle is not None and len(matrix) < 3:
         return (
             "two sensors are needed beside the axle that does not slip sideways, "
             f"these are {len(sensors)}: {names}"
         )
-    position = np.array([[sensor.x, sensor.y] for sensor in sensors.values()])
+    position = np.array([[s.x, s.y] for s in sensors.values() for _ in s.directions])
     if axle is not None:
         names += f" and of the axle at x = {axle:g} m"
         position = np.vstack((position, (axle, 0.0)))
-    matrix = _rows(sensors, axle)
     axes, levers = matrix[:, :2], matrix[:, 2]
     count = len(matrix)
     if np.linalg.eigvalsh(axes.T @ axes)[0] / count < _NARROWEST:

@@ -1,4 +1,4 @@
-"""The example of the README runs as it stands, without ROS, and measures the motion it says."""
+"""The examples of the README run as they stand, without ROS, and measure the motion they say."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 WITHOUT_ROS = "import sys; sys.modules['rclpy'] = sys.modules['sensor_msgs'] = None\n"
 
 
-def test_the_example_measures_without_ros() -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+EXAMPLES = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=["lines", "flow"])
+def test_an_example_measures_without_ros(example: str) -> None:
     ran = subprocess.run(
         [sys.executable, "-c", WITHOUT_ROS + example], capture_output=True, text=True, check=False
     )

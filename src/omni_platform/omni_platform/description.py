@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from omni_platform.geometry import WheelMount
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import Mount
 
 _BODY_HEIGHT = 0.2  # [m] no file says it; for the eye
 _WIDTH_SHARE = 0.4  # of the radius, likewise
@@ -16,7 +16,7 @@ _WIDTH_SHARE = 0.4  # of the radius, likewise
 def urdf(
     name: str,
     wheels: Mapping[str, WheelMount],
-    sensors: Mapping[str, LineSensor],
+    sensors: Mapping[str, Mount],
     size: tuple[float, float] | None = None,
 ) -> str:
     """Return a vehicle as a URDF.
@@ -28,7 +28,7 @@ def urdf(
     Args:
         name: of the robot.
         wheels: by name.
-        sensors: line cameras by name.
+        sensors: line cameras and flow sensors by name.
         size: length and width of the platform [m]; that of the wheels' positions if None.
     """
     robot = ElementTree.Element("robot", name=name)

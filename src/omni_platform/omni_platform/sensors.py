@@ -1,8 +1,9 @@
-"""Where the line cameras sit and what they see of the ground.
+"""Where the sensors of the ground sit and what they see of it.
 
-A line camera measures the velocity of its own position along its own axis. Its footprint is a
-rectangle: `length` along the axis, divided into `pixels`, and `width` across it, over which each
-pixel integrates (section 4.3.2).
+A line camera measures the velocity of its own position along its own axis, a flow sensor that and
+the velocity to the left of it. The footprint of a line camera is a rectangle: `length` along the
+axis, divided into `pixels`, and `width` across it, over which each pixel integrates (section
+4.3.2).
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LineSensor(Configuration):
-    """One line camera on the platform, in the body frame."""
+class Mount(Configuration):
+    """Where a sensor of the ground sits in the body frame, and how well that is known."""
 
     x: float = parameter(description="Centre of the footprint, forward of base_link", unit="m")
     y: float = parameter(description="Centre of the footprint, left of base_link", unit="m")
@@ -29,6 +30,39 @@ class LineSensor(Configuration):
         minimum=-360.0,
         maximum=360.0,
     )
+    scale_error: float = parameter(
+        0.0,
+        description="Standard error of its scale (of a camera pixel pitch times line rate), as a "
+        "share: what calibration leaves (`omni calibrate-sensors`); 0 where it counts for exact",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    heading_error_deg: float = parameter(
+        0.0, description="Standard error of the axis", unit="deg", minimum=0.0, maximum=90.0
+    )
+    lever_error: float = parameter(
+        0.0,
+        description="Standard error of the distance at which the axis passes base_link",
+        unit="m",
+        minimum=0.0,
+        maximum=10.0,
+    )
+
+    @property
+    def heading(self) -> float:
+        """Direction of the sensor axis in the body frame [rad]."""
+        return math.radians(self.heading_deg)
+
+    @property
+    def directions(self) -> tuple[float, ...]:
+        """Directions in which it measures a velocity, in the body frame [rad]."""
+        return (self.heading,)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LineSensor(Mount):
+    """One line camera on the platform: the velocity of its place along its axis."""
+
     pixels: int = parameter(
         1024, description="Pixels of a line", unit="px", minimum=16, maximum=16384
     )
@@ -50,47 +84,58 @@ class LineSensor(Configuration):
         2500.0, description="Lines per second", unit="1/s", above=0.0, maximum=1e6
     )
 
-    scale_error: float = parameter(
-        0.0,
-        description="Standard error of pixel pitch times line rate, as a share: what calibration "
-        "leaves (`omni calibrate-sensors`); 0 where it counts for exact",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    heading_error_deg: float = parameter(
-        0.0, description="Standard error of the axis", unit="deg", minimum=0.0, maximum=90.0
-    )
-    lever_error: float = parameter(
-        0.0,
-        description="Standard error of the distance at which the axis passes base_link",
-        unit="m",
-        minimum=0.0,
-        maximum=10.0,
-    )
-
     @property
     def pixel_pitch(self) -> float:
         """Length of a pixel's footprint along the axis [m]."""
         return self.length / self.pixels
 
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowSensor(Mount):
+    """One optical-flow sensor: the velocity of its place along its axis and to the left of it."""
+
+    rate: float = parameter(
+        100.0, description="Measurements per second", unit="1/s", above=0.0, maximum=1e5
+    )
+    deviation: float = parameter(
+        0.02,
+        description="Standard deviation of each velocity where a measurement states none",
+        unit="m/s",
+        above=0.0,
+        maximum=100.0,
+    )
+    maximum_speed: float = parameter(
+        0.0,
+        description="Fastest motion that it can follow (of a sensor of angles, its largest rate "
+        "times its height), above which it counts as unmeasured; 0 for any",
+        unit="m/s",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+
     @property
-    def heading(self) -> float:
-        """Direction of the sensor axis in the body frame [rad]."""
-        return math.radians(self.heading_deg)
+    def directions(self) -> tuple[float, ...]:
+        """Along the axis and to the left of it [rad]."""
+        return (self.heading, self.heading + math.pi / 2.0)
 
 
-def sensor_matrix(sensors: Mapping[str, LineSensor]) -> FloatArray:
-    """Return the linear map from body twist to the velocities along the sensor axes.
+def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
+    """Return the linear map from body twist to the velocities that sensors measure.
 
-    Each row is the `velocity_row` of a sensor's position along its axis.
+    Each row is the `velocity_row` of a sensor's position along one of its `directions`.
 
     Args:
-        sensors: S sensors by name.
+        sensors: by name.
 
     Returns:
-        Matrix of shape (S, 3): [1], [1], [m].
+        Matrix of shape (R, 3), with one row for a line camera and two for a flow sensor, in the
+        order of the sensors: [1], [1], [m].
     """
-    rows = [velocity_row(sensor.x, sensor.y, sensor.heading) for sensor in sensors.values()]
+    rows = [
+        velocity_row(sensor.x, sensor.y, direction)
+        for sensor in sensors.values()
+        for direction in sensor.directions
+    ]
     return np.array(rows, dtype=np.float64).reshape(len(rows), 3)
 
 

@@ -27,6 +27,21 @@ class Twist:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Flow:
+    """What an optical-flow sensor says.
+
+    Attributes:
+        stamp_ns: time of validity [ns from the start of the run].
+        velocity: of its place, along its axis and to the left of it [m/s], shape (2,).
+        covariance: of `velocity` [m^2/s^2], shape (2, 2); all zero where it states none.
+    """
+
+    stamp_ns: int
+    velocity: FloatArray
+    covariance: FloatArray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class WheelSpeeds:
     """What the encoders of the wheels say.
 

@@ -1,4 +1,4 @@
-"""The simulator's own messages: truth, IMU and the scene for viewers."""
+"""The simulator's own messages: truth, IMU, flow sensors and the scene for viewers."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, TwistWithCovarianceStamped, Vector3
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import Flow
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation, SimulatorConfiguration
@@ -42,6 +43,16 @@ def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Im
     message.linear_acceleration.y = float(reading[2])
     for axis in (0, 4):
         message.linear_acceleration_covariance[axis] = imu.noise**2
+    return message
+
+
+def flow_message(name: str, flow: Flow) -> TwistWithCovarianceStamped:
+    """Return what a flow sensor measures of its place, in its own axes."""
+    message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
+    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
+    matrix = np.zeros((6, 6))
+    matrix[:2, :2] = flow.covariance
+    message.twist.covariance = matrix.ravel()
     return message
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import Twist
+from omni_platform.sensors import FlowSensor, LineSensor
+from omni_platform.signals import Flow, Twist
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.camera.clock import LineClock
 from omni_sim.camera.optics import check_exposure
@@ -23,6 +23,7 @@ from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
 from omni_sim.driver.scripted import Driver, ManeuverConfiguration, ScriptedDriver
 from omni_sim.encoders import EncoderConfiguration
 from omni_sim.faults import FaultConfiguration
+from omni_sim.flow_sensor import FlowConfiguration, FlowSensorArray, check_flow_sensors
 from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.imu import ImuConfiguration
@@ -92,7 +93,9 @@ class SimulationConfiguration(Configuration):
         0.05, description="Speed below which the vehicle stands still", unit="m/s", above=0.0
     )
     render_lines: bool = parameter(
-        True, description="Render the line cameras; without, there is no optical odometry"
+        True,
+        description="Render the line cameras and read the flow sensors; without, there is no "
+        "optical odometry",
     )
 
     @property
@@ -130,6 +133,12 @@ class SimulatorConfiguration(Configuration):
     camera: CameraConfiguration = section(
         CameraConfiguration, description="Exposure common to the line cameras"
     )
+    flow_sensors: Mapping[str, FlowSensor] = section(
+        dict, description="Optical-flow sensors by name"
+    )
+    flow: FlowConfiguration = section(
+        FlowConfiguration, description="Errors common to the flow sensors"
+    )
     maneuver: ManeuverConfiguration = section(
         ManeuverConfiguration, description="What the scripted driver does"
     )
@@ -162,6 +171,7 @@ class SimulatorConfiguration(Configuration):
                     f"{self.simulation.control_period:g} s",
                 )
         check_exposure(self.sensors, self.camera)
+        check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
         last = self.maneuver.earliest_end
         if last > self.simulation.duration_limit:
             raise ConfigurationError(
@@ -207,6 +217,7 @@ class Observation:
         wheel_force_body: the same as vectors in the body frame [N], shape (N, 2).
         slip: of the contact patches, Eq. (20) [1], shape (N,).
         line_batches: lines since the last stamp, by camera.
+        flows: what flow sensors measure at this stamp, by name.
     """
 
     stamp_ns: int
@@ -226,6 +237,7 @@ class Observation:
     wheel_force_body: FloatArray
     slip: FloatArray
     line_batches: Mapping[str, LineBatch]
+    flows: Mapping[str, Flow]
 
 
 class Simulator:
@@ -276,9 +288,9 @@ class Simulator:
         self.vehicle.advance(0, 0.0, np.ones(len(configuration.vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
         # Streams of their own, so that one draw more of one does not change the other.
-        sensor_seed, camera_seed, instrument_seed = np.random.SeedSequence(
+        sensor_seed, camera_seed, instrument_seed, flow_seed = np.random.SeedSequence(
             configuration.seed
-        ).spawn(3)
+        ).spawn(4)
         self._velocity_sensor = VelocitySensor(
             configuration.velocity_sensor, np.random.default_rng(sensor_seed)
         )
@@ -296,7 +308,14 @@ class Simulator:
         self._imu, self._encoder = np.zeros(3), np.zeros(wheels)
         self._cameras: LineCameraArray | None = None
         self._batches: Mapping[str, LineBatch] = {}
-        if simulation.render_lines:
+        self._flow_sensors = FlowSensorArray(
+            configuration.flow_sensors if simulation.render_lines else {},
+            configuration.flow,
+            np.random.default_rng(flow_seed),
+            self._driver.start_twist,
+        )
+        self._flows = self._flow_sensors.measure(0)
+        if simulation.render_lines and configuration.sensors:
             texture = (textures or TextureCache.of_user()).texture(ground.texture)
             self._cameras = LineCameraArray(
                 configuration.sensors, texture, configuration.camera, camera_seed
@@ -334,6 +353,7 @@ class Simulator:
             wheel_force_body=vehicle.wheel_force_body,
             slip=wheels["slip"],
             line_batches=self._batches,
+            flows=self._flows,
         )
 
     def _measure(self) -> None:
@@ -380,6 +400,8 @@ class Simulator:
         )
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
+        self._flow_sensors.advance(trajectory)
+        self._flows = self._flow_sensors.measure(self._stamp_ns)
         if self._cameras is not None:
             self._batches = self._expose(trajectory, start_ns, self._stamp_ns)
 

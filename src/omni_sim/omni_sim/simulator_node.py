@@ -48,7 +48,7 @@ from omni_ros.report import report
 from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import ground_truth, imu_message, scene_markers
+from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.run_control_node import RunControl
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
@@ -157,9 +157,13 @@ class SimulatorNode(Node):
             self._lines[name] = create(Image, f"line_scan/{name}/lines")
             info = create(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
             self._camera_infos[name] = info
-        lines = tuple(self._lines.values())
+        self._flows = {
+            name: create(TwistWithCovarianceStamped, f"flow/{name}/twist")
+            for name in self.configuration.flow_sensors
+        }
+        lines, flows = tuple(self._lines.values()), tuple(self._flows.values())
         recorded = self.loop.lines_recorded
-        self.outputs = (self._wheel_states, self._pedal, *(lines if recorded else ()))
+        self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
         clock = self._clock_voice.publisher() if self._clock_voice else None
         # Nobody answers these, or nobody records them, so one listener fewer.
         self.recorded_outputs = (
@@ -177,9 +181,8 @@ class SimulatorNode(Node):
         """Say once what the vehicle is like and what the line cameras see."""
         vehicle = self.configuration.vehicle
         size = (vehicle.chassis_length, vehicle.chassis_width)
-        self._description.publish(
-            String(data=urdf("vehicle", vehicle.wheels, self.configuration.sensors, size))
-        )
+        mounts = {**self.configuration.sensors, **self.configuration.flow_sensors}
+        self._description.publish(String(data=urdf("vehicle", vehicle.wheels, mounts, size)))
         for name, sensor in self.configuration.sensors.items():
             info = camera_info(name, sensor.pixels, sensor.length, sensor.width)
             self._send(self._camera_infos[name], info)
@@ -192,6 +195,8 @@ class SimulatorNode(Node):
             self._send(clock, Clock(clock=to_time(stamp_ns)))
         for name, batch in observation.line_batches.items():
             self._send(self._lines[name], line_image(batch.stamp_ns, name, batch.lines))
+        for name, flow in observation.flows.items():
+            self._send(self._flows[name], flow_message(name, flow))
         wheels = joint_state(
             stamp_ns,
             self._wheels,

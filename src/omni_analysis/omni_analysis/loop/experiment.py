@@ -94,6 +94,14 @@ class ExperimentConfiguration(SimulatorConfiguration):
         check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
         _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
         _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
+        _check_names("odometry.flow_sensors", self.odometry.flow_sensors, self.flow_sensors)
+        rates = [sensor.rate for sensor in self.flow_sensors.values()]
+        if not self.sensors and max(rates, default=0.0) * self.simulation.control_period < 1.0:
+            raise ConfigurationError(
+                "flow_sensors",
+                "without line cameras one must measure in every control period of "
+                f"{self.simulation.control_period:g} s; set its rate",
+            )
         if self.hears_lines and not self.simulation.render_lines:
             raise ConfigurationError(
                 "simulation.render_lines",
@@ -117,12 +125,12 @@ class ExperimentConfiguration(SimulatorConfiguration):
         if self.feedback != "optical" or odometry.kinematics.axle is None:
             return
         try:
-            check_placement(odometry.sensors, odometry.minimum_lever)
+            check_placement(odometry.all_sensors, odometry.minimum_lever)
         except ConfigurationError:
             raise ConfigurationError(
                 "odometry.kinematics.constraint",
                 "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
-                f"line camera; {', '.join(odometry.sensors)} must measure the twist by themselves",
+                f"sensor; {', '.join(odometry.all_sensors)} must measure the twist by themselves",
             ) from None
 
 
@@ -191,7 +199,8 @@ class ExperimentLibrary:
         for layer in (changes, *(parse_override(text) for text in overrides)):
             tree = merge(tree, self._resolve(layer, near=near))
         # The nodes are told where things are mounted, unless an experiment misleads them.
-        _tell(tree, "odometry", "sensors", tree.get("sensors"))
+        for kind in ("sensors", "flow_sensors"):
+            _tell(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
         _tell(tree, "brake_assist", "wheels", wheels)

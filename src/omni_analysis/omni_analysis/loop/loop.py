@@ -115,7 +115,7 @@ class LineEstimator:
             name: LineBatch(batch.stamp_ns, batch.lines)
             for name, batch in observation.line_batches.items()
         }
-        self.last = self._odometry.update(batches)
+        self.last = self._odometry.update({**batches, **observation.flows})
         return Twist(self.last.stamp_ns, self.last.twist, self.last.covariance)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.sensors import LineSensor
+from omni_platform.sensors import LineSensor, Mount
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -205,10 +205,12 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
 
 def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
     vehicle, twists = experiment.vehicle, _twists(experiment.maneuver)
-    for name, sensor in experiment.sensors.items():
+    mounts: dict[str, Mount] = {f"sensors.{name}": s for name, s in experiment.sensors.items()}
+    mounts |= {f"flow_sensors.{name}": s for name, s in experiment.flow_sensors.items()}
+    for key, sensor in mounts.items():
         if abs(sensor.x) > vehicle.chassis_length / 2 or abs(sensor.y) > vehicle.chassis_width / 2:
             yield (
-                f"sensors.{name}: at ({sensor.x:g}, {sensor.y:g}) m it is beyond the edge of the "
+                f"{key}: at ({sensor.x:g}, {sensor.y:g}) m it is beyond the edge of the "
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
                 "./omni design-sensors finds places under it"
             )
@@ -219,14 +221,26 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
             for twist in twists
         ),
         key=lambda hurry: hurry.share,
+        default=None,
     )
-    if worst.share > 1.0:
+    if worst is not None and worst.share > 1.0:
         yield (
             f"sensors.{worst.sensor}: consecutive lines share less than 60 % above "
             f"{plain(worst.speed / worst.share)} m/s in the direction of motion, and it moves at "
             f"up to {plain(worst.speed)} m/s; take a wider view or more lines per second, or move "
             f"at most {90.0 / worst.share:.0f} % as fast"
         )
+    for name, flow in experiment.flow_sensors.items():
+        speed = max(_speed(flow, twist) for twist in twists)
+        if speed > flow.maximum_speed > 0.0:
+            yield (
+                f"flow_sensors.{name}: it moves at up to {plain(speed)} m/s and can follow "
+                f"{plain(flow.maximum_speed)} m/s; mount it higher, or move more slowly"
+            )
+
+
+def _speed(sensor: Mount, twist: tuple[float, float, float]) -> float:
+    return math.hypot(twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,7 +261,7 @@ class _Hurry:
     def of(cls, name: str, sensor: LineSensor, twist: tuple[float, float, float]) -> _Hurry:
         """Return that of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
         x, y = twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
-        speed = math.hypot(x, y)
+        speed = _speed(sensor, twist)
         return cls(name, speed, speed / camera_speed(sensor, math.atan2(y, x)))
 
 

@@ -26,7 +26,7 @@ FRAMES = "robot_state_publisher"
 LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 
-_PARTS = ("wheels", "sensors", "odometry", "brake_assist")
+_PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Hardware:
 
     Attributes:
         brake_assist: of the assistant.
-        odometry: of the line cameras; None where the twist comes from elsewhere.
+        odometry: of line cameras and flow sensors; None where the twist comes from elsewhere.
     """
 
     brake_assist: BrakeAssistConfiguration
@@ -46,8 +46,8 @@ def read_hardware(path: Path) -> Hardware:
     """Return what a file says of a vehicle.
 
     Args:
-        path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` and, where
-            defaults do not fit, ``odometry`` and ``brake_assist``.
+        path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` or
+            ``flow_sensors`` and, where defaults do not fit, ``odometry`` and ``brake_assist``.
 
     Raises:
         ConfigurationError: the file cannot be read, or a key or value does not fit.
@@ -74,10 +74,13 @@ def read_hardware(path: Path) -> Hardware:
         raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
     brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])
     odometry = None
-    if tree.get("sensors"):
-        odometry = _part(tree, "odometry", OdometryConfiguration, sensors=tree["sensors"])
+    sensors = {kind: tree.get(kind) or {} for kind in ("sensors", "flow_sensors")}
+    if any(sensors.values()):
+        odometry = _part(tree, "odometry", OdometryConfiguration, **sensors)
     elif "odometry" in tree:
-        raise ConfigurationError("odometry", "needs the line cameras under sensors")
+        raise ConfigurationError(
+            "odometry", "needs the line cameras under sensors, or flow sensors under flow_sensors"
+        )
     return Hardware(brake_assist, odometry)
 
 
@@ -101,7 +104,7 @@ def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
     sensors = {}
     if hardware.odometry is not None:
         documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)
-        sensors = dict(hardware.odometry.sensors)
+        sensors = hardware.odometry.all_sensors
     description = urdf("vehicle", hardware.brake_assist.wheels, sensors)
     documents[DESCRIPTION] = description
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})

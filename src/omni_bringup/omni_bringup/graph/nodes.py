@@ -44,6 +44,8 @@ def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
     for sensor in configuration.sensors:
         topics[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
         topics[f"/line_scan/{sensor}/camera_info"] = "sensor_msgs/msg/CameraInfo"
+    for sensor in configuration.flow_sensors:
+        topics[f"/flow/{sensor}/twist"] = "geometry_msgs/msg/TwistWithCovarianceStamped"
     return topics
 
 
@@ -82,9 +84,10 @@ def recorder(
         "synchronize": options.synchronize,
     }
     if GROUND_TRUTH in topics:
-        poses = [(sensor.x, sensor.y, sensor.heading) for sensor in configuration.sensors.values()]
+        mounts = {**configuration.sensors, **configuration.flow_sensors}
+        poses = [(mount.x, mount.y, mount.heading) for mount in mounts.values()]
         parameters["transforms_from"] = _relative(GROUND_TRUTH)
-        parameters["fixed_frames"] = list(configuration.sensors)
+        parameters["fixed_frames"] = list(mounts)
         parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
     latched = [name for name in latched_topics(configuration) if name in topics]
     if latched:  # an empty list has no type in a parameter file

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.messages import line_batch_of
+from linescan_odometry.measurements import LineBatch
+from linescan_odometry.messages import flow_of, line_batch_of
 from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip_meter import SideslipMonitor, angles
 from omni_analysis.loop.experiment import ExperimentConfiguration
@@ -22,9 +23,10 @@ from omni_bringup.replay.plan import (
     ODOMETRY,
     ReplayPlan,
     feedback_topic,
+    flow_topic,
     lines_topic,
 )
-from omni_platform.signals import Twist
+from omni_platform.signals import Flow, Twist
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
@@ -95,7 +97,9 @@ class _Cores:
         if ODOMETRY in plan.nodes:
             odometry = _Odometry(configuration)
             for sensor in configuration.odometry.sensors:
-                self._takers[lines_topic(sensor)] = odometry.taker(sensor)
+                self._takers[lines_topic(sensor)] = odometry.taker(sensor, line_batch_of)
+            for sensor in configuration.odometry.flow_sensors:
+                self._takers[flow_topic(sensor)] = odometry.taker(sensor, flow_of)
 
     def take(self, bag: Bag, recorded: RecordedMessage, decoder: MessageDecoder) -> list[Result]:
         topic = recorded.channel.topic
@@ -117,15 +121,15 @@ class _Odometry:
         self._odometry = make_odometry(configuration.own_odometry, configuration.odometry)
         self._has_wheels = bool(configuration.odometry.sideslip)
         self._sideslip = SideslipMonitor(configuration.odometry)
-        self._collector = BatchCollector(
-            configuration.odometry.sensors, configuration.odometry.maximum_skew
-        )
+        self._collector = BatchCollector.of(configuration.odometry)
 
-    def taker(self, sensor: str) -> Callable[[Any], Iterable[Result]]:
-        return lambda message: self._take(sensor, message)
+    def taker(
+        self, sensor: str, batch_of: Callable[[Any], LineBatch | Flow]
+    ) -> Callable[[Any], Iterable[Result]]:
+        return lambda message: self._take(sensor, batch_of(message))
 
-    def _take(self, sensor: str, message: Any) -> Iterable[Result]:
-        for batches in self._collector.add(sensor, line_batch_of(message)):
+    def _take(self, sensor: str, batch: LineBatch | Flow) -> Iterable[Result]:
+        for batches in self._collector.add(sensor, batch):
             estimate = self._odometry.update(batches)
             stamp_ns = estimate.stamp_ns
             if self._has_wheels:

@@ -57,6 +57,8 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
     if ODOMETRY in nodes:
         for sensor in configuration.odometry.sensors:
             inputs[lines_topic(sensor)] = "sensor_msgs/msg/Image"
+        for sensor in configuration.odometry.flow_sensors:
+            inputs[flow_topic(sensor)] = _TWIST
         outputs["/odometry/twist"] = _TWIST
         if configuration.odometry.sideslip:
             outputs["/odometry/sideslip"] = _JOINTS
@@ -74,6 +76,11 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
 def lines_topic(sensor: str) -> str:
     """Return the topic of a camera's lines."""
     return f"/line_scan/{sensor}/lines"
+
+
+def flow_topic(sensor: str) -> str:
+    """Return the topic of what a flow sensor measures."""
+    return f"/flow/{sensor}/twist"
 
 
 def feedback_topic(configuration: ExperimentConfiguration) -> str:

@@ -1,0 +1,146 @@
+"""Optical-flow sensors: they count how far the ground moves under them along two axes.
+
+A sensor sums up the motion of its place in its own axes and hands on, at its own rate, the counts
+since the last time; what is left of a count stays in the sum. As a velocity over the time in
+between, with the variance that noise and rounding give it, this is what a driver publishes. Moved
+faster than it can follow it has no value, which real ones tell by the quality of their picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.sensors import FlowSensor
+from omni_platform.signals import Flow
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowConfiguration(Configuration):
+    """Errors of the flow sensors, those of a PMW3901 a hand's breadth above the ground."""
+
+    resolution: float = parameter(
+        0.0002, description="Way of the ground that is one count", unit="m", minimum=0.0
+    )
+    noise: float = parameter(
+        0.0002,
+        description="Standard deviation of the way of one measurement along each axis",
+        unit="m",
+        above=0.0,
+    )
+    scale: float = parameter(0.005, description="Error of the scale of all of them", minimum=-0.9)
+    failing: str = parameter("", description="Name of one that fails; empty for none")
+    failure: str = parameter(
+        "zero",
+        description="What it does then: reads zero, repeats its last reading (frozen), reads no "
+        "number (invalid) or twice the velocity (double)",
+        choices=("zero", "frozen", "invalid", "double"),
+    )
+    failure_start: float = parameter(
+        0.0, description="From when it fails, to the end", unit="s", minimum=0.0
+    )
+
+
+def check_flow_sensors(
+    sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
+) -> None:
+    """Refuse rates that do not fit the control period [s], and a failure of nobody.
+
+    Raises:
+        ConfigurationError: names the sensor.
+    """
+    control_ns = round(SECOND_NS * control_period)
+    for name, sensor in sensors.items():
+        if round(SECOND_NS / sensor.rate) % control_ns:
+            raise ConfigurationError(
+                f"flow_sensors.{name}.rate",
+                f"{sensor.rate:g} 1/s must leave whole control periods of {control_period:g} s "
+                "between two measurements",
+            )
+    if configuration.failing and configuration.failing not in sensors:
+        raise ConfigurationError(
+            "flow.failing",
+            f"{configuration.failing!r} is none of {', '.join(sensors) or 'nothing'}",
+        )
+
+
+class FlowSensorArray:
+    """All flow sensors of a vehicle."""
+
+    def __init__(
+        self,
+        sensors: Mapping[str, FlowSensor],
+        configuration: FlowConfiguration,
+        random: np.random.Generator,
+        twist: FloatArray,
+    ) -> None:
+        """Place the sensors under a vehicle that has moved evenly until now.
+
+        Args:
+            sensors: by name.
+            configuration: their errors.
+            random: source of the noise.
+            twist: body twist until now [m/s, m/s, rad/s], shape (3,).
+        """
+        self._sensors = sensors
+        self._configuration = configuration
+        self._random = random
+        self._periods: dict[str, int] = {}
+        self._way: dict[str, FloatArray] = {}  # since the last measurement, in the sensor's axes
+        self._last: dict[str, Flow] = {}
+        v_x, v_y, rate = (float(value) for value in twist)
+        for name, sensor in sensors.items():
+            period_ns = round(SECOND_NS / sensor.rate)
+            self._periods[name] = period_ns
+            place = np.array([v_x - rate * sensor.y, v_y + rate * sensor.x])
+            self._way[name] = _turned(place, -sensor.heading) * period_ns / SECOND_NS
+
+    def advance(self, trajectory: FloatArray) -> None:
+        """Move on by a trajectory: x, y, yaw of base_link at each step, shape (n + 1, >= 3)."""
+        yaw = trajectory[:, 2]
+        middle = 0.5 * (yaw[1:] + yaw[:-1])
+        for name, sensor in self._sensors.items():
+            place = trajectory[:, :2] + _turned(np.array([sensor.x, sensor.y]), yaw)
+            way = _turned(np.diff(place, axis=0), -(middle + sensor.heading))
+            self._way[name] = self._way[name] + np.sum(way, axis=0)
+
+    def measure(self, stamp_ns: int) -> dict[str, Flow]:
+        """Return what sensors measure at a stamp [ns], by name; one that is not due is left out."""
+        due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
+        return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
+
+    def _measure(self, name: str, stamp_ns: int, elapsed: float) -> Flow:
+        c = self._configuration
+        way = self._way[name]
+        told = way * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
+        counted = np.round(told / c.resolution) * c.resolution if c.resolution > 0.0 else told
+        # What is left of a count is counted with the next ones.
+        self._way[name] = (told - counted) / (1.0 + c.scale)
+        velocity = counted / elapsed
+        limit = self._sensors[name].maximum_speed
+        if math.hypot(*way) / elapsed > limit > 0.0:
+            velocity = np.full(2, math.nan)
+        if name == c.failing and stamp_ns >= c.failure_start * SECOND_NS:
+            last = self._last[name].velocity if name in self._last else np.zeros(2)
+            velocity = {
+                "zero": np.zeros(2),
+                "frozen": last,
+                "invalid": np.full(2, math.nan),
+                "double": 2.0 * velocity,
+            }[c.failure]
+        variance = (c.noise**2 + c.resolution**2 / 6.0) / elapsed**2  # rounded at both ends
+        self._last[name] = Flow(stamp_ns, velocity, variance * np.eye(2))
+        return self._last[name]
+
+
+def _turned(vector: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Return vectors (..., 2) turned by angles [rad]."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = vector[..., 0], vector[..., 1]
+    turned: FloatArray = np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+    return turned
