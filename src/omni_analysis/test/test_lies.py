@@ -11,6 +11,7 @@ from omni_analysis.campaign.lies import (
     LyingSensors,
     loss_of_twist,
 )
+from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")
@@ -166,6 +167,32 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
 )
 def test_a_stop_goes_on_without_the_twist() -> None:
     assert loss_of_twist(LIBRARY, 0.3) <= 8.0
+
+
+@pytest.mark.safety(
+    "brakes act late",
+    "twist 20 to 200 ms late, as `feedback_delay` says",
+    "all are judged by what they said of the same moment: the stop is that of a prompt one",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("experiment", ["straight_line", "ice_patch_noisy", "turn_while_translate"])
+def test_a_delay_that_is_told_costs_little(experiment: str, delay: float, law: str) -> None:
+    variant = {"ice_patch_noisy": "noisy", "turn_while_translate": "k7"}.get(experiment, "assisted")
+    ideal = ["feedback=velocity_sensor", f"brake_assist.law={law}", "maneuver.brake_time=2"]
+    ideal += ["brake_assist.second_opinion=true"]
+    if law == "allocation":
+        ideal += ["vehicle.brake.kind=proportional"]
+    late = f"faults.late={{channel: twist, kind: delay, time: 0.0, period: {delay}}}"
+    told = f"brake_assist.feedback_delay={delay}"
+    prompt, behind = (
+        run_fast_loop(LIBRARY.load(experiment, variant, [*ideal, *changes]))
+        for changes in ([], [late, told])
+    )
+    longest = 1.03 if delay < 0.2 else 1.15  # a fast turn leaves its mark on 20 past steps
+    assert behind.stopping_distance <= longest * prompt.stopping_distance
+    assert behind.orientation_change <= prompt.orientation_change + (1.0 if delay < 0.2 else 3.0)
 
 
 def test_a_seed_is_always_the_same_stop(stops: LyingSensors) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from omni_brake_assist.observer.filters import of_then
 from omni_brake_assist.observer.state import (
     ALL,
     ALONE,
@@ -35,18 +36,27 @@ _MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 
 
 @lean
-def differences(constants: ObserverConstants, memory: ObserverMemory) -> tuple[float, float]:
-    """Return the disagreements on velocity and yaw rate in units of what is no dispute."""
-    state, cov = memory.state, memory.covariance
+def differences(
+    constants: ObserverConstants, memory: ObserverMemory, place_ns: int
+) -> tuple[float, float]:
+    """Return the disagreements on velocity and yaw rate in units of what is no dispute.
+
+    Of the time of the newest twist: what has changed since, a filter cannot know that has only
+    the twist for it.
+    """
+    cov, mine, other = memory.covariance, memory.desk.then, memory.desk.shift
     speed = memory.belief[0].top_speed  # the filters still have the errors that they had then
+    of_then(memory, NO_TWIST, place_ns, mine)
+    of_then(memory, NO_FORCE, place_ns, other)
     worst = 0.0
     for j in range(2):
         gate = constants.velocity_gate + constants.scale * speed
         gate += 3.0 * math.sqrt(cov[NO_TWIST, j, j] + cov[NO_FORCE, j, j])
-        worst = max(worst, abs(state[NO_TWIST, j] - state[NO_FORCE, j]) / gate)
-    gate = constants.rate_gate + constants.scale * abs(state[ALL, RATE])
+        worst = max(worst, abs(mine[j] - other[j]) / gate)
+    gate = constants.rate_gate + constants.scale * abs(memory.state[ALL, RATE])
     gate += 3.0 * math.sqrt(cov[NO_TWIST, RATE, RATE] + cov[NO_GYRO, RATE, RATE])
-    return worst, abs(state[NO_TWIST, RATE] - state[NO_GYRO, RATE]) / gate
+    of_then(memory, NO_GYRO, place_ns, other)
+    return worst, abs(mine[RATE] - other[RATE]) / gate
 
 
 @lean
@@ -258,6 +268,6 @@ def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     These agree on how the velocity changes, and the filter without twist has its velocity from
     the wheels.
     """
-    velocity, _ = differences(constants, memory)
+    velocity, _ = differences(constants, memory, memory.stamps[memory.newest[0]])
     settled = memory.belief[0].out == ALL and memory.course[0].marked != 0.0
     return bool(settled and velocity >= 1.0 and _explains(constants, memory))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from omni_brake_assist.observer.filters import carry_on, remember
+from omni_brake_assist.observer.filters import carry_on, of_then, remember
 from omni_brake_assist.observer.judgement import (
     acquit,
     differences,
@@ -92,9 +92,13 @@ def observe(
     told = memory.desk.told
     copy(twist, told)
     told[2] -= memory.course[0].offset
+    place_ns = twist_ns - int(constants.delay)
+    ahead = memory.desk.shift
+    if fresh:
+        _carry_ahead(constants, memory, place_ns, told, ahead)
     hear_wheels(
         constants, memory, dt, brakes, sensed, disputed,
-        PassedTwist(fresh, twist_ns, told, variance),
+        PassedTwist(fresh, twist_ns, ahead, variance),
     )  # fmt: skip
     belief.twist_age = 0.0 if heard else belief.twist_age + dt
     memory.course[0].leapt += dt
@@ -104,12 +108,30 @@ def observe(
         hear_twist(constants, memory, twist_ns, told, variance)
     remember(memory)  # as it is known now
     if fresh or now_ns - belief.twist_ns > _LONG_HELD:  # in between the filters drift apart
-        belief.apart_velocity, belief.apart_rate = differences(constants, memory)
+        compared_ns = place_ns if fresh else now_ns
+        belief.apart_velocity, belief.apart_rate = differences(constants, memory, compared_ns)
     if belief.inertial == 0.0:
         return int(judge_alone(memory, dt, braking))
     if not braking:
         excuse_wheels(constants, memory, inertial)
     return int(_answer(constants, memory, judge(constants, memory, dt), answer))
+
+
+@lean
+def _carry_ahead(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    place_ns: int,
+    twist: FloatArray,
+    ahead: FloatArray,
+) -> None:
+    """Write what a twist of the past would be now, as all together have the change since."""
+    then, state = memory.desk.then, memory.state[ALL]
+    of_then(memory, ALL, place_ns, then)
+    turned = state[RATE] - then[RATE]
+    ahead[0] = twist[0] + (state[U_X] - then[U_X] + turned * constants.p_y)
+    ahead[1] = twist[1] + (state[U_Y] - then[U_Y] - turned * constants.p_x)
+    ahead[2] = twist[2] + turned
 
 
 @lean
