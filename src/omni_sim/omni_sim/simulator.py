@@ -20,6 +20,7 @@ from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.camera.clock import LineClock
 from omni_sim.camera.optics import check_exposure
 from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
+from omni_sim.camera.sway import swaying
 from omni_sim.driver.scripted import Driver, ManeuverConfiguration, ScriptedDriver
 from omni_sim.encoders import EncoderConfiguration
 from omni_sim.faults import FaultConfiguration
@@ -279,6 +280,7 @@ class Simulator:
             self._driver.start_twist,
             ground.elevation,
         )
+        self._sprung = configuration.vehicle.suspension.stiffness > 0.0
         tire = configuration.vehicle.tire
         self._overload_watch = OverloadWatch(
             self.vehicle.wheel_names, tire.model, tire.largest_load, simulation.physics_step
@@ -388,6 +390,7 @@ class Simulator:
             brake_enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
         """
         start_ns = self._stamp_ns
+        ride = self.vehicle.ride
         trajectory = self.vehicle.advance(
             self.configuration.simulation.steps_per_period,
             self._driver.pedal(start_ns),
@@ -400,6 +403,14 @@ class Simulator:
         )
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
+        if self._sprung:
+            trajectory = swaying(
+                trajectory,
+                ride,
+                self.vehicle.ride,
+                self.vehicle.masses.height,
+                self.configuration.simulation.control_period,
+            )
         self._flow_sensors.advance(trajectory)
         self._flows = self._flow_sensors.measure(self._stamp_ns)
         if self._cameras is not None:
@@ -444,6 +455,9 @@ class Simulator:
                     trajectory, max(start_ns, 0), step_ns, times
                 )
             stamps[name] = clock.stamp_ns(last - 1)
+        if self._sprung or self.vehicle.uneven:
+            for camera in self._cameras.cameras.values():
+                camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
         lines = self._cameras.render(poses, velocities if blurred else None)
         return {name: LineBatch(stamps[name], lines[name]) for name in lines}
 

@@ -41,6 +41,7 @@ class LineCamera:
 
     Attributes:
         sensor: where it sits and what it sees.
+        rise: how much higher over the ground it is now than it is mounted [m].
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class LineCamera:
         self._texture = texture
         self._configuration = configuration
         self._key = key
+        self.rise = 0.0
 
     @property
     def texels(self) -> int:
@@ -110,9 +112,10 @@ class LineCamera:
         return self._blurred(poses, velocities)
 
     def _integrate(self, poses: FloatArray) -> NDArray[np.float32]:
-        view = self._seen
+        view, wider = self._seen, self._configuration.widening(self.rise)
+        footprints = self.footprints(poses)
         return integrate_lines(
-            self._texture, self.footprints(poses), view.length, view.width, view.pixels
+            self._texture, footprints, view.length * wider, view.width * wider, view.pixels
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
@@ -229,7 +232,7 @@ class LineCameraArray:
         self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
         check_exposure(sensors, configuration)
         views = {name: seen(sensor, configuration) for name, sensor in sensors.items()}
-        padded = padded_levels(views, texture)
+        padded = padded_levels(views, texture, configuration.most_widening)
         self.cameras: dict[str, LineCamera] = {
             name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))
             for name, sensor in sensors.items()

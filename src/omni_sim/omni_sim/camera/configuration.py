@@ -9,6 +9,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
 _FULL_SCALE = 255.0  # grey levels
+_MOST_WIDENING = 1.25  # of a view by the heave of the camera, beyond which it is no sharp one
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -152,6 +153,18 @@ class CameraConfiguration(Configuration):
         if self.lens == TELECENTRIC:
             return 1.0
         return 1.0 + self.height_error / self.working_distance
+
+    def widening(self, rise: float) -> float:
+        """Return by which factor more is seen when a camera rises [m], within limits."""
+        if self.lens == TELECENTRIC:
+            return 1.0
+        widened = 1.0 + rise / (self.working_distance + self.height_error)
+        return min(max(widened, 1.0 / _MOST_WIDENING), _MOST_WIDENING)
+
+    @property
+    def most_widening(self) -> float:
+        """Largest factor that `widening` returns."""
+        return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
 
     def check_consistency(self) -> None:
         """Refuse a bit depth that has no image encoding, and a camera under the ground.

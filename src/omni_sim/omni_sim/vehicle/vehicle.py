@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
-from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -373,7 +373,7 @@ class Vehicle:
 
         Zeros on flat ground, on springs at rest with all wheels mounted alike.
         """
-        if not len(self.state.terrain.parts) and self.state.suspension.stiffness == 0.0:
+        if not self.uneven and self.state.suspension.stiffness == 0.0:
             return np.zeros(3)
         height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
         heave, pitch, roll = self._chassis - self._rest
@@ -386,6 +386,45 @@ class Vehicle:
                 -math.asin(rise[0]),
             ]
         )
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the ground is not flat."""
+        return len(self.state.terrain.parts) > 0
+
+    @property
+    def ride(self) -> FloatArray:
+        """How the sprung chassis stands over the path plane, beside how it does at rest.
+
+        Returns:
+            Heave of the centre of gravity [m], gradients forward and to the left [1] and the rates
+            of all three, shape (6,); zeros without suspension.
+        """
+        state = np.array(list(self.state.suspension.chassis[0]))
+        state[:3] -= self._rest
+        return state
+
+    def clearance(self, x: float, y: float) -> float:
+        """Return how much higher over the ground a place of the body is than on flat ground [m].
+
+        Args:
+            x: forward of base_link [m].
+            y: to the left of it [m].
+        """
+        heave, forward, left = self.ride[:3]
+        g_x, g_y = self.masses.centre
+        above = float(heave + forward * (x - g_x) + left * (y - g_y))
+        if self.uneven:
+            height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
+            world_x, world_y, yaw = self.pose
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            ground = elevation_at(
+                self.state.terrain.parts,
+                float(world_x + cos * x - sin * y),
+                float(world_y + sin * x + cos * y),
+            )
+            above += height + forward * (x - g_x) + left * (y - g_y) - ground
+        return above
 
     @property
     def _chassis(self) -> FloatArray:

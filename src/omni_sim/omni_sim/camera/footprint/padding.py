@@ -110,9 +110,14 @@ class PaddedTexture:
 
 
 def padded_levels(
-    sensors: Mapping[str, LineSensor], texture: GroundTexture
+    sensors: Mapping[str, LineSensor], texture: GroundTexture, headroom: float = 1.0
 ) -> dict[str, PaddedTexture]:
     """Return the ground for each sensor, with the coarsest texels that show it the same lines.
+
+    Args:
+        sensors: what they see, by name.
+        texture: the ground.
+        headroom: by which factor views may become longer.
 
     Raises:
         ConfigurationError: a footprint is longer or wider than the period of the ground, or
@@ -120,12 +125,10 @@ def padded_levels(
     """
     check_footprints(sensors, texture)
     texels = {name: _texels(sensor, texture) for name, sensor in sensors.items()}
-    padded = {
-        count: PaddedTexture.build(
-            texture, max(sensors[name].length for name in sensors if texels[name] == count), count
-        )
-        for count in sorted(set(texels.values()))
-    }
+    padded = {}
+    for count in sorted(set(texels.values())):
+        longest = max(sensors[name].length for name in sensors if texels[name] == count)
+        padded[count] = PaddedTexture.build(texture, headroom * longest, count)
     return {name: padded[count] for name, count in texels.items()}
 
 

@@ -1,0 +1,47 @@
+"""Where sensors look that look down from a chassis that sways on its springs.
+
+A chassis whose gradients are p forward and r to the left tilts about its centre of gravity, which
+the planar motion follows at the height h. A line of sight perpendicular to it meets the ground
+
+    h (p, r)
+
+further ahead and to the left than it would at rest, wherever it is mounted: so all views move
+alike, at h (p', r') over the ground, which no sensor that looks at the ground can tell from a
+motion of the vehicle. Between two control stamps p and r are those of a cubic with the values and
+rates of both; the heave only changes the magnification, of second order are the slant of the view
+and the cosine of the tilt.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+
+
+def swaying(
+    trajectory: FloatArray, before: FloatArray, after: FloatArray, height: float, period: float
+) -> FloatArray:
+    """Return the trajectory that views follow instead of that of the vehicle.
+
+    Args:
+        trajectory: x, y [m], yaw [rad] and their rates in the world frame at even steps, shape
+            (n + 1, 6).
+        before: heave [m], gradients [1] and their rates [1/s] at its start, `Vehicle.ride`.
+        after: the same at its end.
+        height: of the centre of gravity [m].
+        period: from start to end [s].
+    """
+    t = np.linspace(0.0, 1.0, len(trajectory))[:, None]
+    start, end = before[1:3], after[1:3]
+    slope, last = period * before[4:], period * after[4:]
+    bend = 3.0 * (end - start) - 2.0 * slope - last
+    twist = slope + last - 2.0 * (end - start)
+    tilt = start + t * (slope + t * (bend + t * twist))
+    rate = (slope + t * (2.0 * bend + t * 3.0 * twist)) / period
+    cos, sin = np.cos(trajectory[:, 2]), np.sin(trajectory[:, 2])
+    swayed = trajectory.copy()
+    for first, body in ((0, height * tilt), (3, height * rate)):
+        swayed[:, first] += cos * body[:, 0] - sin * body[:, 1]
+        swayed[:, first + 1] += sin * body[:, 0] + cos * body[:, 1]
+    return swayed
