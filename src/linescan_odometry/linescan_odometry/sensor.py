@@ -51,6 +51,7 @@ _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
 _FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
 _MOVES = 0.5  # px per line, that what stands still is not taken for
+_OFF = 4.0  # standard deviations
 _OPPOSED = -0.4  # coherence at a displacement, below which it is another one
 _CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
@@ -252,16 +253,26 @@ class SensorOdometry:
             and whole.lasting > _OPPOSED
             and bool(self._plausibility.judge(stamp_ns, np.array([whole.displacement]))[0])
         )
+        corrects = self._flat_field.corrects
+        # What stands still, and is known badly, draws all lines together to a slow displacement.
+        drawn = whole is not None and learning and corrects and abs(whole.displacement) < _QUICK
         if mean is None:
             # What stands still in the view has refused the pairs, and would rule all lines too.
             still = whole is not None and learning and abs(whole.displacement) < _MOVES
-            if whole is None or not sure or still or not math.isfinite(whole.doubt):
+            if whole is None or not sure or still or drawn or not math.isfinite(whole.doubt):
                 doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
                 raise doubt
             whole = whole._replace(variance=max(whole.variance, whole.doubt))
             return self._of_all(whole, float(np.median(pairs.similarity)), 1.0)
-        if whole is None or not sure or 1.0 - whole.lasting < _CHANGING:
+        if whole is None or not sure or drawn or 1.0 - whole.lasting < _CHANGING:
             return mean
+        off = (mean.displacement - whole.displacement) ** 2 > _OFF**2 * mean.variance
+        if corrects and off and abs(whole.displacement) < _MOVES:
+            raise Unmeasured(
+                "something stands still in the view: all lines together do, pairs of lines move by "
+                f"{mean.displacement:.3g} px",
+                mean.share,
+            )
         return self._of_all(whole, mean.correlation, mean.share)
 
     def _whole_less_still(self, whole: Whitened | None) -> Whitened | None:
