@@ -52,6 +52,7 @@ _MOVING_RANGE = 30000.0
 _FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
 _MOVES = 0.5  # px per line, that what stands still is not taken for
 _OFF = 4.0  # standard deviations
+_DOUBTFUL = 2.0  # px per line, beyond which a deviation says nothing
 _OPPOSED = -0.4  # coherence at a displacement, below which it is another one
 _CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
 _STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
@@ -259,7 +260,7 @@ class SensorOdometry:
         if mean is None:
             # What stands still in the view has refused the pairs, and would rule all lines too.
             still = whole is not None and learning and abs(whole.displacement) < _MOVES
-            if whole is None or not sure or still or drawn or not math.isfinite(whole.doubt):
+            if whole is None or not sure or still or drawn or whole.doubt > _DOUBTFUL**2:
                 doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
                 raise doubt
             whole = whole._replace(variance=max(whole.variance, whole.doubt))

@@ -148,13 +148,13 @@ def test_a_ground_is_judged_by_what_the_others_say() -> None:
 def test_a_covariance_of_nothing_is_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(covariance, "_GROUNDS", ("cork",))
+    monkeypatch.setattr(covariance, "_GROUNDS", ("plastic",))
     monkeypatch.setattr(covariance, "_HARDER", ())
     monkeypatch.setattr(covariance, "_CAMERAS", {"s3901": covariance._CAMERAS["s3901"]})
     monkeypatch.setattr(covariance, "_MOTIONS", {"slow": covariance._MOTIONS["slow"]})
     result = study(covariance, tmp_path, "--starts", "2", "--noise", "50")
     assert result.findings == ("Nothing was measured.",)
-    assert result.metrics["measured_share.s3901_cork"].value == 0.0
+    assert result.metrics["measured_share.s3901_plastic"].value == 0.0
     assert math.isnan(result.metrics["normalised_error_squared.all"].value)
 
 

@@ -14,6 +14,12 @@ the others, as 1 - gamma^2 counts as 0.3 at least. The first d is the peak of th
 correlation (Knapp and Carter 1976) over the whole range. What single pairs of lines do not show,
 all pairs together do.
 
+Detail finer than pixels folds back to frequencies near half of the sampling rate and pulls to whole
+pixels, so these do not count. The overlap o of two lines falls as they shift, which pulls to zero
+by a fiftieth of a pixel at 128 px, the more the redder the spectrum. So the spectrum is fitted of
+``c(u) (o(2 d - u) / o(u))^0.5``, with c the correlation of the windowed lines: the same overlap on
+both sides of d, which does not pull.
+
 What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
 lines are apart: that of the first and the last third of a batch, which is taken off until the
 flat field knows it. Where the view has hardly moved on in between, that would take off the ground
@@ -21,11 +27,12 @@ as well: then the displacement lies halfway between those with and without, and 
 What lasts while the view moves on, a joint or a grain, may run askew: it is taken off likewise, and
 how far the rest moves otherwise is the doubt of a match across it.
 
-The phases that are left scatter from band to band:
-``V = sum_b (sum_(f in b) W f Im S)^2 / (sum_f W f^2 Re S)^2``. Pulls that several bands share do
-not show in this; how many there are goes with the ground that enters the view. Fitted on ten
-grounds, each judged by a fit on the others, is the factor ``9.5 (1 - gamma_1)^0.5 (1 - gamma_6)``
-of the mean coherences of lines 1 and 6 apart.
+What is left errs by the larger of two. The phases scatter from band to band:
+``V = sum_b (sum_(f in b) W f Im S)^2 / (sum_f W f^2 Re S)^2``. A stone that comes into the view
+pulls in many bands alike, but at its place: with a and b the new and the old line, filtered by
+W^0.5 and moved onto each other, ``(a + b)' (b - a) / 2`` sums over the line to the sum over f of
+``W f Im S``. Its sums over places of the ground, an eighth of the view each, which move on with d,
+scatter as those of the bands do. No factor in this was fitted on some grounds.
 """
 
 from __future__ import annotations
@@ -43,26 +50,28 @@ from linescan_odometry.measurements import Lines
 Spectra = NDArray[np.complex64]
 Cross = NDArray[np.complex128]
 Values = NDArray[np.float64]
+Filtered = NDArray[np.float32]
 
 _TAPER = 16  # part of a line that fades in and out
-_APART = 6  # lines, over which the ground that enters shows
-_FEWEST_LINES = 2 * _APART
+_FEWEST_LINES = 12
 _SMOOTHED = 9  # frequencies of twice the line
 _SIDE = _SMOOTHED // 2
 _BAND = 4
 _FEWEST_FREEDOMS = 4.0
 _BLOCKS = 32  # of a line
+_PLACES = 8  # of a view, that err each by themselves
 _INCOHERENT = 0.3
 _HIGHEST = 0.3  # of the sampling rate: what is finer than pixels pulls to whole pixels beyond
 _COARSEST, _FINEST = 100.0, 6.0  # px of the structures that the first search goes by
 _STEPS = 6
 _CONVERGED, _NEARLY = 1e-4, 0.02  # px
 _LONGEST_STEP = 2.0  # px
-_LEAST_FACTOR, _FACTOR = 1.3, 9.5
+_PULL = 0.003  # px, to whole pixels and by uneven overlap, which does not scatter
 _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
 _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and seem to move
+_LEAST_OVERLAP = 0.25  # of that on the other side of the displacement
 _RENEWED = 0.5  # of the coherence, that the first and the last third have at most
 
 # Sums in any order; such a kernel must not be called by another one (see `subpixel`).
@@ -111,10 +120,14 @@ class WhitenedMatcher:
         self._window[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
         self._window[-edge:] = self._window[:edge][::-1]
         self._overlap = np.correlate(self._window, self._window, "full")[pixels - 1 :]
+        self._overlaps = np.zeros(self._size)  # by the index of a correlation
+        self._overlaps[:pixels] = self._overlap
+        self._overlaps[-pixels + 1 :] = self._overlap[:0:-1]
         share = np.arange(self._size // 2 + 1) / self._size
         self._frequency = 2.0 * np.pi * share
         self._band = -np.expm1(-((_COARSEST * share) ** 2)) * np.exp(-((_FINEST * share) ** 2))
         self._used = int(np.count_nonzero(share < _HIGHEST))
+        self._coarse = scipy.fft.next_fast_len(2 * self._used, real=True)  # samples that show these
 
     def match(self, lines: Lines, *, settled: bool) -> Whitened | None:
         """Return the displacement of a batch, None where it does not show.
@@ -130,21 +143,23 @@ class WhitenedMatcher:
         seen *= self._window
         spectra = scipy.fft.rfft(seen, self._size, axis=1)
         between = len(lines) - len(lines) // 3
-        near, far, thirds = (_product(spectra, apart) for apart in (1, _APART, between))
+        near, thirds = (_product(spectra, apart) for apart in (1, between))
         energy = _product(spectra, 0).real
         power = _smooth(energy) + 1e-9 * len(lines) * float(energy.max()) + 1e-9
         still = thirds.real
-        found = self._find(near if settled else near - still, far, power)
+        found = self._find(near if settled else near - still, power)
         if found is None:
             return None
-        displacement, variance, coherence, lone, weight = found
+        displacement, variance, coherence, lone, weight, curvature = found
+        least = _PULL**2 + self._of_places(spectra, weight, displacement, curvature)
+        variance = max(variance, least)
         slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j).astype(np.complex64)
         slope = scipy.fft.irfft(slopes, self._size)[: self._block * _BLOCKS]
         energy = np.square(slope).reshape(_BLOCKS, -1).sum(axis=1)
         places = float(energy.sum() ** 2 / (energy @ energy))
         seen_at = displacement  # per line, by what is compared
         if not settled:
-            other = self._find(near, far, power)
+            other = self._find(near, power)
             one = self._may_be_one(near, thirds, power, displacement * between)
             if other is None or not other[3]:
                 if one:
@@ -152,9 +167,9 @@ class WhitenedMatcher:
             elif one:
                 half = 0.5 * (displacement - other[0])
                 seen_at, displacement = other[0], displacement - half
-                variance = max(variance, other[1]) + half**2
+                variance = max(variance, other[1], least) + half**2
             elif (displacement - other[0]) ** 2 < 4.0 * variance:  # nothing stands still
-                variance = other[1] + 0.25 * (displacement - other[0]) ** 2
+                variance = max(other[1], least) + 0.25 * (displacement - other[0]) ** 2
                 seen_at = displacement = other[0]
         reach = _REACH * lines.shape[1] / max(abs(seen_at), 1e-3)
         if reach < between:  # the ends of the batch share no ground: lines that still do
@@ -168,10 +183,10 @@ class WhitenedMatcher:
         like /= max(float(self._band @ (_smooth(moved.real) / power)), 1.0)
         way = abs(seen_at)
         like *= float(self._overlap[round(way)] / self._overlap[round(way * between)])
-        others = self._find(rest, far, power)
+        others = self._find(rest, power)
         doubt = math.inf
         if others is not None and others[3]:
-            doubt = (others[0] - displacement) ** 2 + others[1]
+            doubt = (others[0] - displacement) ** 2 + max(others[1], least)
         return Whitened(displacement, variance, coherence, lone, like, between, doubt, places)
 
     def _may_be_one(
@@ -187,40 +202,74 @@ class WhitenedMatcher:
         return self._likeness(thirds, power) > _RENEWED * self._likeness(near, power)
 
     def _find(
-        self,
-        near: Cross,
-        far: Cross,
-        power: Values,
-    ) -> tuple[float, float, float, bool, Values] | None:
-        """Return displacement, variance, coherence, whether the peak is alone, and the weights W.
+        self, near: Cross, power: Values
+    ) -> tuple[float, float, float, bool, Values, float] | None:
+        """Return displacement, variance by the bands, coherence, whether it is alone, W, curvature.
 
         None without a peak.
         """
         first, lone = self._search(near / power)
         weight = np.zeros(len(power))
-        converged, displacement, coherence, later, square, leverage = _fit(
-            near, far, power, 2.0 * np.pi / self._size, self._used, first, weight
+        converged, displacement, coherence, square, leverage, curvature = _fit(
+            self._level(near, first),
+            power,
+            2.0 * np.pi / self._size,
+            self._used,
+            float(first),
+            weight,
         )
         if not converged:
             return None
-        freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
-        factor = _FACTOR * math.sqrt(max(1.0 - coherence, 0.0)) * max(1.0 - later, 0.0)
-        variance = square * max(_LEAST_FACTOR, factor)
-        variance *= freedoms / (freedoms - 2.0)  # as Student's t
-        return displacement, variance, coherence, lone, weight
+        return displacement, square * _as_student(leverage), coherence, lone, weight, curvature
+
+    def _of_places(
+        self, spectra: Spectra, weight: Values, displacement: float, curvature: float
+    ) -> float:
+        """Return the variance by what the places of the ground add to the displacement [px^2]."""
+        frequency, root = self._frequency[: self._used], np.sqrt(weight[: self._used])
+        rows, scale = len(spectra) - 1, self._coarse / self._size
+        new = spectra[1:, : self._used] * root.astype(np.complex64)
+        turned = root * np.exp(1j * displacement * frequency)
+        old = spectra[:-1, : self._used] * turned.astype(np.complex64)
+        slope, rest = new + old, old - new
+        slope *= (-0.5j * frequency).astype(np.complex64)
+        added, told = _by_place(
+            scipy.fft.irfft(slope, self._coarse, axis=1),
+            scipy.fft.irfft(rest, self._coarse, axis=1),
+            displacement * scale,
+            round(len(self._window) * scale),
+        )
+        added *= self._coarse / (2.0 * rows * curvature)
+        share = told / told.sum()
+        added -= share * added.sum()
+        return float(added @ added) * _as_student(float(share @ share))
+
+    def _level(self, near: Cross, displacement: int) -> Cross:
+        """Return a cross-spectrum whose lines overlap alike on both sides of a displacement."""
+        correlation = scipy.fft.irfft(near, self._size)
+        mirrored = np.roll(self._overlaps, -2 * displacement)
+        gain = np.sqrt(mirrored / np.maximum(self._overlaps, _LEAST_OVERLAP * mirrored + 1.0))
+        level: Cross = scipy.fft.rfft(correlation * gain)
+        return level
 
     def _likeness(self, cross: Cross, power: Values) -> float:
         """Return the sum of the coherences over the band, whatever the displacement."""
         return float(self._band @ (np.hypot(_smooth(cross.real), _smooth(cross.imag)) / power))
 
-    def _search(self, cross: Cross) -> tuple[float, bool]:
+    def _search(self, cross: Cross) -> tuple[int, bool]:
         """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
         correlation = scipy.fft.irfft((cross * self._band).astype(np.complex64), self._size)
         around = np.concatenate((correlation[-self._limit :], correlation[: self._limit + 1]))[::-1]
         peak = int(np.argmax(around))
         highest = float(around[peak])
         around[max(0, peak - _SHOULDER) : peak + _SHOULDER + 1] = 0.0
-        return float(peak - self._limit), float(around.max()) < _LONE * highest
+        return peak - self._limit, float(around.max()) < _LONE * highest
+
+
+def _as_student(leverage: float) -> float:
+    """Return the factor of a variance that few parts of known leverages tell, as Student's t."""
+    freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
+    return freedoms / (freedoms - 2.0)
 
 
 def _smooth(values: Values) -> Values:
@@ -259,7 +308,6 @@ def _product(spectra: Spectra, apart: int) -> Cross:
 @njit(cache=True, nogil=True, fastmath=_REORDER)
 def _fit(
     near: Cross,
-    far: Cross,
     power: Values,
     step: float,
     used: int,
@@ -270,7 +318,6 @@ def _fit(
 
     Args:
         near: cross-spectrum of consecutive lines.
-        far: of lines that are further apart.
         power: of the lines, smoothed.
         step: from one frequency to the next [rad/px].
         used: number of frequencies that count, from zero on.
@@ -278,9 +325,9 @@ def _fit(
         weight: receives W.
 
     Returns:
-        Whether there is a peak; its displacement [px]; the coherences there of consecutive lines
-        and of those further apart; the sum over the bands of the squares of what their phases add
-        to the displacement [px^2], and of their leverages.
+        Whether there is a peak; its displacement [px]; the coherence there; the sum over the bands
+        of the squares of what their phases add to the displacement [px^2], and of their leverages;
+        the curvature of the peak.
     """
     real, imaginary = np.zeros((2, used + 2 * _SIDE))  # with a margin for smoothing
     moved, curvature = 0.0, 0.0
@@ -307,9 +354,7 @@ def _fit(
             return False, displacement, 0.0, 0.0, 0.0, 0.0
         moved = slope / curvature
         displacement += min(max(moved, -_LONGEST_STEP), _LONGEST_STEP)
-    angle = step * displacement * _APART
-    rotation, phase = complex(math.cos(angle), -math.sin(angle)), complex(1.0, 0.0)
-    near_by, later, square, leverage, score, told = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    near_by, square, leverage, score, told = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(used):
         # Sums over neighbouring frequencies, which know of each other.
         if k % _BAND == 0:
@@ -321,8 +366,37 @@ def _fit(
         score += weight[k] * frequency * imaginary[_SIDE + k] / curvature
         told += share
         near_by += share * real[_SIDE + k] / power[k]
-        later += share * (far[k] * phase).real / power[k]
-        phase *= rotation
     square += score * score
     leverage += told * told
-    return abs(moved) < _NEARLY, displacement, near_by, later, square, leverage
+    return abs(moved) < _NEARLY, displacement, near_by, square, leverage, curvature
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _by_place(
+    slope: Filtered, rest: Filtered, displacement: float, pixels: int
+) -> tuple[Values, Values]:
+    """Sum what pairs of lines add to a displacement, and what they tell, by places of the ground.
+
+    Args:
+        slope: of the mean of the two lines of each pair, shape (m, l).
+        rest: by which they differ, shape (m, l).
+        displacement: of the ground from line to line [px].
+        pixels: n, of them that are lines.
+    """
+    rows, place = len(slope), pixels / _PLACES
+    count = int(_PLACES + abs(displacement) * rows / place) + 2
+    added, told = np.zeros((2, count))
+    for row in range(rows):
+        # The ground comes towards the first pixel where the displacement is positive.
+        way = displacement * row if displacement >= 0.0 else -displacement * (rows - row)
+        at, k = int(way / place), 0
+        while k < pixels:
+            end = min(int((at + 1) * place - way) + 1, pixels)
+            total, square = np.float32(0.0), np.float32(0.0)
+            for j in range(k, end):
+                total += slope[row, j] * rest[row, j]
+                square += slope[row, j] * slope[row, j]
+            added[at] += total
+            told[at] += square
+            at, k = at + 1, max(end, k)
+    return added, told
