@@ -256,7 +256,14 @@ def test_a_bag_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(BagError, match="not a folder"):
         read_run(tmp_path / "file")
-    with pytest.raises(BagError, match=r"no metadata\.yaml"):
+    with pytest.raises(BagError, match=r"no metadata\.yaml$"):
+        read_run(tmp_path)
+    (tmp_path / "bag.mcap").touch()
+    with pytest.raises(BagError, match="bag recover"):
+        read_run(tmp_path)
+    (tmp_path / "assisted").mkdir()
+    (tmp_path / "assisted/metadata.yaml").touch()
+    with pytest.raises(BagError, match="one of those in it: assisted"):
         read_run(tmp_path)
 
 

@@ -73,7 +73,7 @@ def open_bag(path: Path | str) -> Bag:
     path = Path(path)
     if path.is_dir():
         if not (path / METADATA).exists():
-            raise BagError(path, "not a rosbag2 recording, it has no metadata.yaml")
+            raise BagError(path, f"not a rosbag2 recording, it has no {METADATA}{_remedy(path)}")
         return _from_metadata(path)
     if not path.exists():
         raise BagError(path, "there is no such folder")
@@ -81,6 +81,18 @@ def open_bag(path: Path | str) -> Bag:
         raise BagError(path, "not a folder, and not an .mcap file")
     _require_regular(path, path)
     return Bag(path, (path,))
+
+
+def _remedy(folder: Path) -> str:
+    """Return what to do about a folder without metadata, empty where nothing is known."""
+    try:
+        inside = sorted(entry.name for entry in folder.iterdir() if (entry / METADATA).exists())
+        cut_off = any(folder.glob("*.mcap"))
+    except OSError:
+        return ""
+    if inside:
+        return f"; take one of those in it: {', '.join(inside)}"
+    return "; ./omni bag recover writes it anew" if cut_off else ""
 
 
 def open_vehicle(path: Path | str) -> Bag:
