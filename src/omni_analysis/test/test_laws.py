@@ -93,14 +93,36 @@ def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes
     assert run.orientation_change <= 5.0
 
 
-def test_a_slow_stop_does_not_wait_for_the_tires() -> None:
+@pytest.mark.parametrize(
+    "vehicle",
+    ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot", "table_2_mecanum"],
+)
+@pytest.mark.parametrize("speed", [0.3, 0.6, 1.0])
+def test_a_slow_stop_does_not_wait_for_the_tires(vehicle: str, speed: float) -> None:
+    slow = (f"vehicle={vehicle}", PROPORTIONAL, f"maneuver.speed={speed}")
+    run = _stop("straight_line", "assisted", *slow)
+    settings = ("feedback=velocity_sensor", *slow)
+    alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
+    assert run.stopping_distance <= 1.05 * alone.stopping_distance
+    assert run.orientation_change <= alone.orientation_change + 0.1
+
+
+def test_a_stop_from_walking_speed_keeps_its_heading() -> None:
     slow = "maneuver.speed=2"
     run = _stop("straight_line", "assisted", PROPORTIONAL, slow)
     alone = run_fast_loop(
         LIBRARY.load("straight_line", "unassisted", ["feedback=velocity_sensor", slow])
     )
-    assert run.stopping_distance < 1.2 * alone.stopping_distance
+    assert run.stopping_distance < 1.1 * alone.stopping_distance
     assert run.orientation_change < 1.0
+
+
+def test_some_rotation_makes_it_better_in_both_than_the_shortest_stop_of_2013() -> None:
+    turn = "turn_while_translate"
+    old = run_fast_loop(LIBRARY.load(turn, "k1", ["feedback=velocity_sensor"]))
+    new = _stop(turn, "k7", PROPORTIONAL, "brake_assist.max_rotation=46")
+    assert new.stopping_distance < old.stopping_distance
+    assert new.orientation_change < old.orientation_change
 
 
 def test_a_piece_of_the_study_holds_its_numbers_against_their_limits(tmp_path: Path) -> None:

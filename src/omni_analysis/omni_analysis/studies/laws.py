@@ -62,7 +62,7 @@ _VARIANTS = {
     "ice_patch": ("assisted",),
     "turn_while_translate": ("zero", "cosine", "k1", "k7"),
 }
-_ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
+_ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
 _NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
 # What is changed in the world; the assistant is told of the brakes' lag, and of nothing else.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {

@@ -41,7 +41,7 @@ from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81
 _PERIOD = 0.01  # of control, where no time has passed yet [s]
-_TARGET_SLIP = 0.15
+_SLIP, _VALVE_SLIP = 0.13, 0.15  # targets, of which valves are too coarse to keep the lower one [1]
 _STANDING = 0.02  # share of the fastest hub's speed below which a wheel is locked [1]
 _FORCE_SHARE = 0.7  # of a newly observed force [1]
 _LEARNING_TIME = 0.03  # of a capacity, down to what a slide shows [s]
@@ -54,20 +54,26 @@ _MASS_RANGE = 5.0  # the mass is within this factor of the nominal one [1]
 _LINE_TIME = 0.2  # in which a drift is to end [s]
 _LARGEST_ASIDE = 5.0  # lateral acceleration that may be asked for [m/s^2]
 _YAW_TIME = 0.1  # in which a yaw rate is to be within its limit [s]
-_HEADING_TIME = 0.15  # of the approach to the limit of the heading [s]
+_HEADING_TIME = 0.15  # of the approach to the limit of the heading, at least [s]
+_CALM_TIME, _CALM_SHARE = 0.4, 0.4  # at most [s], and of what is left of the stop [1]
 _GENTLE_TURN = 0.5  # yaw deceleration towards the limit, at least [rad/s^2]
-_TURN_RESERVE = 1.1  # of the yaw deceleration that the start of a turn needs [1]
-_TURN_WEIGHT, _LINE_WEIGHT = 300.0, 20.0  # beside a weight of 1 of the deceleration
+_TURN_RESERVE = 1.0  # of the yaw deceleration that the start of a turn needs [1]
+_TURN_WEIGHT, _LINE_WEIGHT = 300.0, 5.0  # beside a weight of 1 of the deceleration
 _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
 _AT_BOUND = 0.98
 _PUSH = 3.0  # sliding speed beyond that at the target while there is no force yet [m/s]
 _RISING = 0.01  # share of its capacity by which a force grows while it builds up in a period [1]
+_RISE_STEPS = 2.0  # for which a force that builds up is believed to do so at least
+_SHORT_STOP = 0.12  # in which tires take a good part of the time to deflect [s]
+_SHORT_SPENT = 0.38  # longer, where heading may be spent for distance [s]
+_MUCH_ROTATION = math.radians(5.0)  # that is spent [rad]
+_SHORT_SLIDE = 0.3  # sliding speed times hub speed, in such a stop, at least [m^2/s^2]
 _LEAST_SHARE = 0.01  # of the last brake that is on [1]
 _HORIZON = 3  # periods over which the pattern of valves is predicted
 _MOST_PATTERNS = 8  # wheels of which all patterns are compared
-_VALVE_TURN_WEIGHT = 30.0
+_VALVE_TURN_WEIGHT, _VALVE_LINE_WEIGHT = 30.0, 20.0
 _DEEP_WEIGHT = 0.06  # of wheels below the speed at their slip, which take time to come back
 
 WHEEL = np.dtype(
@@ -94,6 +100,8 @@ BODY = np.dtype(
         ("mass", "f8"),  # learnt [kg]
         ("slowing", "f8"),  # magnitude of the acceleration [m/s^2]
         ("pull", "f8"),  # magnitude of the forces' sum [N]
+        ("left", "f8"),  # time that the stop would take with all capacities along it [s]
+        ("whole", "f8"),  # likewise at its start [s]
     ]
 )
 
@@ -111,6 +119,8 @@ class Constants(NamedTuple):
         inertia: nominal, of a wheel [kg m^2].
         mass: nominal, of the vehicle [kg].
         max_rotation: allowed change of heading, and of the direction of motion [rad].
+        slip: target [1].
+        short_stop: in which wheels are locked at once [s].
         brake: nominal.
     """
 
@@ -123,6 +133,8 @@ class Constants(NamedTuple):
     inertia: float
     mass: float
     max_rotation: float
+    slip: float
+    short_stop: float
     brake: NominalBrake
 
 
@@ -146,6 +158,7 @@ def make_constants(
     """Lay out a configuration for the kernel."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
+    max_rotation = math.radians(configuration.max_rotation)
     return Constants(
         n_x,
         n_y,
@@ -155,7 +168,9 @@ def make_constants(
         0.5 * float(np.mean(np.sum(geometry.position**2, axis=1))),
         configuration.wheel_inertia,
         configuration.nominal_mass,
-        math.radians(configuration.max_rotation),
+        max_rotation,
+        _VALVE_SLIP if brake.grain >= 1.0 else _SLIP,
+        _SHORT_STOP + _SHORT_SPENT * min(max_rotation / _MUCH_ROTATION, 1.0),
         NominalBrake(brake.max_torque, brake.dead_time, brake.time_constant, brake.grain),
     )
 
@@ -211,7 +226,7 @@ def step(
     for i in range(error.size):
         memory.wheel[i].speed = motion.wheel_speed[i]
         sliding = wheels.hub[i] - wheels.rim[i] * wheels.spin[i]
-        error[i] = sliding - _TARGET_SLIP * law.radius[i] * wheels.spin[i]
+        error[i] = sliding - law.slip * law.radius[i] * wheels.spin[i]
     total = 1e-9
     for i in range(error.size):
         total += memory.wheel[i].capacity
@@ -314,8 +329,11 @@ def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
         capacity = wheel.capacity
         if memory.body[0].steps > _SHY_STEPS:
             if wheel.risen > _RISING * capacity:
-                pass  # the tire still deflects: neither its capacity nor less
-            elif wheels.slip[i] > 0.6 * _TARGET_SLIP:
+                # The tire still deflects: it bears no less than it is about to. Valves, which only
+                # push or not, fare better with what is there already.
+                ahead = _RISE_STEPS * wheel.risen if law.brake.grain < 1.0 else 0.0
+                capacity = max(capacity, wheel.force + ahead)
+            elif wheels.slip[i] > 0.6 * law.slip:
                 capacity += min(_PERIOD / _LEARNING_TIME, 1.0) * (wheel.force - capacity)
             elif wheel.wanted > 0.9 * capacity:
                 capacity += _PERIOD / _GROWTH_TIME * capacity
@@ -371,6 +389,9 @@ def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total
     leeway = speed * math.sin(min(law.max_rotation, 0.5 * math.pi))
     aside_least = max((-leeway - drift) / _LINE_TIME, -_LARGEST_ASIDE) - body.aside
     aside_most = min((leeway - drift) / _LINE_TIME, _LARGEST_ASIDE) - body.aside
+    body.left = speed * body.mass / total
+    if body.steps == 0:
+        body.whole = body.left
     push, swing = body.mass / total, body.mass * law.gyration / (total * reach)
     return _Task(
         along,
@@ -388,12 +409,16 @@ def _turn_rate(law: Constants, body: Any, side: float) -> float:
     """Return the largest (side 1) or least (-1) yaw acceleration that keeps within the limit.
 
     The yaw rate may be as large as a constant deceleration can still stop at the limit; near it
-    and beyond the heading returns exponentially.
+    and beyond the heading returns exponentially, the slower the more of the stop is left. Valves
+    are not fine enough to use the time.
     """
     left = law.max_rotation - side * body.heading
-    rate = left / _HEADING_TIME
+    time = _HEADING_TIME
+    if law.brake.grain < 1.0:
+        time = max(time, min(_CALM_TIME, _CALM_SHARE * body.left))
+    rate = left / time
     if left > 0.0:
-        rounding = body.turn_limit * _HEADING_TIME
+        rounding = body.turn_limit * time
         rate = math.sqrt(2.0 * body.turn_limit * left + rounding * rounding) - rounding
     return float(side * (rate - side * body.yaw_rate) / _YAW_TIME)
 
@@ -448,7 +473,7 @@ def _keep(bounded: _Bounded, squares: _Squares, wanted: FloatArray) -> bool:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _braked(law: Constants, memory: Memory, wheels: _Wheels, i: int) -> BrakedWheel:
     capacity = memory.wheel[i].capacity
-    return BrakedWheel(capacity, _TARGET_SLIP, wheels.rim[i], law.radius[i], law.inertia)
+    return BrakedWheel(capacity, law.slip, wheels.rim[i], law.radius[i], law.inertia)
 
 
 @lean
@@ -481,15 +506,20 @@ def _share_out(
     most = brake.max_torque * motion.pedal
     servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
     neediest, largest = 0, -math.inf
+    short = body.whole < law.short_stop
     for i in range(enable.size):
         wheel = memory.wheel[i]
         hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
         spin, torque, force = _in_time(law, memory, wheels, hub, dt, i)
         # A tire must deflect before it pushes: the faster it slides, the sooner.
         push = _PUSH * (1.0 - min(wheel.force / wheel.capacity, 1.0))
-        goal = max(hub - push, 0.0) / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+        slide = push + (_SHORT_SLIDE / (hub + 1e-6) if short else 0.0)
+        goal = max(hub - push, 0.0) / (wheels.rim[i] + law.radius[i] * law.slip)
+        goal = min(goal, max(hub - slide, 0.0) / wheels.rim[i])
         expected = force + _FORESIGHT * (wheel.capacity - force)
         need = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
+        if short and goal <= 0.0:
+            need = most
         if wheel.wanted < _AT_BOUND * wheel.capacity:
             need = min(need, wheels.rim[i] * wheel.wanted + law.inertia * spin * slowing)
         if brake.time_constant > 0.0:  # leads the lag
@@ -535,7 +565,7 @@ def _choose(
                 spin, force = turn_on(_braked(law, memory, wheels, i), spin, mean, hub, dt)
                 total += force
             forces[state, i] = total / horizon
-            goal = hub / (wheels.rim[i] + law.radius[i] * _TARGET_SLIP)
+            goal = hub / (wheels.rim[i] + law.radius[i] * law.slip)
             missing = max(1.0 - spin / goal, 0.0) if goal > 0.0 else 0.0
             deep[state, i] = _DEEP_WEIGHT / n * missing * missing
         enable[i] = 1.0
@@ -582,7 +612,7 @@ def _cost(
     turned = max(task.least - turns, turns - task.most, 0.0)
     pushed = max(task.left - across, across - task.right, 0.0)
     cost += (1.0 - along) ** 2 + _VALVE_TURN_WEIGHT * turned * turned
-    return cost + _LINE_WEIGHT * pushed * pushed
+    return cost + _VALVE_LINE_WEIGHT * pushed * pushed
 
 
 @lean
