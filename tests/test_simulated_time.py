@@ -1,0 +1,73 @@
+"""Every node goes on where simulated time is in use and nobody tells it, at any time."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import closing
+from pathlib import Path
+
+from bystander import Bystander
+from diagnostic_msgs.msg import DiagnosticArray
+from omni_process import WORKSPACE
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
+from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_bringup.graph import nodes as graph
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
+from omni_recording.folder import bag_summary, open_bag
+from omni_ros.environment import node_environment
+from omni_ros.qos import RELIABLE
+
+DIAGNOSTICS = {"/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
+SPEAKERS = ("brake_assist", "linescan_odometry")
+
+
+class Listener(Bystander):
+    """Counts what each node says of itself."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("listener", domain)
+        self.counts = dict.fromkeys(SPEAKERS, 0)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, RELIABLE)
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        self.counts[message.status[0].name] += 1
+
+    def heard(self) -> str:
+        return f"messages of {self.counts}"
+
+    def wait_for_all(self) -> None:
+        """Hear each of them twice more."""
+        wanted = {name: count + 2 for name, count in self.counts.items()}
+        self.wait(lambda: all(self.counts[name] >= wanted[name] for name in SPEAKERS))
+
+
+def test_nodes_speak_and_record_without_a_clock(tmp_path: Path) -> None:
+    configuration = ExperimentLibrary(WORKSPACE / "config").load("flow_sensors", "assisted")
+    folder = tmp_path / "bag"
+    processes = [
+        # Stamps of two clocks may be recorded, and nobody is awaited.
+        (graph.recorder(configuration, folder, tmp_path, topics=DIAGNOSTICS), "strict:=false"),
+        (graph.odometry(configuration, tmp_path, lockstep=False), "subscribers:=0"),
+        (graph.brake_assist(configuration, tmp_path, lockstep=False), "subscribers:=0"),
+    ]
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        started = []
+        for process, given in processes:
+            arguments = [*process.arguments, "-p", "use_sim_time:=true", "-p", given]
+            started.append(group.start(dataclasses.replace(process, arguments=arguments)))
+        with closing(Listener(domain)) as listener:
+            listener.wait_for_all()
+            for value in (False, True):
+                for name in (*SPEAKERS, "recorder"):
+                    used = Parameter("use_sim_time", value=value).to_parameter_msg()
+                    asked = SetParameters.Request(parameters=[used])
+                    (result,) = listener.call(
+                        SetParameters, f"/{name}/set_parameters", asked
+                    ).results
+                    assert result.successful
+                listener.wait_for_all()
+        assert all(process.returncode is None for process in started)
+    assert bag_summary(open_bag(folder)).counts["/diagnostics"] >= 2 * len(SPEAKERS)
