@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -13,6 +15,14 @@ from setup.workspace import Workspace
 
 # What the stages take of the whole on two cores, with packages that come fast [1].
 _SHARES = {"installing": 0.3, "preparing": 0.15, "building": 0.1, "compiling": 0.45}
+
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+_LIBC = ctypes.CDLL(None)  # loaded here: a child between fork and exec should not
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel for SIGTERM when the process that started this one dies."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class Steps:
@@ -67,8 +77,8 @@ class Steps:
         with open(self.workspace.log, "a", errors="replace") as log:
             log.write("$ {}\n".format(" ".join(words)))
             log.flush()
-            # The child inherits the lock: should this process be killed, the next start waits
-            # until the child has ended before it touches the same folders.
+            # The child inherits the lock: should this process be killed, it is asked to end, and
+            # the next start waits until it has before it touches the same folders.
             with subprocess.Popen(
                 words,
                 env=environment,
@@ -79,6 +89,7 @@ class Steps:
                 universal_newlines=True,
                 errors="replace",
                 pass_fds=[self.lock] if self.lock is not None else [],
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 - there is one thread
             ) as process:
                 try:
                     for line in process.stdout or ():

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import IO
 
 import pytest
+from omni_process import wait_until
 
 from setup import build, failures
 from setup import workspace as places
@@ -480,6 +481,28 @@ def test_interrupted_and_killed_builds_are_made_up_for(workspace: Workspace) -> 
     result = workspace.start("run")
     assert result.returncode == 0
     assert workspace.installed.is_dir()
+
+
+def test_a_killed_set_up_leaves_nobody_at_work(tmp_path: Path) -> None:
+    (tmp_path / ".cache").mkdir()
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from pathlib import Path\n"
+        "from setup.steps import Steps\n"
+        "from setup.workspace import Workspace\n"
+        "steps = Steps(Workspace(Path(sys.argv[2]), None), None, 'installing')\n"
+        "child = 'import os, time; print(os.getpid(), flush=True); time.sleep(600)'\n"
+        "steps.run([sys.executable, '-c', child], {}, print)\n"
+    )
+    command = [sys.executable, "-u", "-c", code, str(ROOT), str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        child = Path(f"/proc/{int(process.stdout.readline())}/stat")
+        assert child.exists()
+        process.kill()
+        process.wait(60)
+        # Whoever inherits it may not have asked for its end yet: then it is a zombie.
+        wait_until(lambda: not child.exists() or child.read_text().split()[2] == "Z")
 
 
 def test_a_start_waits_for_another_that_sets_up(workspace: Workspace) -> None:
