@@ -151,3 +151,20 @@ def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels) -> None:
         allocation.step(law, memory, motion, error, enable)
         assert np.all((enable >= 0.0) & (enable <= 1.0))
         assert np.all(np.isfinite(error))
+
+
+def test_beyond_its_limit_the_heading_returns_whatever_inertia_is_assumed(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    body, dt = memory.body[0], 0.01
+
+    def measure(beyond: float, rate: float) -> float:  # V of docs/allocation.md, Th = 0.15 s
+        return (beyond / 0.15) ** 2 + (rate + beyond / 0.15) ** 2
+
+    for gain in (0.7, 1.0, 3.0, 10.0):  # real over wanted yaw acceleration
+        for beyond in np.linspace(0.01, 1.0, 12):
+            for rate in np.linspace(-5.0, 5.0, 21):
+                body["heading"], body["yaw_rate"] = law.max_rotation + beyond, rate
+                turned = gain * allocation._turn_rate(law, body, 1.0)
+                after = (beyond + rate * dt + 0.5 * turned * dt**2, rate + turned * dt)
+                if after[0] > 0.0:
+                    assert measure(*after) < measure(beyond, rate)
