@@ -74,6 +74,7 @@ from omni_brake_assist.observer.state import (
 )
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
+from omni_brake_assist.wheel_monitor import watch_wheels, wheel_memory
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import SECOND_NS, FloatArray
@@ -155,6 +156,8 @@ class Memory(NamedTuple):
         observer: see `observer`.
         effect: ledger of `effect_monitor`, shape (17,).
         brakes: of `brake_monitor`, shape (N + 1,).
+        watch: of `wheel_monitor`, shape (N,).
+        heard: speeds of the wheels that a law may go by [rad/s], shape (N,).
         told: enables of the last step, shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
         speeds: of the wheels that the observer is told [rad/s], shape (N,).
@@ -169,6 +172,8 @@ class Memory(NamedTuple):
     observer: ObserverMemory
     effect: FloatArray
     brakes: FloatArray
+    watch: NDArray[np.void]
+    heard: FloatArray
     told: FloatArray
     answer: FloatArray
     speeds: FloatArray
@@ -277,6 +282,8 @@ def new_memory(wheels: int) -> Memory:
         observer_memory(wheels),
         effect_memory(),
         brake_memory(wheels),
+        wheel_memory(wheels),
+        np.zeros(wheels),
         np.ones(wheels),
         np.zeros(3),
         np.zeros(wheels),
@@ -304,8 +311,7 @@ def assist_step(
     error[:] = 0.0
     ready, course = _listen(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
-    pedal, speed = inputs.pedal, inputs.wheels.speed
-    motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speed)
+    motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.heard)
     answer = NO_HELP
     if ready:
         answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
@@ -326,8 +332,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     """
     ready, course = _listen(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
-    pedal, speed = inputs.pedal, inputs.wheels.speed
-    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speed)
+    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.heard)
 
 
 @lean
@@ -339,7 +344,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
     trusted = memory.trust[0].cause == GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.twist
-    elapsed = since(inputs.now_ns, step.observed_ns) * 1e-9
+    elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
     if constants.second_opinion:
         chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
         step.contradicted = chosen == NOBODY
@@ -351,18 +356,8 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         elif chosen == NOBODY:
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
-    if not braking:
-        step.dead = 0
-    if constants.second_opinion and step.dead == 0 and (not braking or (good and trusted)):
-        dead = watch_brakes(
-            constants.brakes,
-            memory.brakes,
-            min(max(elapsed, 0.0), constants.maximum_time_step),
-            inputs.pedal if braking else 0.0,
-            BrakedWheels(memory.told, memory.speeds, memory.observer.belief[0].scale),
-            (v_x, v_y, yaw_rate),
-        )
-        step.dead = dead + 1 if dead != NO_WHEEL else 0
+    watched = constants.second_opinion and (not braking or (good and trusted))
+    _watch(constants, memory, inputs, braking, elapsed if watched else -1.0, (v_x, v_y, yaw_rate))
     dt = 0.0
     if good:
         dt = since(stamp_ns, step.followed_ns) * 1e-9
@@ -390,6 +385,32 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
     return ready, (first, dt, v_x, v_y, yaw_rate, p_x, p_y)
+
+
+@lean
+def _watch(
+    constants: Constants,
+    memory: Memory,
+    inputs: Inputs,
+    braking: bool,
+    elapsed: float,
+    twist: tuple[float, float, float],
+) -> None:
+    """Ask the monitors of brakes and wheels, unless the time since the last step is negative."""
+    step, heard = memory.step[0], memory.heard
+    for i in range(heard.size):
+        heard[i] = inputs.wheels.speed[i]
+    if not braking:
+        step.dead = 0
+    if elapsed < 0.0:
+        return
+    dt = min(elapsed, constants.maximum_time_step)
+    pedal = inputs.pedal if braking else 0.0
+    wheels = BrakedWheels(memory.told, memory.speeds, memory.observer.belief[0].scale)
+    if step.dead == 0:
+        dead = watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
+        step.dead = dead + 1 if dead != NO_WHEEL else 0
+    watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, heard)
 
 
 @lean

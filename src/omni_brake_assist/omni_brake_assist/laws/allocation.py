@@ -12,7 +12,8 @@ so a single slide shows what a wheel can bear: no mass, load or tire need be kno
    take the pattern that is predicted to come nearest instead.
 
 A wheel that the motion hardly drags along its active direction is locked: its friction holds
-against any drift and takes energy from it. docs/allocation.md derives all this.
+against any drift and takes energy from it. One whose speed is not known is taken to roll, by less
+torque than it last bore. docs/allocation.md derives all this.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
 _AT_BOUND = 0.98
+_UNKNOWN_SHARE = 0.8  # of its capacity that is asked of a wheel whose speed is not known [1]
 _PUSH = 3.0  # sliding speed beyond that at the target while there is no force yet [m/s]
 _RISING = 0.01  # share of its capacity by which a force grows while it builds up in a period [1]
 _RISE_STEPS = 2.0  # for which a force that builds up is believed to do so at least
@@ -190,6 +192,7 @@ class _Wheels(NamedTuple):
         slip: Eq. (20) [1].
         rim: lever [m].
         stands: whether the motion hardly drags it [1].
+        known: whether its speed is; else it is taken to roll [1].
     """
 
     sign: FloatArray
@@ -198,6 +201,7 @@ class _Wheels(NamedTuple):
     slip: FloatArray
     rim: FloatArray
     stands: FloatArray
+    known: NDArray[np.bool_]
 
 
 @lean
@@ -208,15 +212,17 @@ def step(
 
     The error of a wheel is its sliding speed less that at the target slip [m/s].
     """
-    for i in range(error.size):
-        if not math.isfinite(motion.wheel_speed[i]):
-            return NO_HELP  # without wheel speeds nothing is known of the forces
     if motion.pedal <= 0.0:
         return NO_HELP
     body = memory.body[0]
     first = motion.first or motion.dt <= 0.0
     if first:
         _start(law, memory, motion)
+    unknown = 0
+    for i in range(error.size):
+        unknown += not math.isfinite(motion.wheel_speed[i])
+    if unknown > 1 or (unknown == 1 and body.steps <= _SHY_STEPS):
+        return NO_HELP  # one wheel may be taken to roll, if it has been known
     wheels = _look(law, motion)
     if not first:
         _observe(law, memory, motion, wheels)
@@ -260,19 +266,20 @@ def _start(law: Constants, memory: Memory, motion: Motion) -> None:
 def _look(law: Constants, motion: Motion) -> _Wheels:
     n = law.rim.size
     sign, hub, spin, slip = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    rim, stands = np.abs(law.rim), np.zeros(n)
+    rim, stands, known = np.abs(law.rim), np.zeros(n), np.zeros(n, np.bool_)
     fastest = 0.0
     for i in range(n):
         w = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y + law.lever[i] * motion.yaw_rate
         hub[i] = abs(w)
         sign[i] = 1.0 if w >= 0.0 else -1.0
         turning = sign[i] if law.rim[i] >= 0.0 else -sign[i]
-        spin[i] = max(turning * motion.wheel_speed[i], 0.0)
+        known[i] = math.isfinite(motion.wheel_speed[i])
+        spin[i] = max(turning * motion.wheel_speed[i], 0.0) if known[i] else hub[i] / rim[i]
         slip[i] = (hub[i] - rim[i] * spin[i]) / (law.radius[i] * spin[i] + 1e-3)
         fastest = max(fastest, hub[i])
     for i in range(n):
         stands[i] = 1.0 if hub[i] <= _STANDING * fastest else 0.0
-    return _Wheels(sign, hub, spin, slip, rim, stands)
+    return _Wheels(sign, hub, spin, slip, rim, stands, known)
 
 
 @lean
@@ -281,7 +288,7 @@ def _observe(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) ->
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         turning = wheels.sign[i] if law.rim[i] >= 0.0 else -wheels.sign[i]
-        before = max(turning * wheel.speed, 0.0)
+        before = max(turning * wheel.speed, 0.0) if math.isfinite(wheel.speed) else wheels.spin[i]
         least = 0.01 * wheels.hub[i] / wheels.rim[i]
         if wheels.stands[i] != 0.0:
             seen = 0.0  # what holds against a push is left to the disturbance
@@ -327,7 +334,7 @@ def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         capacity = wheel.capacity
-        if memory.body[0].steps > _SHY_STEPS:
+        if memory.body[0].steps > _SHY_STEPS and wheels.known[i]:
             if wheel.risen > _RISING * capacity:
                 # The tire still deflects: it bears no less than it is about to. Valves, which only
                 # push or not, fare better with what is there already.
@@ -431,6 +438,8 @@ def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> Non
     upper, wanted = np.empty(n), np.empty(n)
     for i in range(n):
         upper[i] = wheel[i].capacity if wheels.stands[i] == 0.0 else 0.0
+        if not wheels.known[i]:
+            upper[i] *= _UNKNOWN_SHARE
         wanted[i] = wheel[i].wanted
     hessian, linear = np.zeros((n, n)), task.along.copy()
     for i in range(n):
@@ -520,7 +529,7 @@ def _share_out(
         need = wheels.rim[i] * expected + law.inertia * (spin - goal) / servo_time
         if short and goal <= 0.0:
             need = most
-        if wheel.wanted < _AT_BOUND * wheel.capacity:
+        if wheel.wanted < _AT_BOUND * wheel.capacity or not wheels.known[i]:
             need = min(need, wheels.rim[i] * wheel.wanted + law.inertia * spin * slowing)
         if brake.time_constant > 0.0:  # leads the lag
             need = torque + (need - torque) / -math.expm1(-2.0 * dt / brake.time_constant)

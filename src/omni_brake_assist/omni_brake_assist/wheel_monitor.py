@@ -1,0 +1,88 @@
+"""Whether a wheel can be as it says, or a law must not go by it.
+
+A braked wheel turns the way that the ground drags it, and no faster; one whose brake has been let
+go gains on the ground. One that for a while turns faster than it rolls, or backwards, or stays
+behind without gaining though it has been let go, has a sensor that lies, or is held by something
+else than what it has been told (a valve that does not release). A law that believes it takes it for
+a wheel on ice, and lets go of others to keep the heading. So it is not known to the law until the
+pedal is released.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_brake_assist.brake_monitor import BrakeConstants, BrakedWheels
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+WATCH = np.dtype(
+    [
+        ("impossible", "f8"),  # for how long it has turned as no wheel does [s]
+        ("free", "f8"),  # for how long it has not gained though it has been let go [s]
+        ("rim", "f8"),  # speed of the rim as that began [m/s]
+        ("doubted", "?"),
+    ]
+)
+"""What is remembered of a wheel."""
+
+_SLOW = 0.5  # speed along the active direction below which nothing shows [m/s]
+_OFF, _OFF_SHARE = 0.3, 0.03  # by which a rim that rolls may be off for a while [m/s], [1]
+_IMPOSSIBLE = 0.1  # for how long it may be farther off [s]
+_LET_GO = 0.05  # share of the pedal's demand that counts for none [1]
+_GAIN = 0.2  # of a rim that is dragged, on ice too, while a brake is let go and as long again [m/s]
+
+
+def wheel_memory(wheels: int) -> NDArray[np.void]:
+    """Return a memory in which no wheel is doubted, `WATCH`, shape (N,)."""
+    return np.zeros(wheels, WATCH)
+
+
+@lean
+def watch_wheels(
+    constants: BrakeConstants,
+    memory: NDArray[np.void],
+    dt: float,
+    pedal: float,
+    wheels: BrakedWheels,
+    twist: tuple[float, float, float],
+    heard: FloatArray,
+) -> None:
+    """Look at the wheels after a step of braking.
+
+    Args:
+        constants: of the vehicle.
+        memory: of `wheel_memory`, changed in place.
+        dt: length of the step [s].
+        pedal: the driver's demand in it, 0 while there is none [1].
+        wheels: after the step, told before it.
+        twist: body twist now [m/s, m/s, rad/s].
+        heard: speeds that a law may go by [rad/s], shape (N,); no number for one that it may not.
+    """
+    for i in range(heard.size):
+        wheel = memory[i]
+        if pedal <= 0.0:
+            wheel.impossible = wheel.free = 0.0
+            wheel.doubted = False
+            continue
+        hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
+        hub += constants.lever[i] * twist[2]
+        rim = constants.roll[i] * wheels.speeds[i] / (1.0 + wheels.scale)
+        if math.isfinite(rim):
+            rim, fast = (rim, hub) if hub >= 0.0 else (-rim, -hub)
+            off = _OFF + _OFF_SHARE * fast
+            shows = fast > _SLOW
+            wrong = shows and (rim > fast + off or rim < -off)
+            wheel.impossible = wheel.impossible + dt if wrong else max(wheel.impossible - dt, 0.0)
+            behind = shows and wheels.told[i] <= _LET_GO and rim < fast - off
+            if not behind or wheel.free <= 0.0 or rim > wheel.rim + _GAIN:
+                wheel.free, wheel.rim = 0.0, rim
+            if behind:
+                wheel.free += dt
+            if wheel.impossible > _IMPOSSIBLE or wheel.free > 2.0 * constants.time:
+                wheel.doubted = True
+        if wheel.doubted:
+            heard[i] = math.nan
