@@ -165,8 +165,33 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
     "dead reckoning, then all brakes: at most 8 deg",
     within="the whole stop",
 )
-def test_a_stop_goes_on_without_the_twist() -> None:
-    assert loss_of_twist(LIBRARY, 0.3) <= 8.0
+def test_a_stop_goes_on_without_the_twist(stops: LyingSensors) -> None:
+    assert loss_of_twist(stops, 0.3) <= 8.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "onset", "amplitude", "wheel"),
+    [
+        ("zero", -0.03, 0.0, 2),  # took 2.5 times the distance of all brakes on
+        ("zero", 0.3, 0.0, 0),
+        ("sign", 0.22, 0.0, 1),
+        ("offset", 0.3, -20.0, 3),
+        ("drop_out", 0.3, 0.0, 0),
+        ("drop_out", -0.2, 0.0, 1),
+    ],
+)
+def test_allocation_is_not_led_astray_by_an_encoder(
+    kind: str, onset: float, amplitude: float, wheel: int
+) -> None:
+    base = ["feedback=velocity_sensor", "encoders.resolution=4096", "simulation.render_lines=false"]
+    time = LIBRARY.load("straight_line", "assisted").maneuver.brake_time + onset
+    lie = f"channel: encoder, kind: {kind}, axis: {wheel}, time: {time}, amplitude: {amplitude}"
+    unassisted = run_fast_loop(LIBRARY.load("straight_line", "unassisted", base))
+    stop = run_fast_loop(
+        LIBRARY.load("straight_line", "allocation", [*base, f"faults.lie={{{lie}}}"])
+    )
+    assert stop.stopping_distance <= DISTANCE_LIMITS[True] * unassisted.stopping_distance
+    assert stop.orientation_change <= unassisted.orientation_change + ROTATION_LIMIT
 
 
 @pytest.mark.safety(

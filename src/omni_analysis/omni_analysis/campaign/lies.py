@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -113,16 +114,17 @@ class LyingSensors:
 
     Args:
         library: where experiments and vehicles are.
+        changes: of every assistant and vehicle, as ``dotted.key=value``.
     """
 
-    def __init__(self, library: ExperimentLibrary) -> None:
+    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
         self._bases = {
             (case, imu, variant != "unassisted"): library.load(
                 experiment,
                 variant,
-                [*_SETTING, *changes, f"imu.enabled={str(imu).lower()}"],
+                [*_SETTING, *own, *changes, f"imu.enabled={str(imu).lower()}"],
             )
-            for case, (experiment, assisted, changes) in CASES.items()
+            for case, (experiment, assisted, own) in CASES.items()
             for imu in (True, False)
             for variant in ("unassisted", assisted)
         }
@@ -246,14 +248,13 @@ ROTATION_LIMIT = 5.0
 """Of the rotation beyond the reference, with an IMU [deg]."""
 
 
-def loss_of_twist(library: ExperimentLibrary, onset: float) -> float:
+def loss_of_twist(stops: LyingSensors, onset: float) -> float:
     """Return the change of orientation [deg] on ``straight_line`` if the twist is lost for good.
 
     Args:
-        library: where the experiment is.
+        stops: makes the stop.
         onset: time from the pedal on [s].
     """
-    stops = LyingSensors(library)
     lie = Lie("twist", "drop_out", -1, onset, 0.0, 0.1)
     stop = stops.run(0, "straight_line", lie, imu=True)
     return stop.rotation + stops.reference("straight_line", imu=True).rotation

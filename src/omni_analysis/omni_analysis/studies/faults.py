@@ -25,6 +25,7 @@ from omni_analysis.campaign.lies import (
 from omni_analysis.campaign.runner import CampaignOptions, run_campaign
 from omni_analysis.figures.style import save_figure
 from omni_analysis.loop.metrics import Metric
+from omni_analysis.loop.options import LoopOptions
 from omni_analysis.studies import StudyResult, StudyRun
 from omni_platform.configuration import parameter
 
@@ -33,7 +34,7 @@ _WORST = 20  # stops in the table of the worst
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(CampaignOptions):
+class Options(CampaignOptions, LoopOptions):
     """How many stops are run, and where."""
 
     runs: int = parameter(3000, description="number of lies", minimum=1, maximum=10_000_000)
@@ -42,12 +43,12 @@ class Options(CampaignOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the stops, write their table, the worst of them and a figure."""
-    work = LyingSensors(study.experiments)
+    work = LyingSensors(study.experiments, options.changes)
     seeds = range(options.seed, options.seed + options.runs)
     path = study.folder / "stops.csv"
     stops = run_campaign(work, seeds, Stop, options, path, work.fingerprint, study.report)
     metrics = _metrics(stops)
-    rotation = loss_of_twist(study.experiments, _LOSS_ONSET)
+    rotation = loss_of_twist(work, _LOSS_ONSET)
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg", limit=_LOSS_LIMIT)
     files = (
         path,
