@@ -4,9 +4,9 @@ Three line cameras on a circle, along its tangents. The error squared of the twi
 covariance lets expect, has the mean 1 where the covariance is right. Speeds are shares of the
 largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are tried alike.
 
-Does that hold on a ground that nobody has seen? What is tuned in the variances is, in the end, one
-factor for matches of pairs of lines and one for matches of all lines of a batch. Both are fitted
-again on all grounds but one, and judged on that one.
+Does that hold on a ground that nobody has seen? A factor for matches of pairs of lines and one for
+matches of all lines of a batch are fitted on all grounds but one, and judged on that one. The
+odometry itself has none for the latter.
 """
 
 from __future__ import annotations
