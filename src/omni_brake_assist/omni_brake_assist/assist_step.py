@@ -13,14 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.brake_monitor import (
-    NO_WHEEL,
-    BrakeConstants,
-    BrakedWheels,
-    brake_constants,
-    brake_memory,
-    watch_brakes,
-)
 from omni_brake_assist.braking_line import (
     LINE_SIZE,
     STORED,
@@ -30,12 +22,6 @@ from omni_brake_assist.braking_line import (
     store_line,
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.effect_monitor import (
-    EffectConstants,
-    effect_constants,
-    effect_memory,
-    watch_effect,
-)
 from omni_brake_assist.fail_safe import (
     GOOD,
     INTERNAL_ERROR,
@@ -59,6 +45,21 @@ from omni_brake_assist.laws.built_in import (
     law_memory,
 )
 from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
+from omni_brake_assist.monitors.brake_monitor import (
+    NO_WHEEL,
+    BrakeConstants,
+    BrakedWheels,
+    brake_constants,
+    brake_memory,
+    watch_brakes,
+)
+from omni_brake_assist.monitors.effect_monitor import (
+    EffectConstants,
+    effect_constants,
+    effect_memory,
+    watch_effect,
+)
+from omni_brake_assist.monitors.wheel_monitor import watch_wheels, wheel_memory
 from omni_brake_assist.observer.observe import observe
 from omni_brake_assist.observer.state import (
     ALL,
@@ -74,7 +75,6 @@ from omni_brake_assist.observer.state import (
 )
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
-from omni_brake_assist.wheel_monitor import watch_wheels, wheel_memory
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import SECOND_NS, FloatArray

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist import AssistState, BrakeAssist, BrakeDemand
-from omni_brake_assist.brake_monitor import (
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.monitors.brake_monitor import (
     NO_WHEEL,
     BrakeConstants,
     BrakedWheels,
@@ -14,7 +15,6 @@ from omni_brake_assist.brake_monitor import (
     brake_memory,
     watch_brakes,
 )
-from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omni_brake_assist.effect_monitor import (
+from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
     effect_constants,
     effect_memory,

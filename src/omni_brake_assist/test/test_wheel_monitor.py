@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from omni_brake_assist.brake_monitor import BrakedWheels, brake_constants
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.wheel_monitor import watch_wheels, wheel_memory
+from omni_brake_assist.monitors.brake_monitor import BrakedWheels, brake_constants
+from omni_brake_assist.monitors.wheel_monitor import watch_wheels, wheel_memory
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
 STEP = 0.01  # [s]

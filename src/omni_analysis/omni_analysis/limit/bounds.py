@@ -38,6 +38,7 @@ _LEAST = 1e-6  # deceleration that is none [m/s^2]
 _LEVELS = 64  # of the torque at which brakes that build up are taken, the next one above
 _SKETCHED_LEVELS = 12  # likewise of a sketch, the next one below
 _SKETCHED_HEADINGS = 12
+_WEAK = "friction or brakes end before the vehicle stands"
 _SLOPE = "the ground is not level, and gravity's pull along it is left out"
 _SPRUNG = "the chassis is sprung, and how it swings the wheel loads is left out"
 
@@ -222,7 +223,7 @@ class _Way:
             )
         distance = self._integrate(maneuver, speed, cases)
         if not math.isfinite(distance):
-            return Bound(math.nan, reason="friction or brakes end before the vehicle stands")
+            return Bound(math.nan, reason=_WEAK)
         gap = best.bound / best.feasible - 1.0
         lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
         gain = max(lagging / best.bound - 1.0, 0.0)
@@ -257,7 +258,7 @@ class _Way:
         cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
         distance = self._integrate(maneuver, speed, cases)
         if not math.isfinite(distance):
-            return Bound(math.nan, reason="friction or brakes end before the vehicle stands")
+            return Bound(math.nan, reason=_WEAK)
         # While the loads lag they may be anything.
         first = cases.deceleration(0.0, 0.0, math.inf)
         loose = self._limit.loose(cases.friction(0.0, 0.0))
@@ -289,6 +290,11 @@ class _Cases:
         self.uniform = len(friction.table) == 0
         self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
         self.step = max(self.step, 1e-3)
+        self._lay_out(limit, maneuver)
+
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
+        """Keep what the cases need of the vehicle and its motion."""
+        raise NotImplementedError
 
     def level(self, torque: float) -> float:
         """Round a torque [N m] that builds up, so that few cases need be solved: a bound's up."""
@@ -317,16 +323,7 @@ class _Cases:
 class _Straight(_Cases):
     """A stop that keeps its heading and its line."""
 
-    def __init__(
-        self,
-        limit: LimitVehicle,
-        friction: FrictionMap,
-        maneuver: Maneuver,
-        cap: float,
-        *,
-        sketch: bool = False,
-    ) -> None:
-        super().__init__(limit, friction, maneuver, cap, sketch=sketch)
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
         v = maneuver.twist[:2]
         self._direction = v / math.hypot(*v)
         cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
@@ -341,7 +338,10 @@ class _Straight(_Cases):
         ]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
-        found = self._limit.strongest(self._direction, Case(friction, True, torque))
+        return self._strongest(self._direction, Case(friction, True, torque))
+
+    def _strongest(self, direction: FloatArray, case: Case) -> float:
+        found = self._limit.strongest(direction, case)
         return 0.0 if found is None else found.bound
 
     @property
@@ -370,15 +370,12 @@ class _Straight(_Cases):
         """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
         cos, sin = math.cos(angle), math.sin(angle)
         direction = np.array([[cos, -sin], [sin, cos]]) @ self._direction
-        case = Case(self.friction(0.0, 0.0), True, self._cap)
-        found = self._limit.strongest(direction, case)
-        return 0.0 if found is None else found.bound
+        return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._cap))
 
     def lagging(self, lag: float) -> float:
         """Return the strongest deceleration while the loads lag behind [m/s^2]."""
         case = Case(self.friction(0.0, 0.0), True, self._cap, lag)
-        found = self._limit.strongest(self._direction, case)
-        return 0.0 if found is None else found.bound
+        return self._strongest(self._direction, case)
 
 
 class _AnyHeading(_Cases):
@@ -386,16 +383,7 @@ class _AnyHeading(_Cases):
 
     tolerance = 1e-3
 
-    def __init__(
-        self,
-        limit: LimitVehicle,
-        friction: FrictionMap,
-        maneuver: Maneuver,
-        cap: float,
-        *,
-        sketch: bool = False,
-    ) -> None:
-        super().__init__(limit, friction, maneuver, cap, sketch=sketch)
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
         cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
         turn = np.array([[cos, -sin], [sin, cos]])
         self._centre = maneuver.pose[:2] + turn @ limit.masses.centre

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.brake_monitor import BrakeConstants, BrakedWheels
+from omni_brake_assist.monitors.brake_monitor import BrakeConstants, BrakedWheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
