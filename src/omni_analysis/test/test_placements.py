@@ -132,5 +132,5 @@ def test_crossed_cameras_are_the_two_sensors_of_figure_55(
         assert estimate.twist[0] * dt == pytest.approx(moved.x, rel=1e-9)
         assert estimate.twist[2] * dt == pytest.approx(math.sin(moved.angle), rel=1e-9)
         # Least squares weigh the two y by their variances, (74) by the distances.
-        assert estimate.twist[1] * dt == pytest.approx(moved.y, abs=2e-3 * dt)
+        assert estimate.twist[1] * dt == pytest.approx(moved.y, abs=4e-3 * dt)
         assert estimate.twist == pytest.approx(twist, abs=0.01 * math.hypot(*twist[:2]))
