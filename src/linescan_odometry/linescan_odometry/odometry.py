@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -102,6 +103,8 @@ class LineScanOdometry:
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
         self._pool = ThreadPoolExecutor(1, "match")  # starts its thread when it is first used
+        # What numerical libraries heed too; workers of a campaign share the cores by it.
+        self._alone = os.environ.get("OMP_NUM_THREADS") == "1"
         self._stamp_ns = 0
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
@@ -159,6 +162,8 @@ class LineScanOdometry:
     def _read_all(self, batches: Mapping[str, LineBatch]) -> dict[str, SensorReading]:
         """Read every sensor; many pixels by two threads, as a sensor knows nothing of the others.
 
+        By one where OMP_NUM_THREADS is 1; the readings are the same.
+
         Raises:
             LineBatchError: lines of a sensor cannot be used.
         """
@@ -174,7 +179,8 @@ class LineScanOdometry:
                 readings[name] = self._read(name, batches.get(name))
 
         pixels = sum(np.size(batch.lines) for batch in batches.values())
-        helper = self._pool.submit(work) if pixels >= _SHARED_PIXELS else None
+        shared = pixels >= _SHARED_PIXELS and not self._alone
+        helper = self._pool.submit(work) if shared else None
         try:
             work()
         finally:

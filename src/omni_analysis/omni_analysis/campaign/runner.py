@@ -50,6 +50,12 @@ _LARGEST_CHUNK = 1000
 _IN_FLIGHT = 3  # chunks per worker, so that none waits for the next one
 _CONNECT_TIME = 10.0  # [s]
 _SILENT = 50  # level of log messages that distributed keeps to itself
+# Watching workers on this machine closely takes a tenth of a core.
+_WATCHED = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
 # What workers do first: Ctrl-C reaches them too, and it is not theirs to answer.
 _PRELOAD = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
 
@@ -210,11 +216,13 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Any]:
     Raises:
         ConfigurationError: nobody answers at the address.
     """
+    import dask
     from distributed import Client, LocalCluster  # takes a second to import
 
     with ExitStack() as stack:
         target: Any = scheduler
         if scheduler is None:
+            stack.enter_context(dask.config.set(_WATCHED))
             scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="omni_campaign_"))
             target = stack.enter_context(
                 LocalCluster(
