@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -31,16 +34,23 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if kind == "python":
             (folder / text.splitlines()[0].removeprefix("# ")).write_text(text)
             continue
-        done = subprocess.run(
-            ["sh", "-e", "-c", text],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=RUN_TIMEOUT,
-            check=False,
-            env=omni_environment(),
-        )
-        assert done.returncode == 0, f"block {number}: {done.stderr}"
+        # A file, since a process in the background would hold a pipe open.
+        said = folder / f"block_{number}.log"
+        with said.open("w") as log:
+            shell = subprocess.Popen(
+                ["sh", "-e", "-c", text],
+                cwd=folder,
+                stdout=log,
+                stderr=log,
+                env=omni_environment(),
+                start_new_session=True,
+            )
+            try:
+                code = shell.wait(RUN_TIMEOUT)
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(shell.pid, signal.SIGKILL)
+        assert code == 0, f"block {number}: {said.read_text()}"
     return folder
 
 

@@ -16,6 +16,7 @@ from omni_process import WORKSPACE
 # Keys of rosdep for what is no ROS package of the same name.
 KEYS = {
     "PIL": "python3-pil",
+    "dask": "python3-distributed",  # which is made for it and brings it
     "distributed": "python3-distributed",
     "llvmlite": "python3-llvmlite",
     "lz4": "python3-lz4",
