@@ -22,7 +22,7 @@ from omni_process import (
 from rosbags.highlevel import AnyReader
 
 from omni_analysis.loop.recorded_run import read_run
-from omni_recording.compare import compare_topics
+from omni_recording.actions.compare import compare_topics
 
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
 NODES = ["--nodes", "linescan_odometry", "brake_assist"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-from linescan_odometry.kinematics import KinematicsConfiguration
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
-from linescan_odometry.sideslip import SideslipWheel, check_axis
-from linescan_odometry.twist import check_placement
+from linescan_odometry.sideslip.angle import SideslipWheel, check_axis
+from linescan_odometry.twist.kinematics import KinematicsConfiguration
+from linescan_odometry.twist.least_squares import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.flow import monitors
 from linescan_odometry.measurements import (
     UNMEASURED_VARIANCE,
     FlowReading,
@@ -29,7 +28,8 @@ from linescan_odometry.measurements import (
     TwistEstimate,
 )
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.flow import monitors
+from linescan_odometry.twist.least_squares import TwistSolver
 from linescan_odometry.view.grain import Grain
 from linescan_odometry.view.occlusion import Covers
 from omni_platform.configuration import ConfigurationError

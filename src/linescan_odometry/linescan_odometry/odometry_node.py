@@ -21,10 +21,10 @@ from linescan_odometry.batching import BatchCollector
 from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.messages import contradiction_of, flow_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
-from linescan_odometry.pose import PoseIntegrator
 from linescan_odometry.registry import make_odometry
-from linescan_odometry.sideslip import SideslipEstimate
-from linescan_odometry.sideslip_meter import SideslipMonitor, angles
+from linescan_odometry.sideslip.angle import SideslipEstimate
+from linescan_odometry.sideslip.meter import SideslipMonitor, angles
+from linescan_odometry.twist.pose import PoseIntegrator
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor, Mount
 from omni_ros.frames import FrameConfiguration, prefix_frames

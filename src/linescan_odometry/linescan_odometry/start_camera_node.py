@@ -5,4 +5,4 @@ from omni_ros.start import start_node
 
 def main() -> None:
     """Run the node until its end, SIGINT or SIGTERM."""
-    start_node("linescan_odometry.camera_node")
+    start_node("linescan_odometry.camera.camera_node")

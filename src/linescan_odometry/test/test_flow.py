@@ -11,7 +11,7 @@ import pytest
 from linescan_odometry.batching import BatchCollector
 from linescan_odometry.measurements import LineBatch, LineBatchError
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import FlowSensor, LineSensor, sensor_matrix
 from omni_platform.signals import Flow

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.kinematics import KinematicsConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.twist import TwistSolver, check_placement
+from linescan_odometry.twist.kinematics import KinematicsConfiguration
+from linescan_odometry.twist.least_squares import TwistSolver, check_placement
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, sensor_matrix
 

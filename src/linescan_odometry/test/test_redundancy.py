@@ -11,7 +11,7 @@ import pytest
 
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import LineSensor, sensor_matrix
 
 Expose = Callable[..., Any]

@@ -12,14 +12,14 @@ import pytest
 
 from linescan_odometry.measurements import LineBatch, SensorReading, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from linescan_odometry.sideslip import SideslipWheel, WheelSideslip, sideslip_angle
-from linescan_odometry.sideslip_meter import (
+from linescan_odometry.sideslip.angle import SideslipWheel, WheelSideslip, sideslip_angle
+from linescan_odometry.sideslip.meter import (
     SideslipConfiguration,
     SideslipMeter,
     SideslipMonitor,
     angles,
 )
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, sensor_matrix
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from linescan_odometry.twist import TwistSolver, check_placement
+from linescan_odometry.twist.least_squares import TwistSolver, check_placement
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, velocity_row
 

@@ -15,7 +15,7 @@ from two_sensors import (
     two_sensor_displacement,
 )
 
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import LineSensor
 
 D_1, D_2 = 0.3, 0.5

@@ -22,9 +22,9 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from omni_recording.check import check_bag
+from omni_recording.actions.check import check_bag
+from omni_recording.actions.export import FORMATS, ExportError, export_bag
 from omni_recording.error import BagError
-from omni_recording.export import FORMATS, ExportError, export_bag
 from omni_recording.folder import bag_files, bag_messages, bag_summary, open_bag
 from omni_recording.mcap import LARGEST_RECORD, MAGIC
 

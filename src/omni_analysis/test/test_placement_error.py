@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from linescan_odometry.twist import TwistSolver
+from linescan_odometry.twist.least_squares import TwistSolver
 from omni_analysis.line_trials.trials import View
 from omni_analysis.placement.classical import ring
 from omni_analysis.placement.error import (

@@ -17,11 +17,11 @@ from rosbags.highlevel import AnyReader
 
 from omni_bringup.cli import main
 from omni_bringup.commands.bag import printable
-from omni_recording.check import check_bag
+from omni_recording.actions.check import check_bag
+from omni_recording.actions.recover import Recovery, recover
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.recover import Recovery, recover
 from omni_recording.write import RecordingError, Rosbag2Writer
 
 CLOCK, INFO = "/clock", "/line_scan/front/camera_info"

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from omni_bringup.cli import main
-from omni_recording.compare import compare_topics
+from omni_recording.actions.compare import compare_topics
 from omni_recording.decode import MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_bag

@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from linescan_odometry.measurements import LineBatch
-from linescan_odometry.sideslip import SideslipWheel
-from linescan_odometry.sideslip_meter import SideslipConfiguration, SideslipMeter
+from linescan_odometry.sideslip.angle import SideslipWheel
+from linescan_odometry.sideslip.meter import SideslipConfiguration, SideslipMeter
 from omni_analysis.line_trials.twist_trials import batch_lines, cameras_over
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor

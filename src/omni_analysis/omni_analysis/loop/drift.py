@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from linescan_odometry.pose import PoseIntegrator
+from linescan_odometry.twist.pose import PoseIntegrator
 from omni_analysis.loop.history import RunHistory
 from omni_analysis.loop.metrics import Metric
 from omni_platform.quantities import FloatArray

@@ -18,7 +18,7 @@ import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.registry import ODOMETRY_GROUP, make_odometry
-from linescan_odometry.twist import check_placement
+from linescan_odometry.twist.least_squares import check_placement
 from omni_analysis.loop.demands import read_demands
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.registry import own_law

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.twist import check_placement
+from linescan_odometry.twist.least_squares import check_placement
 from omni_analysis.placement.error import (
     ConditionNumber,
     MeanError,

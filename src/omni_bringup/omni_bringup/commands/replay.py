@@ -18,7 +18,7 @@ from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 if TYPE_CHECKING:
-    from omni_recording.compare import TopicComparison
+    from omni_recording.actions.compare import TopicComparison
 
 WORK = "replaying the recorded inputs"
 
@@ -80,7 +80,7 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
     from omni_bringup.replay.plan import check_inputs, replay_configuration, replay_plan
-    from omni_recording.compare import compare_topics
+    from omni_recording.actions.compare import compare_topics
     from omni_recording.error import BagError
     from omni_recording.folder import open_vehicle
     from omni_recording.write import RecordingError

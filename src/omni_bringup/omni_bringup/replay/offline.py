@@ -13,7 +13,7 @@ from linescan_odometry.batching import BatchCollector
 from linescan_odometry.measurements import LineBatch
 from linescan_odometry.messages import flow_of, line_batch_of
 from linescan_odometry.registry import make_odometry
-from linescan_odometry.sideslip_meter import SideslipMonitor, angles
+from linescan_odometry.sideslip.meter import SideslipMonitor, angles
 from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of

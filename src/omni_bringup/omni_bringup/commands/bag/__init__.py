@@ -33,8 +33,8 @@ def out_option(ending: str) -> Any:
 
 def refusing(action: str, act: Callable[[], int]) -> int:
     """Return the exit code of an action, or say why it cannot be done."""
+    from omni_recording.actions.export import ExportError
     from omni_recording.error import BagError
-    from omni_recording.export import ExportError
     from omni_recording.write import RecordingError
 
     try:

@@ -16,7 +16,7 @@ from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
 
 if TYPE_CHECKING:
-    from omni_recording.check import BagCheck
+    from omni_recording.actions.check import BagCheck
 
 WORK = "reading every message"
 
@@ -35,7 +35,7 @@ def run(options: Options, _workspace: Path) -> int:
 
 
 def _check(options: Options) -> int:
-    from omni_recording.check import check_bag
+    from omni_recording.actions.check import check_bag
 
     result = check_bag(options.bag)
     code = EXIT_FAILED if result.problems else EXIT_OK

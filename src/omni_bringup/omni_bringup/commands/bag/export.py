@@ -42,7 +42,7 @@ def run(options: Options, _workspace: Path) -> int:
 
 
 def _export(options: Options) -> int:
-    from omni_recording.export import export_bag
+    from omni_recording.actions.export import export_bag
 
     folder = options.out or beside(options.bag, "exported")
     result = export_bag(options.bag, folder, options.format, options.topic)

@@ -41,7 +41,7 @@ def run(options: Options, _workspace: Path) -> int:
 
 
 def _recover(options: Options) -> int:
-    from omni_recording.recover import recover
+    from omni_recording.actions.recover import recover
 
     result = recover(options.bag, options.out or beside(options.bag, "recovered"))
     if result is None:

@@ -11,7 +11,7 @@ import numpy as np
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.sideslip import SideslipEstimate, WheelSideslip
+from linescan_odometry.sideslip.angle import SideslipEstimate, WheelSideslip
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 

@@ -1,0 +1,1 @@
+"""Sideslip angles of wheels, from a camera beside each (section 4.6)."""

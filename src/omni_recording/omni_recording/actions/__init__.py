@@ -1,0 +1,1 @@
+"""What ``./omni bag`` does with a recording."""
