@@ -66,11 +66,6 @@ from omni_sim.velocity_sensor import (
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# Columns of the record of the body: pose, twist, feedback, trust, energy; and of each wheel.
-_BODY_COLUMNS = 11
-_TRUST, _STORED = 9, 10
-_ANGLE, _SPEED, _TORQUE, _ENABLE, _ERROR = range(5)
-_WHEEL_COLUMNS = 5
 _CHUNK = 512  # stamps that are run, and noise that is drawn, at once
 
 
@@ -82,11 +77,16 @@ class FastRun:
         wheel_names: of the columns.
         period_ns: control period [ns].
         pedal: the driver's brake demand 0..1, shape (T,).
-        body: x, y, yaw of `base_link` in `odom` [m, m, rad], its twist in the body frame, the
-            twist that the assistant was told [m/s, m/s, rad/s], whether it trusted it [1], and the
-            energy of motion and of the tires' deflection [J], shape (T, 11).
-        wheels: angle [rad], speed [rad/s], brake torque [N m], enable [1] and error s_i [m/s],
-            shape (T, N, 5).
+        motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
+            in the body frame [m/s, m/s, rad/s], shape (T, 6).
+        feedback: twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3).
+        trusted: whether the fail-safe let the assistant release brakes, shape (T,).
+        energy: of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
+        wheel_angle: [rad], shape (T, N).
+        wheel_speed: [rad/s], shape (T, N).
+        brake_torque: [N m], shape (T, N).
+        enable: share of the brake pressure that passes [1], shape (T, N).
+        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
         stopped: whether the vehicle came to rest within the limit of the duration.
         tipping_steps: physics steps in which the vehicle would have tipped over.
     """
@@ -94,41 +94,27 @@ class FastRun:
     wheel_names: tuple[str, ...]
     period_ns: int
     pedal: FloatArray
-    body: FloatArray
-    wheels: FloatArray
+    motion: FloatArray
+    feedback: FloatArray
+    trusted: BoolArray
+    energy: FloatArray
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    enable: FloatArray
+    error: FloatArray
     stopped: bool
     tipping_steps: int
 
     @property
     def pose(self) -> FloatArray:
         """x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, shape (T, 3)."""
-        return self.body[:, 0:3]
+        return self.motion[:, 0:3]
 
     @property
     def twist(self) -> FloatArray:
         """True twist in the body frame [m/s, m/s, rad/s], shape (T, 3)."""
-        return self.body[:, 3:6]
-
-    @property
-    def feedback(self) -> FloatArray:
-        """Twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3)."""
-        return self.body[:, 6:9]
-
-    @property
-    def trusted(self) -> BoolArray:
-        """Whether the fail-safe let the assistant release brakes, shape (T,)."""
-        trusted: BoolArray = self.body[:, _TRUST] != 0.0
-        return trusted
-
-    @property
-    def energy(self) -> FloatArray:
-        """Kinetic energy of body and wheels and that of the tires' deflection [J], shape (T,)."""
-        return self.body[:, _STORED]
-
-    @property
-    def enable(self) -> FloatArray:
-        """Share of the brake pressure that passes [1], shape (T, N)."""
-        return self.wheels[:, :, _ENABLE]
+        return self.motion[:, 3:6]
 
     @property
     def brake_start(self) -> int:
@@ -154,11 +140,11 @@ class FastRun:
             stamp_ns=np.arange(stamps) * self.period_ns,
             pose=self.pose,
             twist=self.twist,
-            wheel_angle=self.wheels[:, :, _ANGLE],
-            wheel_speed=self.wheels[:, :, _SPEED],
-            brake_torque=self.wheels[:, :, _TORQUE],
+            wheel_angle=self.wheel_angle,
+            wheel_speed=self.wheel_speed,
+            brake_torque=self.brake_torque,
             enable=self.enable,
-            error=self.wheels[:, :, _ERROR],
+            error=self.error,
             pedal=self.pedal,
             estimate=np.full((stamps, 3), np.nan),
             estimate_variance=np.full((stamps, 3), np.nan),
@@ -194,6 +180,26 @@ class _Sensors(NamedTuple):
     rest: NDArray[np.void]  # since when the vehicle stands still
 
 
+class _Record(NamedTuple):
+    """What a run leaves, as the fields of `FastRun` of these names."""
+
+    motion: FloatArray
+    feedback: FloatArray
+    trusted: BoolArray
+    energy: FloatArray
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    enable: FloatArray
+    error: FloatArray
+
+
+def _new_record(stamps: int, wheels: int) -> _Record:
+    each = (np.empty((stamps, wheels)) for _ in range(5))
+    body = np.empty((stamps, 6)), np.empty((stamps, 3))
+    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+
+
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     """Run an experiment on the velocity sensor to its end.
 
@@ -217,8 +223,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     )
     loop = _loop(configuration, driver)
     stamps = len(loop.pedal)
-    body = np.empty((stamps, _BODY_COLUMNS))
-    wheels = np.empty((stamps, len(vehicle.wheel_names), _WHEEL_COLUMNS))
+    record = _new_record(stamps, len(vehicle.wheel_names))
     assist = make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
     memory = new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
@@ -226,7 +231,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     instrument_seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
     noise = np.random.default_rng(instrument_seed)
     desk = _new_desk(len(vehicle.wheel_names), loop.steps)
-    run = _Run(vehicle.state, assist, memory, sensors, loop, desk, body, wheels)
+    run = _Run(vehicle.state, assist, memory, sensors, loop, desk, record)
     used, outcome = 0, RUNNING
     while outcome == RUNNING and used < stamps:
         last = min(used + _CHUNK, stamps)
@@ -235,13 +240,12 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
     return FastRun(
-        vehicle.wheel_names,
-        loop.period_ns,
-        loop.pedal[:used],
-        body[:used].copy(),
-        wheels[:used].copy(),
-        outcome == STOPPED,
-        vehicle.tipping_steps,
+        wheel_names=vehicle.wheel_names,
+        period_ns=loop.period_ns,
+        pedal=loop.pedal[:used],
+        stopped=outcome == STOPPED,
+        tipping_steps=vehicle.tipping_steps,
+        **{name: rows[:used].copy() for name, rows in record._asdict().items()},
     )
 
 
@@ -357,7 +361,7 @@ def _advance(state: State, loop: _Loop, desk: _Desk, stamp: int, yaw: float) -> 
 
 
 class _Run(NamedTuple):
-    """A run on its way; T stamps and N wheels."""
+    """A run on its way."""
 
     state: State
     assist: Constants
@@ -365,28 +369,28 @@ class _Run(NamedTuple):
     sensors: _Sensors
     loop: _Loop
     desk: _Desk
-    body: FloatArray  # record of the body, (T, 11)
-    wheels: FloatArray  # record of the wheels, (T, N, 5)
+    record: _Record
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _listen(run: _Run, stamp: int) -> Inputs:
     """Return what the assistant hears at a stamp; record the motion and the feedback."""
-    state, sensors, loop, desk, row = run.state, run.sensors, run.loop, run.desk, run.body[stamp]
+    state, sensors, loop, desk = run.state, run.sensors, run.loop, run.desk
+    motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
-    base_motion(state.body[0], state.plant.centre, row)
-    velocity, held, feedback = sensors.velocity, sensors.held, row[6:9]
+    base_motion(state.body[0], state.plant.centre, motion)
+    velocity, held = sensors.velocity, sensors.held
     due = samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
     sensors.drawn[0] += due
-    taken_ns = read(velocity, held, now_ns, row[3:6], draw, feedback)
+    taken_ns = read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         for i in range(desk.angle.size):
             desk.angle[i], desk.speed[i] = state.wheels[i].angle, state.wheels[i].speed
         truth = Truth(
             stamp,
             loop.period_ns,
-            row[:6],
+            motion,
             (state.body[0].tilt_x, state.body[0].tilt_y),
             desk.angle,
             desk.speed,
@@ -443,20 +447,20 @@ def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _go_on(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return how far it is."""
-    state, loop, desk = run.state, run.loop, run.desk
-    row, wheels = run.body[stamp], run.wheels[stamp]
-    row[_TRUST] = 0.0 if run.memory.step[0].faulty else 1.0
+    state, loop, desk, record = run.state, run.loop, run.desk, run.record
+    record.trusted[stamp] = not run.memory.step[0].faulty
     stored = energies(state)
-    row[_STORED] = stored.translation + stored.rotation + stored.spin + stored.elastic
+    record.energy[stamp] = stored.translation + stored.rotation + stored.spin + stored.elastic
     for i in range(desk.enable.size):
         wheel = state.wheels[i]
-        wheels[i, _ANGLE] = wheel.angle
-        wheels[i, _SPEED] = wheel.speed
-        wheels[i, _TORQUE] = wheel.brake
-        wheels[i, _ENABLE] = desk.enable[i]
-        wheels[i, _ERROR] = desk.error[i]
-    now_ns, speed = stamp * loop.period_ns, rim_speed(row[3:6])
+        record.wheel_angle[stamp, i] = wheel.angle
+        record.wheel_speed[stamp, i] = wheel.speed
+        record.brake_torque[stamp, i] = wheel.brake
+        record.enable[stamp, i] = desk.enable[i]
+        record.error[stamp, i] = desk.error[i]
+    motion = record.motion[stamp]
+    now_ns, speed = stamp * loop.period_ns, rim_speed(motion[3:6])
     outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == RUNNING:
-        _advance(state, loop, desk, stamp, row[2])
+        _advance(state, loop, desk, stamp, motion[2])
     return outcome
