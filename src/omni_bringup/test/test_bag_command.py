@@ -263,5 +263,14 @@ def test_links_that_lead_nowhere_are_refused_by_name(tmp_path: Path) -> None:
             recover(folder, tmp_path / "saved")
 
 
+def test_a_link_to_nothing_beside_whole_files_costs_nothing_but_itself(tmp_path: Path) -> None:
+    path, folder = tmp_path / "run", tmp_path / "saved"
+    messages = killed(path, 20)
+    (path / "stray_0.mcap").symlink_to(path / "nothing.mcap")
+    result = saved(path, folder)
+    assert any("stray_0.mcap cannot be read" in problem for problem in result.problems)
+    assert read_strictly(folder) == messages
+
+
 def test_a_name_without_end_does_not_fill_the_terminal() -> None:
     assert len(printable("/t" * 12_500)) < 1100

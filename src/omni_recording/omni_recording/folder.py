@@ -119,11 +119,15 @@ def open_vehicle(path: Path | str) -> Bag:
     return dataclasses.replace(bag, namespace=found.pop() if found else "")
 
 
-def bag_files(path: Path) -> tuple[Path, ...]:
+def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]:
     """Return the MCAP files of a recording without asking its metadata, which may be lost.
 
+    Args:
+        path: a rosbag2 folder or a single ``.mcap`` file.
+        problems: receives what is wrong with files that cannot be read, which are left out then.
+
     Raises:
-        BagError: there are none.
+        BagError: there are none, or one of them cannot be read and there is no list of problems.
     """
     if not path.is_dir():
         return open_bag(path).files
@@ -131,9 +135,16 @@ def bag_files(path: Path) -> tuple[Path, ...]:
     files = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))
     if not files:
         raise BagError(path, "there is no .mcap file in it")
+    readable = []
     for file in files:
-        _require_regular(path, file)
-    return tuple(files)
+        try:
+            _require_regular(path, file)
+            readable.append(file)
+        except BagError as error:
+            if problems is None:
+                raise
+            problems.append(error.problem)
+    return tuple(readable)
 
 
 def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from omni_recording.definitions import MessageDefinition
 from omni_recording.error import BagError
-from omni_recording.folder import METADATA, bag_files, file_problem, open_bag, read_plain_yaml
+from omni_recording.folder import METADATA, bag_files, open_bag, read_plain_yaml
 from omni_recording.mcap import McapError, McapMessages, RecordedChannel, RecordedMessage
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.write import RecordingError, Rosbag2Writer
@@ -47,7 +47,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     """Write every whole message of a recording into a new one.
 
     A chunk that cannot be unpacked is left out; where records no longer follow each other the
-    file is given up.
+    file is given up, and so is one that cannot be opened, such as a link to nothing.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
@@ -60,16 +60,17 @@ def recover(path: Path, folder: Path) -> Recovery | None:
         BagError: there is nothing to save in it.
         RecordingError: the new recording cannot be written.
     """
-    files = bag_files(path)
+    problems: list[str] = []
+    files = bag_files(path, problems)
     # The topics must be known before the first message is written, so it is read twice.
-    survey = _survey(path, files)
+    survey = _survey(path, files, problems)
     if not survey.problems and _metadata_fit(path, survey.count):
         return None
     if not survey.count:
         words = "; ".join(survey.problems) or "it holds none"
         raise BagError(path, f"there is no message to save: {words}")
     writer = Rosbag2Writer(folder, [_topic(path, channel) for channel in survey.channels])
-    for message in _whole_messages(path, files, [], []):
+    for message in _whole_messages(files, [], []):
         writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     writer.close()
     if path.is_dir():
@@ -81,17 +82,17 @@ def recover(path: Path, folder: Path) -> Recovery | None:
 class _Survey:
     """What a first reading finds."""
 
+    problems: list[str]
     channels: Collection[RecordedChannel] = ()
-    problems: list[str] = dataclasses.field(default_factory=list)
     count: int = 0
     first_ns: int = 1 << 63
     last_ns: int = 0
 
 
-def _survey(path: Path, files: tuple[Path, ...]) -> _Survey:
-    found = _Survey()
+def _survey(path: Path, files: tuple[Path, ...], problems: list[str]) -> _Survey:
+    found = _Survey(problems)
     channels: list[RecordedChannel] = []
-    for message in _whole_messages(path, files, found.problems, channels):
+    for message in _whole_messages(files, found.problems, channels):
         found.count += 1
         found.first_ns = min(found.first_ns, message.log_ns)
         found.last_ns = max(found.last_ns, message.log_ns)
@@ -106,7 +107,6 @@ def _survey(path: Path, files: tuple[Path, ...]) -> _Survey:
 
 
 def _whole_messages(
-    path: Path,
     files: tuple[Path, ...],
     problems: list[str],
     channels: list[RecordedChannel],
@@ -123,7 +123,7 @@ def _whole_messages(
         except McapError as error:
             note(error.problem)
         except OSError as error:
-            raise file_problem(path, file, error) from None
+            note(f"cannot be read: {error.strerror or error}")
         channels.extend(reader.channels)
 
 
