@@ -56,6 +56,34 @@ def test_a_stop_with_a_dead_brake_is_not_worse_than_unassisted(
     assert assisted.orientation_change <= 1.2 * unassisted.orientation_change + 5.0
 
 
+SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
+
+
+@pytest.mark.safety(
+    "a brake does not do what it is told",
+    "a brake without torque, valve stuck or brake stuck, under `allocation`",
+    "monitor of the brakes, or the law: up to 1.5 times the distance unassisted, 20 deg more",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("fails", [{"brake": 0.0}, {"open_valve": 1.0}, {"stuck_brake": 0.5}])
+@pytest.mark.parametrize(
+    ("changes", "wheel"),
+    [
+        (FORWARD, "front_right"),
+        (SLANTED, "rear_right"),
+        (ASIDE, "front_left"),
+        (SIX, "front_right"),
+    ],
+)
+def test_allocation_with_a_brake_that_fails_is_not_far_from_unassisted(
+    changes: tuple[str, ...], wheel: str, fails: dict[str, float]
+) -> None:
+    unassisted, assisted = stops((*changes, *SHARES), wheel, **fails)
+    assert assisted.stopped
+    assert assisted.stopping_distance <= 1.5 * unassisted.stopping_distance
+    assert assisted.orientation_change <= unassisted.orientation_change + 20.0
+
+
 @pytest.mark.parametrize("wheel", MECANUM)
 def test_a_brake_that_pulls_a_quarter_is_helped_like_a_good_one(wheel: str) -> None:
     _, assisted = stops(FORWARD, wheel, brake=0.25)

@@ -77,6 +77,16 @@ def test_a_brake_whose_wheel_rolls_on_is_dead(
     assert time <= within
 
 
+def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_is_dead(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    """A law of shares asks ever more of it and lets go of the others for the heading."""
+    slips, told = np.array([0.01, 0.3, 0.0, 0.0]), np.array([1.0, 0.2, 0.0, 0.0])
+    wheel, time = found(constants_of(configuration), slips, told)
+    assert wheel == 0
+    assert time <= 0.2
+
+
 @pytest.mark.parametrize(
     ("slips", "told", "pedal"),
     [
@@ -85,6 +95,7 @@ def test_a_brake_whose_wheel_rolls_on_is_dead(
         ([0.0, 0.3, 0.3, 0.3], [0.0, 1.0, 1.0, 1.0], 1.0),  # let go
         ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # by a law that gives it less
         ([0.0, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 0.1),  # a pedal that asks for little
+        ([0.01, 0.3, 0.3, 0.3], [1.0, 0.2, 0.2, 0.2], 0.3),  # loads and ice may differ so much
         ([np.nan, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # an encoder that is silent
     ],
 )

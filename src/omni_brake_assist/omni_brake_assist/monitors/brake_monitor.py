@@ -2,8 +2,9 @@
 
 A brake that acts makes its wheel slide: the rim falls behind what the ground drags it along with,
 ``R n_w . u_w w < n_w . v_i``. One that has been told to act and whose rim still keeps up, while
-those of other brakes do not, is dead. A law that does not know that lets go of others for its sake,
-so all brakes act from then on until the pedal is released.
+those of other brakes do not, is dead: with as much pressure, or with less of it where it is told
+much. A law that does not know that lets go of others for its sake, so all brakes act from then on
+until the pedal is released.
 
 Brakes that all act gently make no wheel slide; then none is called dead.
 """
@@ -23,6 +24,8 @@ NO_WHEEL = -1
 
 _PRESSED = 0.2  # pedal from which a brake must show [1]
 _PASSED = 0.9  # share of it, likewise: a law that gives a brake less knows why [1]
+_HARD = 0.5  # share of the whole pressure from which on a slide under less speaks against it [1]
+_LEAST = 0.05  # share of the pedal's demand below which a wheel slides for another reason [1]
 _SLOW = 0.5  # speed along the active direction below which nothing shows [m/s]
 _NOISE, _SCALE = 0.05, 0.015  # by which a rim that rolls may be off [m/s], [1]
 _SLIDES = 3.0  # times that, from which a wheel slides for certain [1]
@@ -117,16 +120,19 @@ def watch_brakes(
         for i in range(speeds.size):
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
-            if pedal < _PRESSED or wheels.told[i] < _PASSED or abs(hub) < _SLOW:
+            told = wheels.told[i]
+            least = _LEAST if looks_for_slides and pedal >= _HARD else _PASSED
+            if pedal < _PRESSED or told < least or abs(hub) < _SLOW:
                 continue
-            off = abs(constants.roll[i] * speeds[i] / (1.0 + wheels.scale) - hub)
+            rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
+            behind = hub - rim if hub >= 0.0 else rim - hub
             rolling = _NOISE + _SCALE * abs(hub)
             if looks_for_slides:
-                if off > _SLIDES * rolling:
+                if behind > _SLIDES * rolling:
                     memory[-1] = 0.0
-            elif off > rolling:
+            elif abs(behind) > rolling:
                 memory[i] = max(memory[i] - _FORGIVEN * dt, 0.0)
-            elif off <= rolling and memory[-1] < _LATELY:
+            elif abs(behind) <= rolling and memory[-1] < _LATELY:
                 memory[i] += dt
     for i in range(speeds.size):
         if memory[i] > constants.time:
