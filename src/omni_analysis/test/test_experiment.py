@@ -97,6 +97,23 @@ def test_the_nodes_know_who_is_there(library: ExperimentLibrary, override: str, 
     assert refused.value.key == key
 
 
+@pytest.mark.parametrize(
+    ("overrides", "age"),
+    [
+        ((), 0.005),
+        (("simulation.control_period=0.02",), 0.01),
+        (("brake_assist.feedback_delay=0.0",), 0.0),
+        (("feedback=velocity_sensor",), 0.0),
+    ],
+)
+def test_the_assistant_knows_how_old_the_mean_over_a_batch_is(
+    library: ExperimentLibrary, overrides: tuple[str, ...], age: float
+) -> None:
+    """By half of it, unless an experiment misleads it; a velocity sensor tells the moment."""
+    loaded = library.load("small_stop", "assisted", overrides)
+    assert loaded.brake_assist.feedback_delay == pytest.approx(age)
+
+
 def test_numbers_of_a_file_may_have_an_exponent(library: ExperimentLibrary, tmp_path: Path) -> None:
     text = (CONFIG / "experiments/straight_line.yaml").read_text()
     path = tmp_path / "fast.yaml"

@@ -60,7 +60,7 @@ from omni_brake_assist.monitors.effect_monitor import (
     watch_effect,
 )
 from omni_brake_assist.monitors.wheel_monitor import watch_wheels, wheel_memory
-from omni_brake_assist.observer.observe import observe
+from omni_brake_assist.observer.horizon import observe
 from omni_brake_assist.observer.state import (
     ALL,
     NO_TWIST,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.observer.observe import observe
+from omni_brake_assist.observer.horizon import observe
 from omni_brake_assist.observer.state import (
     ALL,
     NO_FORCE,
@@ -38,9 +38,15 @@ class Drive:
     """
 
     def __init__(
-        self, wheels: dict[str, WheelMount], place: tuple[float, float] = (0.0, 0.0)
+        self,
+        wheels: dict[str, WheelMount],
+        place: tuple[float, float] = (0.0, 0.0),
+        delay: float = 0.0,
     ) -> None:
-        configuration = BrakeAssistConfiguration(wheels=wheels, imu_x=place[0], imu_y=place[1])
+        configuration = BrakeAssistConfiguration(
+            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
+        )
+        self.unsaid = delay * 1e9 / PERIOD_NS  # by how many steps a twist is older than its stamp
         self.constants: ObserverConstants = observer_constants(
             configuration, PlatformGeometry.from_wheels(wheels)
         )
@@ -87,7 +93,7 @@ class Drive:
         for step in range(steps):
             braking, told = step >= PEDAL, onset <= step < until
             taken = max(step - late, 0) // hold * hold
-            twist, _, _ = self.truth(onset if told and lie == "stuck" else taken)
+            twist, _, _ = self.truth(onset if told and lie == "stuck" else taken - self.unsaid)
             inertial = self.inertial(step)
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if told and lie == "twist":
@@ -253,6 +259,27 @@ def test_a_wheel_that_lies_moves_nobody(drive: Drive) -> None:
 def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None:
     drive.run(180, late=late)
     assert set(drive.chosen) == {ALL}
+
+
+@pytest.mark.parametrize("delay", [0.005, 0.05, 0.2])
+def test_a_delay_that_is_told_leaves_the_answer_of_now(
+    mecanum: dict[str, WheelMount], delay: float
+) -> None:
+    """Half a step or many: nothing is known for so long at first, then what is true now."""
+    drive = Drive(mecanum, (0.5, -0.3), delay)
+    drive.run(180)
+    first = math.ceil(drive.unsaid)
+    assert drive.chosen == [NOBODY] * first + [ALL] * (180 - first)
+    assert drive.error == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_gyro_that_lies_is_left_out_beside_a_twist_that_is_late(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    drive = Drive(mecanum, delay=0.05)
+    drive.run(160, "gyro", size=0.3)
+    assert drive.chosen[-1] == NO_GYRO
+    assert drive.error == pytest.approx(0.0, abs=0.1)
 
 
 def test_an_accelerometer_that_lies_a_little_does_not_pull_the_answer_aside(drive: Drive) -> None:

@@ -33,12 +33,17 @@ from omni_platform.configuration import (
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.plugins import check_name
 from omni_platform.sensors import LineSensor
-from omni_sim.simulator import SimulatorConfiguration, VehicleConfiguration
+from omni_sim.simulator import (
+    SimulationConfiguration,
+    SimulatorConfiguration,
+    VehicleConfiguration,
+)
 
 # Where the value of a dotted key may be the name of a file instead of a mapping.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
 _DEEPEST = 20  # parts of a key
+_LONGEST_BATCH = 0.4  # of which half can be told as a delay [s]
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 _EXPERIMENTS = "experiments"
 # What must be said of a vehicle, in a file of its own or in an experiment.
@@ -208,6 +213,7 @@ class ExperimentLibrary:
             _check_complete(vehicle, "vehicle", experiment)
             _tell(tree, "brake_assist", "brake", vehicle.get("brake"))
             _tell(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
+        _tell(tree, "brake_assist", "feedback_delay", _age_of_twist(tree))
         return from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -393,6 +399,20 @@ def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
     told = tree.get(node, {})
     if isinstance(told, Mapping) and truth is not None:
         tree[node] = merge({name: truth}, told)
+
+
+def _age_of_twist(tree: Mapping[str, Any]) -> float | None:
+    """Return by how much the odometry's twist is older than its stamp [s]; None if it is not known.
+
+    It is the mean over a batch of lines and bears the stamp of the newest: half a batch.
+    """
+    if tree.get("feedback", "optical") != "optical":
+        return None
+    simulation = tree.get("simulation", {})
+    told = simulation.get("control_period") if isinstance(simulation, Mapping) else None
+    period = SimulationConfiguration().control_period if told is None else told
+    usable = isinstance(period, int | float) and 0.0 < period <= _LONGEST_BATCH
+    return 0.5 * period if usable else None
 
 
 def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:

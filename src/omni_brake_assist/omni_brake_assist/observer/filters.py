@@ -14,6 +14,7 @@ from omni_brake_assist.observer.state import (
     FILTERS,
     GAIN_X,
     GAIN_Y,
+    GYRO,
     HEADING,
     HISTORY,
     LARGEST_FORCE,
@@ -136,11 +137,16 @@ def of_then(memory: ObserverMemory, k: int, stamp_ns: int, then: FloatArray) -> 
 
 @lean
 def correct_past(memory: ObserverMemory, k: int, since_ns: int, shift: FloatArray) -> None:
-    """Shift what a filter remembers, or the next late twist would correct it once more."""
+    """Shift what a filter remembers, or the next late twist would correct it once more.
+
+    Between two steps too, of which the earlier one says nothing any more.
+    """
+    later_ns = memory.stamps[memory.newest[0]]
     row = (memory.newest[0] - 1) % HISTORY
-    while row != memory.newest[0] and memory.stamps[row] >= since_ns:
+    while row != memory.newest[0] and later_ns > since_ns and memory.stamps[row] >= 0:
         for i in range(STATES):
             memory.past[row, k, i] += shift[i]
+        later_ns = memory.stamps[row]
         row = (row - 1) % HISTORY
 
 
@@ -186,7 +192,7 @@ def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y:
     turn = 0.5 * dt * (now + path[LAST_RATE])
     heading = path[HEADING] + 0.5 * turn
     path[HEADING] += turn
-    path[LAST_RATE] = now
+    path[LAST_RATE], path[GYRO] = now, rate
     if math.isfinite(f_x):
         a_x, a_y = f_x - course.still_x, f_y - course.still_y
         c, s = math.cos(heading), math.sin(heading)

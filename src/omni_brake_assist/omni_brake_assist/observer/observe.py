@@ -18,7 +18,9 @@ from omni_brake_assist.observer.state import (
     BIAS_RATE,
     BIAS_X,
     BIAS_Y,
+    GYRO,
     NOBODY,
+    PATH,
     RATE,
     SPOKEN,
     U_X,
@@ -40,7 +42,7 @@ _LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
 
 
 @lean
-def observe(
+def observe_at(
     constants: ObserverConstants,
     memory: ObserverMemory,
     now_ns: int,
@@ -54,11 +56,11 @@ def observe(
     Args:
         constants: of the vehicle.
         memory: changed in place.
-        now_ns: time of the step [ns].
+        now_ns: time of which the sensors speak [ns].
         brakes: what they do.
         passed: the latest twist.
         sensed: what the other sensors say.
-        answer: receives the twist of now [m/s, m/s, rad/s], shape (3,).
+        answer: receives the twist then [m/s, m/s, rad/s], shape (3,).
 
     Returns:
         The filter whose answer it is, or NOBODY where none can be believed.
@@ -86,16 +88,17 @@ def observe(
     belief.pressed = 1.0 if braking else 0.0
     carry_on(constants, memory, now_ns, dt, inertial)
     disputed = belief.disputed > 0.0 or belief.out != ALL
-    fresh = heard and twist_ns > belief.twist_ns
+    # What was before the filters began is compared with nobody.
+    fresh = heard and twist_ns > belief.twist_ns and twist_ns >= belief.since_ns
     if fresh and not (braking or disputed):
-        tell_apart(constants, memory, twist[2], variance[2], inertial[0])
+        of_then(memory, PATH, twist_ns, memory.desk.then)
+        tell_apart(constants, memory, twist[2], variance[2], memory.desk.then[GYRO])
     told = memory.desk.told
     copy(twist, told)
     told[2] -= memory.course[0].offset
-    place_ns = twist_ns - int(constants.delay)
     ahead = memory.desk.shift
     if fresh:
-        _carry_ahead(constants, memory, place_ns, told, ahead)
+        _carry_ahead(constants, memory, twist_ns, told, ahead)
     hear_wheels(
         constants, memory, dt, brakes, sensed, disputed,
         PassedTwist(fresh, twist_ns, ahead, variance),
@@ -108,7 +111,7 @@ def observe(
         hear_twist(constants, memory, twist_ns, told, variance)
     remember(memory)  # as it is known now
     if fresh or now_ns - belief.twist_ns > _LONG_HELD:  # in between the filters drift apart
-        compared_ns = place_ns if fresh else now_ns
+        compared_ns = twist_ns if fresh else now_ns
         belief.apart_velocity, belief.apart_rate = differences(constants, memory, compared_ns)
     if belief.inertial == 0.0:
         return int(judge_alone(memory, dt, braking))
@@ -121,13 +124,13 @@ def observe(
 def _carry_ahead(
     constants: ObserverConstants,
     memory: ObserverMemory,
-    place_ns: int,
+    stamp_ns: int,
     twist: FloatArray,
     ahead: FloatArray,
 ) -> None:
     """Write what a twist of the past would be now, as all together have the change since."""
     then, state = memory.desk.then, memory.state[ALL]
-    of_then(memory, ALL, place_ns, then)
+    of_then(memory, ALL, stamp_ns, then)
     turned = state[RATE] - then[RATE]
     ahead[0] = twist[0] + (state[U_X] - then[U_X] + turned * constants.p_y)
     ahead[1] = twist[1] + (state[U_Y] - then[U_Y] - turned * constants.p_x)

@@ -29,15 +29,23 @@ U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y = range(6)
 STATES = 6
 
 # A fifth row of states is the path of the IMU alone: its heading by the gyro [rad], what the
-# specific force has added to the velocity since in axes that do not turn [m/s], its last rate.
+# specific force has added to the velocity since in axes that do not turn [m/s], its last rate, and
+# what the gyro has read [rad/s].
 PATH = 4
-HEADING, GAIN_X, GAIN_Y, LAST_RATE = range(4)
+HEADING, GAIN_X, GAIN_Y, LAST_RATE, GYRO = range(5)
 
 # Who is not believed, beside the filters above: nobody is.
 NOBODY = 4
 
 HISTORY = 32
 """States of the past that a late twist can be compared with."""
+
+KEPT = 256
+"""Steps of which all sensors are kept for a twist that is known to be late."""
+
+# Entries of what is kept of a step: whether the pedal was down, the IMU, speeds and enables of the
+# wheels.
+KEPT_PRESSED, KEPT_IMU, KEPT_WHEELS = 0, 1, 4
 
 BELIEF = np.dtype(
     [
@@ -48,6 +56,7 @@ BELIEF = np.dtype(
         ("inertial", np.float64),  # whether there has been an IMU reading
         ("begun", np.float64),  # whether the filters have begun
         ("twist_age", np.float64),  # time since the last good twist [s]
+        ("since_ns", np.float64),  # time from which on they know the motion [ns]
         ("last_ns", np.float64),  # time of the last step [ns]
         ("twist_ns", np.float64),  # time of the newest twist used [ns]
         ("pressed", np.float64),  # whether the pedal was down
@@ -153,6 +162,8 @@ class ObserverConstants(NamedTuple):
         n_y: likewise.
         lever: of the active directions about the mounting of the IMU [m], shape (N,).
         roll: speed along the active direction per wheel speed, ``R n_w . u_w`` [m], shape (N,).
+        inverse: motion of the mounting by the speeds of all rims [1], [1], [1/m], shape (3, N).
+        bias: standard deviation of the accelerometer's bias, and of what a slope adds [m/s^2].
         p_x: mounting of the IMU [m].
         p_y: likewise [m].
         force: uncertainty of the specific force [m/s^2].
@@ -186,6 +197,8 @@ class ObserverConstants(NamedTuple):
     n_y: FloatArray
     lever: FloatArray
     roll: FloatArray
+    inverse: FloatArray
+    bias: float
     p_x: float
     p_y: float
     force: float
@@ -248,6 +261,10 @@ class ObserverMemory(NamedTuple):
         released: for how long each wheel's brake has been released [s], shape (N,).
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
         gain: by how much each rim has lately become faster [m/s], shape (N,).
+        slid: by how much each rim has lately become faster than the specific force explains, pedal
+            up: a driven wheel that slips [m/s], shape (N,).
+        off: by how much each has lately been faster than the twist says, pedal up [m/s],
+            shape (N,).
         doubt: how often each has contradicted everybody lately [1], shape (N,).
         score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
         blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
@@ -255,6 +272,10 @@ class ObserverMemory(NamedTuple):
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
+        kept: what the sensors have said, a ring, and last what they said at a time between two
+            steps, shape (257, 4 + 2 N).
+        kept_stamps: of it [ns], -1 where there is none, shape (256,).
+        kept_newest: row of the newest of them, shape (1,).
         desk: what a step is worked on with.
     """
 
@@ -264,6 +285,8 @@ class ObserverMemory(NamedTuple):
     released: FloatArray
     rim: FloatArray
     gain: FloatArray
+    slid: FloatArray
+    off: FloatArray
     doubt: FloatArray
     score: FloatArray
     blame: FloatArray
@@ -271,6 +294,9 @@ class ObserverMemory(NamedTuple):
     past: FloatArray
     stamps: IntArray
     newest: IntArray
+    kept: FloatArray
+    kept_stamps: IntArray
+    kept_newest: IntArray
     desk: Desk
 
 
@@ -285,10 +311,13 @@ def observer_constants(
     """
     p_x, p_y = configuration.imu_x, configuration.imu_y
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
     return ObserverConstants(
         n_x=n_x,
         n_y=n_y,
-        lever=cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x,
+        lever=lever,
+        inverse=np.ascontiguousarray(np.linalg.pinv(np.column_stack((n_x, n_y, lever)))),
+        bias=0.5,
         roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
         p_x=p_x,
         p_y=p_y,
@@ -330,11 +359,16 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(wheels),
         np.zeros(SCORES),
         np.zeros((wheels, FILTERS)),
         np.zeros(1, COURSE),
         np.zeros((HISTORY, FILTERS + 1, STATES)),
         np.full(HISTORY, -1, np.int64),
+        np.zeros(1, np.int64),
+        np.zeros((KEPT + 1, KEPT_WHEELS + 2 * wheels)),
+        np.full(KEPT, -1, np.int64),
         np.zeros(1, np.int64),
         Desk(*np.zeros((7, STATES)), np.zeros((2, STATES))),  # type: ignore[call-arg]
     )
@@ -355,6 +389,7 @@ def begin(
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.gain[:] = 0.0
+    memory.slid[:] = memory.off[:] = 0.0
     memory.doubt[:] = 0.0
     memory.stamps[:] = -1
     memory.score[:] = 0.0
@@ -365,7 +400,7 @@ def begin(
     memory.belief[0] = constants.no_belief[0]
     belief = memory.belief[0]
     belief.begun = 1.0
-    belief.last_ns = now_ns
+    belief.since_ns = belief.last_ns = now_ns
     belief.twist_ns = -1.0
     memory.state[:] = 0.0
     memory.covariance[:] = 0.0
@@ -374,5 +409,5 @@ def begin(
             memory.state[k, j] = twist[j]
             memory.covariance[k, j, j] = 100.0
         memory.covariance[k, BIAS_RATE, BIAS_RATE] = LARGEST_BIAS**2
-        memory.covariance[k, BIAS_X, BIAS_X] = 0.5**2
-        memory.covariance[k, BIAS_Y, BIAS_Y] = 0.5**2
+        memory.covariance[k, BIAS_X, BIAS_X] = constants.bias**2
+        memory.covariance[k, BIAS_Y, BIAS_Y] = constants.bias**2

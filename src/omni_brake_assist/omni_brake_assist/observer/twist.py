@@ -46,13 +46,12 @@ def hear_twist(
     speed = constants.scale * math.hypot(twist[0], twist[1])
     own = constants.wheel**2 + (0.3 * speed) ** 2
     p_x, p_y = constants.p_x, constants.p_y
-    place_ns = stamp_ns - int(constants.delay)
-    _follow_twist(constants, memory, place_ns, twist, variance)
+    _follow_twist(constants, memory, stamp_ns, twist, variance)
     for k in range(FILTERS):
         if k == NO_TWIST:
             continue
         state, covariance = memory.state[k], memory.covariance[k]
-        of_then(memory, k, place_ns, then)
+        of_then(memory, k, stamp_ns, then)
         copy(state, shift)
         for j in range(3):
             h[:] = 0.0
@@ -70,14 +69,14 @@ def hear_twist(
             correct(filtered, h, twist[j] - predicted, spread, memory.desk.gain)
         for i in range(STATES):
             shift[i] = state[i] - shift[i]
-        correct_past(memory, k, place_ns, shift)
+        correct_past(memory, k, stamp_ns, shift)
 
 
 @lean
 def _follow_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
-    place_ns: int,
+    stamp_ns: int,
     twist: FloatArray,
     variance: FloatArray,
 ) -> None:
@@ -87,12 +86,12 @@ def _follow_twist(
     turn too far by ``d = Omega - gyro``, and the change beyond ``f`` is ``d k x U``.
     """
     course, path = memory.course[0], memory.desk.then
-    of_then(memory, PATH, place_ns, path)
+    of_then(memory, PATH, stamp_ns, path)
     u_x = twist[0] - twist[2] * constants.p_y
     u_y = twist[1] + twist[2] * constants.p_x
     c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
     x, y = c * u_x - s * u_y, s * u_x + c * u_y
-    dt = (place_ns - course.mark_ns) * 1e-9
+    dt = (stamp_ns - course.mark_ns) * 1e-9
     if course.marked != 0.0 and 0.0 < dt <= constants.longest:
         keep = math.exp(-dt / constants.memory)
         change_x = x - course.mark_x - (path[GAIN_X] - course.mark_gain_x)
@@ -111,7 +110,7 @@ def _follow_twist(
         course.spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
     course.marked, course.mark_x, course.mark_y = 1.0, x, y
     course.mark_spread = max(variance[0], variance[1])
-    course.mark_rate, course.mark_ns = twist[2], place_ns
+    course.mark_rate, course.mark_ns = twist[2], stamp_ns
     course.mark_heading = path[HEADING]
     course.mark_gain_x, course.mark_gain_y = path[GAIN_X], path[GAIN_Y]
 

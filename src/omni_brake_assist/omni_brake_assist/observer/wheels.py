@@ -12,8 +12,11 @@ from omni_brake_assist.observer.state import (
     BIAS_X,
     BIAS_Y,
     FILTERS,
+    GYRO,
     HISTORY,
     LARGEST_FORCE,
+    NO_TWIST,
+    PATH,
     RATE,
     SPOKEN,
     U_X,
@@ -33,6 +36,8 @@ _FASTEST_RIM = 200.0  # [m/s]
 _DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _GAIN_FADE = 0.7  # of what a rim has gained, per step
 _LARGEST_GAIN = 0.2  # of a rim in a step that counts [m/s]
+_SLID_MEMORY = 1.0  # for how long what a driven wheel has slid counts [s]
+_OFF_SHARE = 0.1  # of a new twist in how far a rim is off
 # Slip of driven wheels by acceleration [s^2/m], [s^4/m^2]; all readings of the last steps share it.
 _SLIP, _SLIP_GROWTH, _SLIP_SHARED = 0.01, 0.002, 40.0
 
@@ -77,6 +82,7 @@ def hear_wheels(
     # One may be wrong; if several contradict everybody, they are not.
     several = _fade(memory) > 1
     slip = 0.0 if braking else _SLIP_SHARED * driven_slip(memory, sensed.inertial) ** 2
+    _notice_slides(constants, memory, dt, braking, sensed, twist)
     inertial = memory.belief[0].inertial != 0.0  # without, wheels are all that contradicts a twist
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[0].scale)
@@ -97,6 +103,7 @@ def hear_wheels(
             continue
         # A wheel that still spins up is slower than it will be by some of its changes.
         own = constants.wheel**2 + (constants.scale**2 + slip) * rim**2 + 16.0 * (rim - before) ** 2
+        own += min(abs(memory.slid[i]), abs(memory.off[i])) ** 2
         blind = own + 0.05**2
         if braking:
             fresh = min(constants.rebound_time / memory.released[i], 1.0)
@@ -145,6 +152,50 @@ def _gain_of(memory: ObserverMemory, i: int, h: FloatArray, gained: float, dt: f
         gain = _LARGEST_GAIN  # a rim that was not known, or has just been let go
     memory.gain[i] = max(_GAIN_FADE * memory.gain[i] + gain, 0.0)
     return float(memory.gain[i])
+
+
+@lean
+def _notice_slides(
+    constants: ObserverConstants,
+    memory: ObserverMemory,
+    dt: float,
+    braking: bool,
+    sensed: Sensed,
+    twist: PassedTwist,
+) -> None:
+    """Add up by how much driven rims become faster than turning and specific force explain.
+
+    Where tires cannot hold a turn or bear a push, rims keep what the drive wants and the vehicle
+    does not. It turns as rims and gyro say, for who else is right is not known. A wheel is doubted
+    by as much as accelerometer and twist both say that it slips.
+    """
+    value = twist.value
+    f_x, f_y = sensed.inertial[1], sensed.inertial[2]
+    state, row = memory.state[NO_TWIST], (memory.newest[0] - 1) % HISTORY
+    a_x, a_y = f_x - state[BIAS_X], f_y - state[BIAS_Y]
+    felt = abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE
+    rate = memory.state[PATH, GYRO]
+    gained = rate - memory.past[row, PATH, GYRO]
+    keep, scale = math.exp(-dt / _SLID_MEMORY), 1.0 + memory.belief[0].scale
+    u_x = u_y = 0.0
+    for i in range(sensed.speeds.size):
+        rim = constants.roll[i] * sensed.speeds[i] / scale
+        u_x += constants.inverse[0, i] * rim
+        u_y += constants.inverse[1, i] * rim
+    for i in range(sensed.speeds.size):
+        n_x, n_y = constants.n_x[i], constants.n_y[i]
+        rim = constants.roll[i] * sensed.speeds[i] / scale
+        lever = constants.lever[i] + n_y * constants.p_x - n_x * constants.p_y  # of base_link
+        misfit = rim - n_x * value[0] - n_y * value[1] - lever * value[2]
+        if twist.heard and math.isfinite(misfit):
+            memory.off[i] += _OFF_SHARE * (misfit - memory.off[i])
+        excess = rim - memory.rim[i]
+        excess -= (n_x * u_y - n_y * u_x) * rate * dt + constants.lever[i] * gained
+        excess -= dt * (n_x * a_x + n_y * a_y)
+        added = excess if felt and math.isfinite(excess) else 0.0
+        memory.slid[i] = keep * memory.slid[i] + added
+        if braking:
+            memory.slid[i] = memory.off[i] = 0.0
 
 
 @lean
