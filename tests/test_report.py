@@ -150,7 +150,7 @@ def test_zooming_shows_the_plots_about_the_time(opened: Chromium, sample: Report
 
 def test_a_drag_in_a_plot_moves_all_of_them(opened: Chromium, sample: ReportedRun) -> None:
     history = sample.history
-    opened.click("#plot-load .curves", across=0.6)
+    opened.click("#plot-load .curves", across=0.4)
     row = int(np.searchsorted(history.time, opened.run("player.time") - history.braking_time[0]))
     places = cursors(opened)
     assert places == pytest.approx([places[0]] * 10, abs=1e-3)
@@ -335,9 +335,10 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     rocking = history.time[rows] > 1.5
     assert np.max(np.abs(needed[rocking])) > 2500.0
     assert np.max(error[rocking]) < 30.0
-    # Before, brakes switch at the instant itself, and a mean over both sides is half of each.
-    braking = needed[:, 0] < -2000.0
-    assert np.count_nonzero(braking) > 20
+    # Before, where brakes switch at the instant itself, a mean over both sides is half of each.
+    steady = np.all(history.enable[rows] == history.enable[rows - 1], axis=1)
+    braking = steady & (needed[:, 0] < -2000.0)
+    assert np.count_nonzero(braking) > 5
     assert np.median(error[braking]) < 0.1 * np.median(-needed[braking, 0])
 
 
