@@ -71,7 +71,7 @@ class SensorReading:
         batch_doubt: variance of the velocity if what lasts is grain [m^2/s^2].
         doubt: part of the variance that comes from the direction of the ground [m^2/s^2].
         structures: number of independent structures of the ground in the view.
-        unlike: whether the camera sees a ground, but one whose lines do not match.
+        unlike: whether the camera sees something whose lines do not match, or not as a ground does.
     """
 
     velocity: float
@@ -97,6 +97,11 @@ class SensorReading:
     ) -> SensorReading:
         """Make a reading that says why there is none."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
+
+    def refuted(self, reason: str) -> SensorReading:
+        """Return it unmeasured, as its view cannot be that of the ground it moved over."""
+        nothing = SensorReading.unmeasured(reason, self.correlation)
+        return dataclasses.replace(nothing, unlike=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -160,6 +160,7 @@ class SensorOdometry:
         self._still = StillView(sensor.pixels)
         self._seen: Lines = np.empty((0, sensor.pixels), np.uint8)  # as the camera delivered them
         self._still_refiner = SubpixelRefiner(sensor.pixels)
+        self._told = True  # whether the batch before told a displacement
         self._keyframe = Keyframe(sensor.pixels)
         self._structures = StructureCounter(sensor.pixels)
         self._plausibility = Plausibility(
@@ -233,10 +234,12 @@ class SensorOdometry:
         Raises:
             Unmeasured: neither tells.
         """
+        again, self._told = self._told, True
         try:
             mean = self._of_pairs(lines, pairs, frozen, implausible)
         except Unmeasured as doubtful:
             if not doubtful.open:
+                self._told = False
                 raise
             mean = None
             doubt = doubtful
@@ -260,7 +263,10 @@ class SensorOdometry:
         if mean is None:
             # What stands still in the view has refused the pairs, and would rule all lines too.
             still = whole is not None and learning and abs(whole.displacement) < _MOVES
-            if whole is None or not sure or still or drawn or whole.doubt > _DOUBTFUL**2:
+            hidden = whole is None or still or drawn or whole.doubt > _DOUBTFUL**2
+            self._told = sure and not hidden
+            # Where pairs of lines tell nothing, a match that comes and goes is one by chance.
+            if whole is None or not (self._told and again):
                 doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
                 raise doubt
             whole = whole._replace(variance=max(whole.variance, whole.doubt))
@@ -280,7 +286,8 @@ class SensorOdometry:
         """Return a match of all lines less the pull of what stands still, None if that rules it."""
         if whole is None or self._still.weight == 0.0:
             return whole
-        other = self._whitened.match(self._still.without(self._seen), settled=True)
+        moving = self._still.without(self._seen)
+        other = self._whitened.match(moving, settled=True, with_lasting=False)
         if other is None or not other.lone or other.places < _FEWEST_PLACES:
             return None
         pull = whole.displacement - other.displacement
@@ -311,6 +318,7 @@ class SensorOdometry:
                 f"{mean.places:.1f} places of the view rule the match: an edge of light or a "
                 "spot, or a ground of few edges",
                 mean.share,
+                unlike=True,  # what moves besides does not show: it may be grain
                 open=mean.places > _LONE_PLACES,
             )
         return self._less_still(self._doubt_still(lines, mean))
@@ -464,8 +472,11 @@ class SensorOdometry:
         if abs(mean.displacement) > _QUICK or len(lines) <= _STILL_PAIRS:
             return mean
         moving = lines - lines.mean(axis=0)
+        third = len(moving) // 3  # the mean of which shows a faint ground through its noise
+        change = moving[-third:].mean(axis=0) - moving[:third].mean(axis=0)
         structure, square = structure_of(moving[-1] - moving[0])
-        if structure < STRUCTURE * square or square == 0.0:
+        faint, faint_square = structure_of(change)
+        if square == 0.0 or (structure < STRUCTURE * square and faint < STRUCTURE * faint_square):
             return mean
         scale = _MOVING_RANGE / max(float(np.abs(moving).max()), 1.0)
         pairs = self._moving_matcher.match(np.rint(32768.0 + scale * moving).astype(np.uint16))

@@ -79,3 +79,15 @@ def test_rocking_to_and_fro_is_no_way_across() -> None:
     way = 0.006 * np.sin(2.0 * np.pi * 2.5 * np.arange(40 * BATCH + 1) / RATE)
     ground = random_rows(400)
     assert all(reading.measured for reading in verdicts(ground, way))
+
+
+def test_a_camera_that_grain_refutes_leaves_the_others_unconfirmed() -> None:
+    refuted = list(verdicts(stripes, steady(3.0)))[-1]
+    assert not refuted.measured
+    other = SensorReading(1.0, 1e-6, 1.0, 1.0, True)
+    grain = Grain({"eye": CAMERA, "other": CAMERA})
+    told = grain.unconfirmed({"eye": refuted, "other": other})
+    assert list(told) == ["other"]
+    assert "it does not match for eye" in told["other"].reason
+    # One that sees nothing says nothing of the ground.
+    assert not grain.unconfirmed({"eye": SensorReading.unmeasured("dark"), "other": other})

@@ -64,6 +64,7 @@ def test_a_single_edge_is_no_ground(step: float) -> None:
     reading = read(lines_over(gaussian_filter1d(edge, 1.0, mode="wrap"), step))
     assert not reading.measured
     assert "places of the view rule the match" in reading.reason
+    assert reading.unlike
     assert read(lines_over(texture(4096, 8.0), step)).measured
 
 
@@ -78,3 +79,18 @@ def test_a_ground_that_repeats_itself_is_told_where_small_and_large_displacement
     fast = read(lines_over(texture(8192, 3.0), 400.0))
     assert fast.measured
     assert fast.velocity == pytest.approx(400.0 * CAMERA.pixel_pitch * RATE, rel=1e-3)
+
+
+def test_dirt_that_stands_still_is_no_rest_over_a_ground_fainter_than_the_noise() -> None:
+    generator = np.random.default_rng(7)
+    dirt = -60.0 * (gaussian_filter1d(generator.normal(0.0, 1.0, PIXELS), 2.0) > 0.5)
+    faint = texture(4096, 20.0) / 50.0
+
+    def seen(step: float) -> SensorReading:
+        lines = lines_over(faint, step) + dirt
+        return read(np.rint(lines).clip(0, 255).astype(np.uint8))
+
+    assert seen(0.0).measured
+    moving = seen(1.4)
+    error = moving.velocity - 1.4 * CAMERA.pixel_pitch * RATE
+    assert not moving.measured or error**2 < 4.0**2 * moving.variance

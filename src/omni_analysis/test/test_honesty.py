@@ -40,6 +40,13 @@ def test_steps_of_the_dark_signal_do_not_draw_quick_matches_of_a_faint_ground() 
     assert tally.available > 0.1
 
 
+@pytest.mark.parametrize("fault", ["dirt_spots", "shadow_fixed"])
+def test_who_sees_dirt_alone_does_not_confirm_what_others_see_of_grain(fault: str) -> None:
+    ground = Ground("planks", texels=4096)
+    tally = drive_over(ground, {fault: FAULTS[fault]}, range(4, 5), 20, 1)[fault]
+    assert not tally.silent.any()
+
+
 def test_honest_lines_are_believed(tallies: dict[str, Tally]) -> None:
     tally = tallies["none"]
     assert tally.available > 0.95

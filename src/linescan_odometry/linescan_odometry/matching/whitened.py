@@ -84,7 +84,6 @@ class Whitened(NamedTuple):
     Attributes:
         displacement: per line [px].
         variance: of it [px^2].
-        coherence: of consecutive lines, mean over the frequencies by their weight [1].
         lone: whether no other displacement comes near.
         lasting: coherence of lines far apart over that of consecutive ones [1].
         apart: number of lines between these.
@@ -94,7 +93,6 @@ class Whitened(NamedTuple):
 
     displacement: float
     variance: float
-    coherence: float
     lone: bool
     lasting: float
     apart: int
@@ -129,12 +127,13 @@ class WhitenedMatcher:
         self._used = int(np.count_nonzero(share < _HIGHEST))
         self._coarse = scipy.fft.next_fast_len(2 * self._used, real=True)  # samples that show these
 
-    def match(self, lines: Lines, *, settled: bool) -> Whitened | None:
+    def match(self, lines: Lines, *, settled: bool, with_lasting: bool = True) -> Whitened | None:
         """Return the displacement of a batch, None where it does not show.
 
         Args:
             lines: m + 1 lines, oldest first, shape (m + 1, n).
             settled: whether it is known what stands still in the view.
+            with_lasting: whether it is asked what lasts, else 0 of it with an infinite doubt.
         """
         if len(lines) < _FEWEST_LINES:
             return None
@@ -150,7 +149,7 @@ class WhitenedMatcher:
         found = self._find(near if settled else near - still, power)
         if found is None:
             return None
-        displacement, variance, coherence, lone, weight, curvature = found
+        displacement, variance, lone, weight, curvature = found
         least = _PULL**2 + self._of_places(spectra, weight, displacement, curvature)
         variance = max(variance, least)
         slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j).astype(np.complex64)
@@ -161,7 +160,7 @@ class WhitenedMatcher:
         if not settled:
             other = self._find(near, power)
             one = self._may_be_one(near, thirds, power, displacement * between)
-            if other is None or not other[3]:
+            if other is None or not other[2]:
                 if one:
                     return None
             elif one:
@@ -171,6 +170,8 @@ class WhitenedMatcher:
             elif (displacement - other[0]) ** 2 < 4.0 * variance:  # nothing stands still
                 variance = max(other[1], least) + 0.25 * (displacement - other[0]) ** 2
                 seen_at = displacement = other[0]
+        if not with_lasting:
+            return Whitened(displacement, variance, lone, 0.0, between, math.inf, places)
         reach = _REACH * lines.shape[1] / max(abs(seen_at), 1e-3)
         if reach < between:  # the ends of the batch share no ground: lines that still do
             between = max(1, int(reach))
@@ -185,9 +186,9 @@ class WhitenedMatcher:
         like *= float(self._overlap[round(way)] / self._overlap[round(way * between)])
         others = self._find(rest, power)
         doubt = math.inf
-        if others is not None and others[3]:
+        if others is not None and others[2]:
             doubt = (others[0] - displacement) ** 2 + max(others[1], least)
-        return Whitened(displacement, variance, coherence, lone, like, between, doubt, places)
+        return Whitened(displacement, variance, lone, like, between, doubt, places)
 
     def _may_be_one(
         self,
@@ -201,16 +202,14 @@ class WhitenedMatcher:
             return False
         return self._likeness(thirds, power) > _RENEWED * self._likeness(near, power)
 
-    def _find(
-        self, near: Cross, power: Values
-    ) -> tuple[float, float, float, bool, Values, float] | None:
-        """Return displacement, variance by the bands, coherence, whether it is alone, W, curvature.
+    def _find(self, near: Cross, power: Values) -> tuple[float, float, bool, Values, float] | None:
+        """Return displacement, variance by the bands, whether it is alone, W, curvature.
 
         None without a peak.
         """
         first, lone = self._search(near / power)
         weight = np.zeros(len(power))
-        converged, displacement, coherence, square, leverage, curvature = _fit(
+        converged, displacement, square, leverage, curvature = _fit(
             self._level(near, first),
             power,
             2.0 * np.pi / self._size,
@@ -220,19 +219,17 @@ class WhitenedMatcher:
         )
         if not converged:
             return None
-        return displacement, square * _as_student(leverage), coherence, lone, weight, curvature
+        return displacement, square * _as_student(leverage), lone, weight, curvature
 
     def _of_places(
         self, spectra: Spectra, weight: Values, displacement: float, curvature: float
     ) -> float:
         """Return the variance by what the places of the ground add to the displacement [px^2]."""
-        frequency, root = self._frequency[: self._used], np.sqrt(weight[: self._used])
-        rows, scale = len(spectra) - 1, self._coarse / self._size
-        new = spectra[1:, : self._used] * root.astype(np.complex64)
-        turned = root * np.exp(1j * displacement * frequency)
-        old = spectra[:-1, : self._used] * turned.astype(np.complex64)
-        slope, rest = new + old, old - new
-        slope *= (-0.5j * frequency).astype(np.complex64)
+        scale = self._coarse / self._size
+        rows = len(spectra) - 1
+        slope = np.empty((rows, self._used), np.complex64)
+        rest = np.empty_like(slope)
+        _filter_pairs(spectra, weight, 2.0 * np.pi / self._size, displacement, slope, rest)
         added, told = _by_place(
             scipy.fft.irfft(slope, self._coarse, axis=1),
             scipy.fft.irfft(rest, self._coarse, axis=1),
@@ -247,9 +244,8 @@ class WhitenedMatcher:
     def _level(self, near: Cross, displacement: int) -> Cross:
         """Return a cross-spectrum whose lines overlap alike on both sides of a displacement."""
         correlation = scipy.fft.irfft(near, self._size)
-        mirrored = np.roll(self._overlaps, -2 * displacement)
-        gain = np.sqrt(mirrored / np.maximum(self._overlaps, _LEAST_OVERLAP * mirrored + 1.0))
-        level: Cross = scipy.fft.rfft(correlation * gain)
+        _mirror(correlation, self._overlaps, displacement)
+        level: Cross = scipy.fft.rfft(correlation)
         return level
 
     def _likeness(self, cross: Cross, power: Values) -> float:
@@ -274,6 +270,21 @@ def _as_student(leverage: float) -> float:
 
 def _smooth(values: Values) -> Values:
     return np.convolve(values, np.full(_SMOOTHED, 1.0 / _SMOOTHED), "same")
+
+
+@njit(cache=True, nogil=True)
+def _mirror(correlation: Values, overlaps: Values, displacement: int) -> None:
+    """Scale a correlation to the same overlap on both sides of a displacement."""
+    size = len(correlation)
+    opposite = 2 * displacement % size
+    for k in range(size):
+        mirrored = overlaps[opposite]
+        if mirrored == 0.0:
+            correlation[k] = 0.0
+        else:
+            least = _LEAST_OVERLAP * mirrored + 1.0
+            correlation[k] *= math.sqrt(mirrored / max(overlaps[k], least))
+        opposite = opposite + 1 if opposite + 1 < size else 0
 
 
 @njit(cache=True, nogil=True)
@@ -313,7 +324,7 @@ def _fit(
     used: int,
     displacement: float,
     weight: Values,
-) -> tuple[bool, float, float, float, float, float]:
+) -> tuple[bool, float, float, float, float]:
     """Find the displacement by Gauss-Newton steps.
 
     Args:
@@ -325,9 +336,9 @@ def _fit(
         weight: receives W.
 
     Returns:
-        Whether there is a peak; its displacement [px]; the coherence there; the sum over the bands
-        of the squares of what their phases add to the displacement [px^2], and of their leverages;
-        the curvature of the peak.
+        Whether there is a peak; its displacement [px]; the sum over the bands of the squares of
+        what their phases add to the displacement [px^2], and of their leverages; the curvature of
+        the peak.
     """
     real, imaginary = np.zeros((2, used + 2 * _SIDE))  # with a margin for smoothing
     moved, curvature = 0.0, 0.0
@@ -351,10 +362,10 @@ def _fit(
             slope += weight[k] * frequency * imaginary[_SIDE + k]
             curvature += weight[k] * frequency * frequency * real[_SIDE + k]
         if not curvature > 0.0:
-            return False, displacement, 0.0, 0.0, 0.0, 0.0
+            return False, displacement, 0.0, 0.0, 0.0
         moved = slope / curvature
         displacement += min(max(moved, -_LONGEST_STEP), _LONGEST_STEP)
-    near_by, square, leverage, score, told = 0.0, 0.0, 0.0, 0.0, 0.0
+    square, leverage, score, told = 0.0, 0.0, 0.0, 0.0
     for k in range(used):
         # Sums over neighbouring frequencies, which know of each other.
         if k % _BAND == 0:
@@ -365,10 +376,49 @@ def _fit(
         share = weight[k] * frequency * frequency * real[_SIDE + k] / curvature
         score += weight[k] * frequency * imaginary[_SIDE + k] / curvature
         told += share
-        near_by += share * real[_SIDE + k] / power[k]
     square += score * score
     leverage += told * told
-    return abs(moved) < _NEARLY, displacement, near_by, square, leverage, curvature
+    return abs(moved) < _NEARLY, displacement, square, leverage, curvature
+
+
+@njit(cache=True, nogil=True, fastmath=_REORDER)
+def _filter_pairs(
+    spectra: Spectra,
+    weight: Values,
+    step: float,
+    displacement: float,
+    slope: Spectra,
+    rest: Spectra,
+) -> None:
+    """Move consecutive lines onto each other, filtered by W^0.5.
+
+    Args:
+        spectra: of the lines, shape (m + 1, k) or longer ones.
+        weight: W.
+        step: from one frequency to the next [rad/px].
+        displacement: of the lines [px].
+        slope: receives that of the mean of the two lines of each pair, shape (m, k).
+        rest: receives by which they differ, shape (m, k).
+    """
+    rows, used = slope.shape
+    root = np.empty(used, np.float32)
+    real, imaginary = np.empty((2, used), np.float32)
+    for k in range(used):
+        root[k] = math.sqrt(weight[k])
+        real[k] = root[k] * math.cos(step * k * displacement)
+        imaginary[k] = root[k] * math.sin(step * k * displacement)
+    half = np.float32(0.5 * step)
+    for row in range(rows):
+        for k in range(used):
+            a, b = spectra[row + 1, k], spectra[row, k]
+            new_real, new_imaginary = root[k] * a.real, root[k] * a.imag
+            old_real = b.real * real[k] - b.imag * imaginary[k]
+            old_imaginary = b.real * imaginary[k] + b.imag * real[k]
+            frequency = half * np.float32(k)
+            slope[row, k] = complex(
+                frequency * (new_imaginary + old_imaginary), -frequency * (new_real + old_real)
+            )
+            rest[row, k] = complex(old_real - new_real, old_imaginary - new_imaginary)
 
 
 @njit(cache=True, nogil=True, fastmath=_REORDER)

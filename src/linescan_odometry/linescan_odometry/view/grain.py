@@ -281,10 +281,9 @@ class Grain:
                     )
             kept = 1.0 - speed * reading.batch_time / self._sensors[name].width
             if reading.batch_time > 0.0 and kept - max(reading.batch_lasting, 0.0) > _LOST_TOO_SOON:
-                misled[name] = SensorReading.unmeasured(
+                misled[name] = reading.refuted(
                     f"the view changes faster than it moves: {100.0 * reading.batch_lasting:.0f} % "
-                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis",
-                    reading.correlation,
+                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis"
                 )
                 continue
             doubt = (share * speed) ** 2
@@ -296,5 +295,5 @@ class Grain:
                     reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
                 )
             if name in self._found and speed > _SLOWEST:
-                misled[name] = SensorReading.unmeasured(self._found[name], reading.correlation)
+                misled[name] = reading.refuted(self._found[name])
         return misled

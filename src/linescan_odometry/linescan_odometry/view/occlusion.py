@@ -75,7 +75,7 @@ class Covers:
                     f"{speed:.3g} m/s"
                 )
             if name in self._covered:
-                dismissed[name] = SensorReading.unmeasured(self._covered[name], reading.correlation)
+                dismissed[name] = reading.refuted(self._covered[name])
         return dismissed
 
     def contradicted(
@@ -102,7 +102,7 @@ class Covers:
                     "covered: its view stands still, but the platform moves across it at "
                     f"{abs(across):.3g} m/s"
                 )
-                covered = {name: SensorReading.unmeasured(reason, reading.correlation)}
+                covered = {name: reading.refuted(reason)}
         return covered
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
