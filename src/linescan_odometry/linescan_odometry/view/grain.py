@@ -281,9 +281,10 @@ class Grain:
                     )
             kept = 1.0 - speed * reading.batch_time / self._sensors[name].width
             if reading.batch_time > 0.0 and kept - max(reading.batch_lasting, 0.0) > _LOST_TOO_SOON:
-                misled[name] = reading.refuted(
+                misled[name] = SensorReading.unmeasured(
                     f"the view changes faster than it moves: {100.0 * reading.batch_lasting:.0f} % "
-                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis"
+                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis",
+                    reading.correlation,
                 )
                 continue
             doubt = (share * speed) ** 2
