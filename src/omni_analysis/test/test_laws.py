@@ -54,15 +54,13 @@ def test_a_stop_that_keeps_its_heading_is_near_its_bound_and_not_below(direction
 def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
     stops = [
         _stop("turn_while_translate", "k7", PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
-        for rotation in (0.3, 15.0, 25.0)
+        for rotation in (0.3, 5.0, 15.0, 25.0, 40.0)
     ]
     distances = [stop.stopping_distance for stop in stops]
-    assert distances[0] > distances[1] > distances[2]
-    # Better in both numbers than Table 2's psi = 0 and k = 7 are here.
-    assert (stops[1].stopping_distance, stops[1].orientation_change) < (11.93, 18.6)
-    assert stops[1].orientation_change < 18.6
-    assert stops[2].stopping_distance < 10.64
-    assert stops[2].orientation_change < 26.5
+    assert distances == sorted(distances, reverse=True)
+    # Better in both numbers than Table 2's psi = 0 and k = 7 are here, without rotation at that.
+    assert distances[0] < 10.64
+    assert stops[0].orientation_change < 1.0
 
 
 def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
@@ -82,12 +80,15 @@ def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
         "vehicle.tire.stiffness=50000",
         "vehicle.brake.time_constant=0.05",
         "vehicle.brake.dead_time=0.05",
+        "vehicle.brake.dead_time=0.05 brake_assist.brake.dead_time=0",  # which nobody told
+        "vehicle.brake.time_constant=0.1 brake_assist.brake.time_constant=0",
         "vehicle.wheel_inertia=2",  # valves that let it spin up in time
     ],
 )
 def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes: str) -> None:
-    run = _stop("straight_line", "assisted", f"vehicle.brake.kind={brakes}", unknown)
-    settings = ("feedback=velocity_sensor", unknown)
+    changes = unknown.split()
+    run = _stop("straight_line", "assisted", f"vehicle.brake.kind={brakes}", *changes)
+    settings = ("feedback=velocity_sensor", *changes)
     alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
     assert run.stopping_distance <= 1.05 * alone.stopping_distance
     assert run.orientation_change <= 5.0
@@ -97,13 +98,15 @@ def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes
     "vehicle",
     ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot", "table_2_mecanum"],
 )
-@pytest.mark.parametrize("speed", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("speed", [0.3, 0.6, 1.0, 1.5])
 def test_a_slow_stop_does_not_wait_for_the_tires(vehicle: str, speed: float) -> None:
     slow = (f"vehicle={vehicle}", PROPORTIONAL, f"maneuver.speed={speed}")
     run = _stop("straight_line", "assisted", *slow)
     settings = ("feedback=velocity_sensor", *slow)
     alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
-    assert run.stopping_distance <= 1.05 * alone.stopping_distance
+    # Straight ahead only two of three wheels can brake straight.
+    longest = 1.08 if vehicle == "three_wheel_robot" else 1.05
+    assert run.stopping_distance <= longest * alone.stopping_distance
     assert run.orientation_change <= alone.orientation_change + 0.1
 
 
@@ -114,7 +117,7 @@ def test_a_stop_from_walking_speed_keeps_its_heading() -> None:
         LIBRARY.load("straight_line", "unassisted", ["feedback=velocity_sensor", slow])
     )
     assert run.stopping_distance < 1.1 * alone.stopping_distance
-    assert run.orientation_change < 1.0
+    assert run.orientation_change < 0.25 * alone.orientation_change
 
 
 def test_some_rotation_makes_it_better_in_both_than_the_shortest_stop_of_2013() -> None:

@@ -12,8 +12,9 @@ so a single slide shows what a wheel can bear: no mass, load or tire need be kno
    take the pattern that is predicted to come nearest instead.
 
 A wheel that the motion hardly drags along its active direction is locked: its friction holds
-against any drift and takes energy from it. One whose speed is not known is taken to roll, by less
-torque than it last bore. docs/allocation.md derives all this.
+against any drift and takes energy from it. A dead time of the brakes beyond the nominal one shows
+at the start of a stop, in wheels that roll on. A wheel whose speed is not known is taken to roll,
+by less torque than it last bore. docs/allocation.md derives all this.
 """
 
 from __future__ import annotations
@@ -52,14 +53,18 @@ _DISTURBANCE_TIME = 0.04  # [s]
 _MASS_TIME = 0.1  # [s]
 _MASS_STEPS = 8  # after which a mass is believed
 _MASS_RANGE = 5.0  # the mass is within this factor of the nominal one [1]
-_LINE_TIME = 0.2  # in which a drift is to end [s]
+_LINE_TIME = 0.4  # in which a drift is to end [s]
 _LARGEST_ASIDE = 5.0  # lateral acceleration that may be asked for [m/s^2]
-_YAW_TIME = 0.1  # in which a yaw rate is to be within its limit [s]
-_HEADING_TIME = 0.15  # of the approach to the limit of the heading, at least [s]
-_CALM_TIME, _CALM_SHARE = 0.4, 0.4  # at most [s], and of what is left of the stop [1]
+# In which a yaw rate is to be within its limit, and of the approach to the limit of the heading: at
+# least [s], at most [s], and of what is left of the stop [1].
+_YAW_TIME, _YAW_LONGEST, _YAW_SHARE = 0.1, 0.6, 0.4
+_HEADING_TIME, _HEADING_LONGEST, _HEADING_SHARE = 0.15, 0.9, 0.6
+_FIRM_TIME, _FIRM_SHARE = 0.4, 0.4  # likewise of a turn that the limit has room for
+_FIRM_TURN = 1.6  # yaw deceleration that such a turn needs, at most [rad/s^2]
 _GENTLE_TURN = 0.5  # yaw deceleration towards the limit, at least [rad/s^2]
 _TURN_RESERVE = 1.0  # of the yaw deceleration that the start of a turn needs [1]
 _TURN_WEIGHT, _LINE_WEIGHT = 300.0, 5.0  # beside a weight of 1 of the deceleration
+_LINE_SPENT = 4.0  # less, where heading may be spent for distance
 _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
@@ -68,10 +73,14 @@ _UNKNOWN_SHARE = 0.8  # of its capacity that is asked of a wheel whose speed is 
 _PUSH = 3.0  # sliding speed beyond that at the target while there is no force yet [m/s]
 _RISING = 0.01  # share of its capacity by which a force grows while it builds up in a period [1]
 _RISE_STEPS = 2.0  # for which a force that builds up is believed to do so at least
-_SHORT_STOP = 0.12  # in which tires take a good part of the time to deflect [s]
+_SHORT_STOP = 0.18  # in which tires take a good part of the time to deflect [s]
 _SHORT_SPENT = 0.38  # longer, where heading may be spent for distance [s]
 _MUCH_ROTATION = math.radians(5.0)  # that is spent [rad]
 _SHORT_SLIDE = 0.3  # sliding speed times hub speed, in such a stop, at least [m^2/s^2]
+_ANSWER = 0.3  # share of the expected loss of wheel speed that shows a brake acting [1]
+_PLAIN = 0.02  # share of the wheels' speed from which on such a loss is plain to see [1]
+_LONGEST_DELAY = 0.15  # that is learnt beyond the nominal one [s]
+_HOLD = 0.5  # share of the capacity of a standing wheel that is relied on [1]
 _LEAST_SHARE = 0.01  # of the last brake that is on [1]
 _HORIZON = 3  # periods over which the pattern of valves is predicted
 _MOST_PATTERNS = 8  # wheels of which all patterns are compared
@@ -87,6 +96,7 @@ WHEEL = np.dtype(
         ("risen", "f8"),  # by how much in the last period [N]
         ("capacity", "f8"),  # [N]
         ("wanted", "f8"),  # [N]
+        ("told", "f8"),  # as torque, if the brake needs no longer than its nominal dead time [N m]
     ]
 )
 BODY = np.dtype(
@@ -104,6 +114,8 @@ BODY = np.dtype(
         ("pull", "f8"),  # magnitude of the forces' sum [N]
         ("left", "f8"),  # time that the stop would take with all capacities along it [s]
         ("whole", "f8"),  # likewise at its start [s]
+        ("delay", "f8"),  # dead time of the brakes, at least the nominal one [s]
+        ("answered", "?"),  # whether the wheels have been seen to answer
     ]
 )
 
@@ -123,6 +135,7 @@ class Constants(NamedTuple):
         max_rotation: allowed change of heading, and of the direction of motion [rad].
         slip: target [1].
         short_stop: in which wheels are locked at once [s].
+        line_weight: of a broken bound of the line, beside 1 of the deceleration [1].
         brake: nominal.
     """
 
@@ -137,6 +150,7 @@ class Constants(NamedTuple):
     max_rotation: float
     slip: float
     short_stop: float
+    line_weight: float
     brake: NominalBrake
 
 
@@ -161,6 +175,7 @@ def make_constants(
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
     max_rotation = math.radians(configuration.max_rotation)
+    spent = min(max_rotation / _MUCH_ROTATION, 1.0)
     return Constants(
         n_x,
         n_y,
@@ -172,7 +187,8 @@ def make_constants(
         configuration.nominal_mass,
         max_rotation,
         _VALVE_SLIP if brake.grain >= 1.0 else _SLIP,
-        _SHORT_STOP + _SHORT_SPENT * min(max_rotation / _MUCH_ROTATION, 1.0),
+        _SHORT_STOP + _SHORT_SPENT * spent,
+        _LINE_WEIGHT - _LINE_SPENT * spent,
         NominalBrake(brake.max_torque, brake.dead_time, brake.time_constant, brake.grain),
     )
 
@@ -225,6 +241,8 @@ def step(
         return NO_HELP  # one wheel may be taken to roll, if it has been known
     wheels = _look(law, motion)
     if not first:
+        if not body.answered:
+            _await(law, memory, motion, wheels)
         _observe(law, memory, motion, wheels)
         _explain(law, memory, motion, wheels)
     _learn(law, memory, wheels)
@@ -237,7 +255,7 @@ def step(
     for i in range(error.size):
         total += memory.wheel[i].capacity
     task = _task(law, memory, motion, wheels, total)
-    _allocate(memory, wheels, task, total)
+    _allocate(law, memory, wheels, task, total)
     if law.brake.grain >= 1.0:
         _choose(law, memory, motion, wheels, task, enable)
     else:
@@ -254,11 +272,13 @@ def _start(law: Constants, memory: Memory, motion: Motion) -> None:
     body.steps = 0
     body.heading = body.turning = body.aside = body.slowing = body.pull = 0.0
     body.mass = law.mass
+    body.delay, body.answered = law.brake.dead_time, False
     need = _TURN_RESERVE * motion.yaw_rate**2 / (2.0 * max(law.max_rotation, 1e-3))
     body.turn_limit = max(_GENTLE_TURN, need)
     memory.sent[:] = 0.0
     for i in range(wheel.size):
         wheel[i].torque = wheel[i].mean = wheel[i].force = wheel[i].risen = 0.0
+        wheel[i].told = 0.0
         wheel[i].capacity = wheel[i].wanted = law.mass * _GRAVITY / wheel.size
 
 
@@ -280,6 +300,38 @@ def _look(law: Constants, motion: Motion) -> _Wheels:
     for i in range(n):
         stands[i] = 1.0 if hub[i] <= _STANDING * fastest else 0.0
     return _Wheels(sign, hub, spin, slip, rim, stands, known)
+
+
+@lean
+def _await(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels) -> None:
+    """Wait for the wheels to answer the first torque; what they take longer is dead time.
+
+    As long as they do not slow down, nothing of what has been asked has arrived.
+    """
+    body, dt = memory.body[0], motion.dt
+    expected, seen, total = 0.0, 0.0, 0.0
+    newest = int(body.steps % QUEUE) - 1
+    for i in range(law.rim.size):
+        wheel = memory.wheel[i]
+        turning = wheels.sign[i] if law.rim[i] >= 0.0 else -wheels.sign[i]
+        before = turning * wheel.speed
+        asked = asked_at(memory.sent, newest, law.brake.dead_time / dt, i)
+        wheel.told, mean = lagged(law.brake, wheel.told, asked, dt)
+        if wheels.known[i] and before > 0.0 and wheels.stands[i] == 0.0:
+            after, _ = turn_on(_braked(law, memory, wheels, i), before, mean, wheels.hub[i], dt)
+            expected += before - after
+            seen += before - wheels.spin[i]
+            total += before
+    late = body.delay - law.brake.dead_time
+    if expected <= _PLAIN * total and late == 0.0:
+        return  # too little to tell
+    body.answered = seen > _ANSWER * expected or late > _LONGEST_DELAY
+    if not body.answered:
+        body.delay += dt
+    for i in range(law.rim.size):
+        wheel = memory.wheel[i]
+        asked = asked_at(memory.sent, newest, body.delay / dt, i) if body.answered else 0.0
+        wheel.torque, wheel.mean = lagged(law.brake, 0.0, asked, dt)
 
 
 @lean
@@ -334,7 +386,8 @@ def _learn(law: Constants, memory: Memory, wheels: _Wheels) -> None:
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         capacity = wheel.capacity
-        if memory.body[0].steps > _SHY_STEPS and wheels.known[i]:
+        told = wheels.known[i] and wheels.stands[i] == 0.0  # a standing wheel tells nothing
+        if memory.body[0].steps > _SHY_STEPS and told:
             if wheel.risen > _RISING * capacity:
                 # The tire still deflects: it bears no less than it is about to. Valves, which only
                 # push or not, fare better with what is there already.
@@ -394,21 +447,35 @@ def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total
         turns[i] = -unit * law.lever[i] / reach
     drift = p_x * motion.v_x + p_y * motion.v_y
     leeway = speed * math.sin(min(law.max_rotation, 0.5 * math.pi))
-    aside_least = max((-leeway - drift) / _LINE_TIME, -_LARGEST_ASIDE) - body.aside
-    aside_most = min((leeway - drift) / _LINE_TIME, _LARGEST_ASIDE) - body.aside
+    aside_least = max((-leeway - drift) / _LINE_TIME, -_LARGEST_ASIDE)
+    aside_most = min((leeway - drift) / _LINE_TIME, _LARGEST_ASIDE)
     body.left = speed * body.mass / total
     if body.steps == 0:
         body.whole = body.left
     push, swing = body.mass / total, body.mass * law.gyration / (total * reach)
+    # What holds against a push by itself: so much may be asked of it, and is no disturbance.
+    aside_held, turn_held = 0.0, 0.0
+    for i in range(n):
+        held = _HOLD * memory.wheel[i].capacity * wheels.stands[i]
+        aside_held += held * abs(across[i])
+        turn_held += held * abs(turns[i])
+    aside_rest = _beyond(body.aside * push, aside_held)
+    turn_rest = _beyond(body.turning * swing, turn_held)
     return _Task(
         along,
         across,
         turns,
-        aside_least * push,
-        aside_most * push,
-        (_turn_rate(law, body, -1.0) - body.turning) * swing,
-        (_turn_rate(law, body, 1.0) - body.turning) * swing,
+        aside_least * push - aside_rest - aside_held,
+        aside_most * push - aside_rest + aside_held,
+        _turn_rate(law, body, -1.0) * swing - turn_rest - turn_held,
+        _turn_rate(law, body, 1.0) * swing - turn_rest + turn_held,
     )
+
+
+@lean
+def _beyond(value: float, bound: float) -> float:
+    """Return what a value is beyond a bound on either side."""
+    return math.copysign(max(abs(value) - bound, 0.0), value)
 
 
 @lean
@@ -416,22 +483,27 @@ def _turn_rate(law: Constants, body: Any, side: float) -> float:
     """Return the largest (side 1) or least (-1) yaw acceleration that keeps within the limit.
 
     The yaw rate may be as large as a constant deceleration can still stop at the limit; near it
-    and beyond the heading returns exponentially, the slower the more of the stop is left. Valves
-    are not fine enough to use the time.
+    and beyond the heading returns exponentially, the slower the more of the stop is left, for a
+    yaw moment takes force from the deceleration. A turn that ends within the limit by a moderate
+    deceleration is ended so, for it buys distance. Valves are not fine enough for a slow return.
     """
     left = law.max_rotation - side * body.heading
-    time = _HEADING_TIME
-    if law.brake.grain < 1.0:
-        time = max(time, min(_CALM_TIME, _CALM_SHARE * body.left))
+    yaw_time = max(_YAW_TIME, min(_YAW_LONGEST, _YAW_SHARE * body.left))
+    time = max(_HEADING_TIME, min(_HEADING_LONGEST, _HEADING_SHARE * body.left))
+    if left > 0.0 and _GENTLE_TURN < body.turn_limit <= _FIRM_TURN:
+        yaw_time = _YAW_TIME
+        time = max(_HEADING_TIME, min(_FIRM_TIME, _FIRM_SHARE * body.left))
+    if law.brake.grain >= 1.0:
+        time = _HEADING_TIME
     rate = left / time
     if left > 0.0:
         rounding = body.turn_limit * time
         rate = math.sqrt(2.0 * body.turn_limit * left + rounding * rounding) - rounding
-    return float(side * (rate - side * body.yaw_rate) / _YAW_TIME)
+    return float(side * (rate - side * body.yaw_rate) / yaw_time)
 
 
 @kernel
-def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> None:
+def _allocate(law: Constants, memory: Memory, wheels: _Wheels, task: _Task, total: float) -> None:
     """Want the forces with the largest deceleration that heading and line allow."""
     n = wheels.hub.size
     wheel = memory.wheel
@@ -449,7 +521,7 @@ def _allocate(memory: Memory, wheels: _Wheels, task: _Task, total: float) -> Non
     box_least_squares(hessian, linear, upper, wanted)
     squares = _Squares(hessian, linear, upper)
     turns = _Bounded(task.turns, task.least, task.most, _TURN_WEIGHT)
-    line = _Bounded(task.across, task.left, task.right, _LINE_WEIGHT)
+    line = _Bounded(task.across, task.left, task.right, law.line_weight)
     turns_kept = line_kept = False
     for _ in range(2):  # one may leave its bounds by the other
         if not turns_kept:
@@ -495,9 +567,9 @@ def _in_time(
     """
     wheel = memory.wheel[i]
     spin, torque, force = wheels.spin[i], wheel.torque, wheel.force
-    delay = law.brake.dead_time / dt
+    delay = memory.body[0].delay / dt
     newest = int(memory.body[0].steps % QUEUE) - 1
-    for k in range(math.ceil(delay - 1e-9)):
+    for k in range(min(math.ceil(delay - 1e-9), QUEUE)):
         asked = asked_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
         torque, mean = lagged(law.brake, torque, asked, dt)
         spin, force = turn_on(_braked(law, memory, wheels, i), spin, mean, hub, dt)
@@ -513,12 +585,12 @@ def _share_out(
     dt = motion.dt if motion.dt > 0.0 else _PERIOD
     slowing = body.slowing / max(math.hypot(motion.v_x, motion.v_y), 0.5)
     most = brake.max_torque * motion.pedal
-    servo_time = _SERVO_TIME + brake.dead_time + 0.5 * brake.time_constant
+    servo_time = _SERVO_TIME + body.delay + 0.5 * brake.time_constant
     neediest, largest = 0, -math.inf
     short = body.whole < law.short_stop
     for i in range(enable.size):
         wheel = memory.wheel[i]
-        hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
+        hub = wheels.hub[i] * (1.0 - min(slowing * (body.delay + dt), 0.5))
         spin, torque, force = _in_time(law, memory, wheels, hub, dt, i)
         # A tire must deflect before it pushes: the faster it slides, the sooner.
         push = _PUSH * (1.0 - min(wheel.force / wheel.capacity, 1.0))
@@ -565,7 +637,7 @@ def _choose(
     horizon = _HORIZON + math.ceil(brake.time_constant / dt)
     forces, deep = np.empty((2, n)), np.empty((2, n))
     for i in range(n):
-        hub = wheels.hub[i] * (1.0 - min(slowing * (brake.dead_time + dt), 0.5))
+        hub = wheels.hub[i] * (1.0 - min(slowing * (memory.body[0].delay + dt), 0.5))
         start = _in_time(law, memory, wheels, hub, dt, i)
         for state in range(2):
             spin, torque, total = start[0], start[1], 0.0
@@ -632,5 +704,5 @@ def _remember(law: Constants, memory: Memory, motion: Motion, enable: FloatArray
     for i in range(enable.size):
         wheel = memory.wheel[i]
         memory.sent[newest, i] = enable[i] * law.brake.max_torque * motion.pedal
-        asked = asked_at(memory.sent, newest, law.brake.dead_time / dt, i)
+        asked = asked_at(memory.sent, newest, memory.body[0].delay / dt, i)
         wheel.torque, wheel.mean = lagged(law.brake, wheel.torque, asked, dt)
