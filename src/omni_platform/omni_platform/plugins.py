@@ -56,7 +56,8 @@ def load_class(
         ConfigurationError: it cannot be imported, or is not such a class.
     """
     check_name(key, name, built_in, group)
-    module_name, _, class_name = _entry_points(group).get(name, name).partition(":")
+    place = name if ":" in name else _entry_points(group).get(name, name)  # which takes 20 ms
+    module_name, _, class_name = place.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)

@@ -16,6 +16,7 @@ command by ``command(name)`` of the module where it has one.
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import importlib.util
 import keyword
@@ -39,6 +40,7 @@ class Command(Protocol):
         """Do what the options say and return the exit code; `workspace` holds `config`."""
 
 
+@functools.cache
 def commands_of(package: str) -> dict[str, str]:
     """Return what each command of a package does, by its name; none of them is imported.
 
