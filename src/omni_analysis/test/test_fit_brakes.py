@@ -71,6 +71,20 @@ def test_noise_shows_in_the_standard_errors() -> None:
     assert np.all(more.standard_errors < fits[0].standard_errors)
 
 
+def test_most_hidden_brakes_are_within_two_standard_errors() -> None:
+    random = np.random.default_rng(1)
+    wrong = []
+    for seed in range(12):
+        torque, dead_time = random.uniform(300.0, 2000.0), random.uniform(0.005, 0.06)
+        truth = (torque, dead_time, random.uniform(0.01, 0.1))
+        lightly = f"maneuver.pedal={min(random.uniform(60.0, 300.0) / torque, 1.0)}"
+        kind = ("assisted",) if seed % 3 == 0 else ("unassisted", lightly)
+        data, vehicle = stop(*truth, *kind, f"maneuver.speed={random.uniform(4.0, 10.0)}")
+        fit = fit_brakes([noisy(data, seed)], vehicle)
+        wrong.append((fit.values - truth) / fit.standard_errors)
+    assert np.mean(np.abs(wrong) < 2.0) > 0.8
+
+
 def test_wheels_that_lock_at_once_say_so_little_that_the_fit_is_refused() -> None:
     data, vehicle = stop(1500.0, 0.0, 0.0, "unassisted")
     with pytest.raises(BrakeDataError, match="brake with less pedal"):

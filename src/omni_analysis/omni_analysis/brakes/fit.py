@@ -288,24 +288,25 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Differences that are alike from row to row tell less than their number: the variance grows by
-    the sum of their autocorrelation up to its first zero (Bartlett 1946).
+    Differences that are alike from row to row tell less than their number, and those of few rows
+    may decide: what each row has moved an unknown by is summed up with its autocovariance up to the
+    first zero (White 1980, Bartlett 1946).
 
     Args:
         jacobian: of the differences, shape (K, 3, P).
         left: differences, shape (K, 3).
     """
     rows, _, unknowns = jacobian.shape
-    square = float(np.sum(left**2))
-    alike = 1.0
-    for lag in range(1, rows // 4):
-        share = float(np.sum(left[lag:] * left[:-lag])) / square if square > 0.0 else 0.0
-        if share <= 0.0:
-            break
-        alike += 2.0 * share
-    variance = alike * square / max(left.size - unknowns, 1)
     bread = np.linalg.pinv(np.einsum("kcp,kcq->pq", jacobian, jacobian))
-    return np.asarray(np.sqrt(np.maximum(variance * np.diag(bread), 0.0)))
+    variance = np.zeros(unknowns)
+    for unknown, moved in enumerate(bread @ np.einsum("kcp,kc->pk", jacobian, left)):
+        variance[unknown] = moved @ moved
+        for lag in range(1, rows // 4):
+            alike = moved[lag:] @ moved[:-lag]
+            if alike <= 0.0:
+                break
+            variance[unknown] += 2.0 * alike
+    return np.asarray(np.sqrt(variance * left.size / max(left.size - unknowns, 1)))
 
 
 def _wheel_torques(
