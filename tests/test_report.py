@@ -331,7 +331,7 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     needed /= np.diff(history.time)[rows, np.newaxis]
     total = np.sum(sample.forces.force[1 : 1 + len(rows)], axis=1)[:, :2]
     error = np.linalg.norm(total - needed, axis=1)
-    # All brakes on, the vehicle rocks on its tyres: nothing switches within those periods.
+    # All brakes on, the vehicle rocks on its tires: nothing switches within those periods.
     rocking = history.time[rows] > 1.5
     assert np.max(np.abs(needed[rocking])) > 2500.0
     assert np.max(error[rocking]) < 30.0

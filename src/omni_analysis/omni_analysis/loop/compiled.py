@@ -336,7 +336,7 @@ def _new_desk(wheels: int, steps: int) -> _Desk:
         np.empty(wheels),
         np.empty(wheels),
         np.empty(3),
-        Log.of(steps, wheels, logged=False),
+        Log.of(steps, wheels, traced=False, logged=False),
     )
 
 

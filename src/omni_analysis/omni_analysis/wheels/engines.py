@@ -70,7 +70,7 @@ class PlanarMachine:
 
     def advance(self, n_steps: int, pedal: float, enable: ArrayLike) -> object:
         """Advance by some physics steps under constant brakes, the clutches open."""
-        return self._vehicle.advance(n_steps, pedal, enable, np.zeros(3))
+        return self._vehicle.advance(n_steps, pedal, enable, np.zeros(3), traced=False)
 
 
 ENGINES: dict[str, Callable[[VehicleConfiguration, ArrayLike], PlanarMachine | MujocoVehicle]] = {

@@ -169,6 +169,9 @@ def _notice_slides(
     does not. It turns as rims and gyro say, for who else is right is not known. A wheel is doubted
     by as much as accelerometer and twist both say that it slips.
     """
+    if braking:
+        memory.slid[:] = memory.off[:] = 0.0
+        return
     value = twist.value
     f_x, f_y = sensed.inertial[1], sensed.inertial[2]
     state, row = memory.state[NO_TWIST], (memory.newest[0] - 1) % HISTORY
@@ -194,8 +197,6 @@ def _notice_slides(
         excess -= dt * (n_x * a_x + n_y * a_y)
         added = excess if felt and math.isfinite(excess) else 0.0
         memory.slid[i] = keep * memory.slid[i] + added
-        if braking:
-            memory.slid[i] = memory.off[i] = 0.0
 
 
 @lean

@@ -93,6 +93,9 @@ class WheelCondition(Configuration):
     )
 
 
+_SOUND = WheelCondition()
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
@@ -191,7 +194,7 @@ class VehicleConfiguration(Configuration):
         return np.array([self._condition(name).stuck_brake for name in self.wheels])
 
     def _condition(self, name: str) -> WheelCondition:
-        return self.conditions.get(name, WheelCondition())
+        return self.conditions.get(name, _SOUND)
 
     @property
     def contacts_move(self) -> bool:

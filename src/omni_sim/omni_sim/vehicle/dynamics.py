@@ -89,20 +89,21 @@ def advance(state: State, control: Control, log: Log) -> None:
     Args:
         state: of the vehicle.
         control: inputs, constant over the call.
-        log: receives what happens; its trajectory tells the number of steps.
+        log: tells the number of steps and receives what happens.
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt, mass = plant.dt, plant.mass
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
     loads = state.loads
     start_yaw = body.yaw
-    n_steps = log.trajectory.shape[0] - 1
+    traced = log.trajectory.shape[0] > 0
     ask(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
-    _write_pose(plant, body, log.trajectory[0])
+    if traced:
+        _write_pose(plant, body, log.trajectory[0])
 
-    for k in range(n_steps):
+    for k in range(log.steps):
         if uneven:
             pressing, gravity, lean = _follow_ground(state, body)
             state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
@@ -140,7 +141,8 @@ def advance(state: State, control: Control, log: Log) -> None:
         body.a_x += plant.filter_share * (pull[0] / mass - body.a_x)
         body.a_y += plant.filter_share * (pull[1] / mass - body.a_y)
         move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
-        _write_pose(plant, body, log.trajectory[k + 1])
+        if traced:
+            _write_pose(plant, body, log.trajectory[k + 1])
         if log.wheels.shape[0] > 0:
             for i in range(wheels.shape[0]):
                 log.wheels[k, i] = wheels[i]

@@ -304,22 +304,27 @@ class Log(NamedTuple):
     """What happened in each of n steps.
 
     Attributes:
+        steps: n.
         trajectory: x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world
-            frame at the start and after each step, shape (n + 1, 6).
+            frame at the start and after each step, shape (n + 1, 6); or (0, 6).
         wheels: `WHEEL` after each step, shape (n, N); or (0, N), which keeps no log.
         energy: `Energies` after each step [J], shape (n, 5); or (0, 5).
     """
 
+    steps: int
     trajectory: FloatArray
     wheels: Structured
     energy: FloatArray
 
     @classmethod
-    def of(cls, n_steps: int, n_wheels: int, *, logged: bool) -> Log:
-        """Return an empty log of some steps; only of the trajectory unless `logged`."""
+    def of(cls, n_steps: int, n_wheels: int, *, traced: bool, logged: bool) -> Log:
+        """Return an empty log of some steps: of the trajectory if traced, of all else if logged."""
         rows = n_steps if logged else 0
         return cls(
-            np.empty((n_steps + 1, 6)), np.empty((rows, n_wheels), WHEEL), np.empty((rows, 5))
+            n_steps,
+            np.empty((n_steps + 1 if traced else 0, 6)),
+            np.empty((rows, n_wheels), WHEEL),
+            np.empty((rows, 5)),
         )
 
 

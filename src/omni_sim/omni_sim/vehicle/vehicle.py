@@ -227,6 +227,7 @@ class Vehicle:
         command_twist: ArrayLike,
         *,
         hold_world_direction: bool = False,
+        traced: bool = True,
     ) -> FloatArray:
         """Advance by ``n_steps`` physics steps under constant inputs.
 
@@ -238,13 +239,14 @@ class Vehicle:
                 at the start of the call [m/s, m/s, rad/s], shape (3,).
             hold_world_direction: let its linear part keep its direction in the world while the
                 body turns during the call.
+            traced: whether the steps are returned, which costs time.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
-            at the start and after each step, shape (n_steps + 1, 6).
+            at the start and after each step, shape (n_steps + 1, 6); or (0, 6).
         """
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        return self._run(n_steps, control, logged=False).trajectory
+        return self._run(n_steps, control, traced=traced, logged=False).trajectory
 
     def advance_logged(
         self,
@@ -257,7 +259,7 @@ class Vehicle:
     ) -> Log:
         """Advance like `advance` and record every step."""
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        return self._run(n_steps, control, logged=True)
+        return self._run(n_steps, control, traced=True, logged=True)
 
     def push(self, force: ArrayLike) -> None:
         """Let a constant force act at the centre of gravity from now on.
@@ -322,8 +324,8 @@ class Vehicle:
             force_y=float(self._force[1]),
         )
 
-    def _run(self, n_steps: int, control: Control, *, logged: bool) -> Log:
-        log = Log.of(n_steps, len(self.state.wheels), logged=logged)
+    def _run(self, n_steps: int, control: Control, *, traced: bool, logged: bool) -> Log:
+        log = Log.of(n_steps, len(self.state.wheels), traced=traced, logged=logged)
         before = self.tipping_steps
         dynamics.advance(self.state, control, log)
         self._tipping = self.tipping_steps > before
