@@ -10,10 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
-from collections import deque
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +46,6 @@ __all__ = [
 
 _UNKNOWNS = 3  # components of the twist
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
-_SHARED_PIXELS = 20_000  # of an update, from which a second thread saves more than it costs
 _SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost to rounding
 
 
@@ -102,9 +98,6 @@ class LineScanOdometry:
         )
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
-        self._pool = ThreadPoolExecutor(1, "match")  # starts its thread when it is first used
-        # What numerical libraries heed too; workers of a campaign share the cores by it.
-        self._alone = os.environ.get("OMP_NUM_THREADS") == "1"
         self._stamp_ns = 0
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
@@ -133,7 +126,8 @@ class LineScanOdometry:
                 raise LineBatchError(f"{name!r} is not one of the {kind} {', '.join(known)}")
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
-        readings = self._read_all(lines)
+        # One after the other: two threads cost more in turns at the interpreter than they share.
+        readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
         if self._covers is None or self._grain is None:
             return self._estimate(readings, measured)
@@ -158,35 +152,6 @@ class LineScanOdometry:
             for whole in (at_rest, unlike):
                 for lines in (whole.astype(np.uint8), whole.astype(np.uint16)):
                     trial.update({name: LineBatch(0, lines)})
-
-    def _read_all(self, batches: Mapping[str, LineBatch]) -> dict[str, SensorReading]:
-        """Read every sensor; many pixels by two threads, as a sensor knows nothing of the others.
-
-        By one where OMP_NUM_THREADS is 1; the readings are the same.
-
-        Raises:
-            LineBatchError: lines of a sensor cannot be used.
-        """
-        todo = deque(self._sensors)
-        readings: dict[str, SensorReading] = {}
-
-        def work() -> None:
-            while True:
-                try:
-                    name = todo.popleft()
-                except IndexError:
-                    return
-                readings[name] = self._read(name, batches.get(name))
-
-        pixels = sum(np.size(batch.lines) for batch in batches.values())
-        shared = pixels >= _SHARED_PIXELS and not self._alone
-        helper = self._pool.submit(work) if shared else None
-        try:
-            work()
-        finally:
-            if helper is not None:
-                helper.result()
-        return {name: readings[name] for name in self._sensors}
 
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:
         if batch is None:

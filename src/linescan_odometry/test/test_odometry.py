@@ -336,31 +336,3 @@ def test_unusable_configurations_are_refused_by_name(changes: dict[str, Any], ke
     with pytest.raises(ConfigurationError) as caught:
         OdometryConfiguration(**settings)
     assert caught.value.key == key
-
-
-def test_sensors_read_side_by_side_say_what_each_says_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Threads share the sensors of a large update; who reads which changes no bit."""
-    ground = gaussian_filter1d(np.random.default_rng(5).normal(128.0, 60.0, 2000), 1.5)
-    shifts = {"front": 3, "left": -2, "right": 1}  # pixels from line to line
-
-    def lines(name: str, first: int) -> Any:
-        starts = [900 + shifts[name] * (first + i) for i in range(12)]
-        return np.array([ground[at : at + 256] for at in starts]).clip(0, 255).astype(np.uint8)
-
-    answers = []
-    for shared in (0, 10**9):
-        monkeypatch.setattr("linescan_odometry.odometry._SHARED_PIXELS", shared)
-        odometry = LineScanOdometry(configuration(cover_detection=False))
-        answers.append(
-            [
-                odometry.update({name: batch(lines(name, 12 * k), 12 * k + 11) for name in shifts})
-                for k in range(5)
-            ]
-        )
-    assert all(answer.measured for answer in answers[0])
-    for one, other in zip(*answers, strict=True):
-        np.testing.assert_array_equal(one.twist, other.twist)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
-        assert one.readings == other.readings
