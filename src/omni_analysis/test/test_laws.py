@@ -110,14 +110,34 @@ def test_a_slow_stop_does_not_wait_for_the_tires(vehicle: str, speed: float) -> 
     assert run.orientation_change <= alone.orientation_change + 0.1
 
 
-def test_a_stop_from_walking_speed_keeps_its_heading() -> None:
-    slow = "maneuver.speed=2"
-    run = _stop("straight_line", "assisted", PROPORTIONAL, slow)
-    alone = run_fast_loop(
-        LIBRARY.load("straight_line", "unassisted", ["feedback=velocity_sensor", slow])
-    )
-    assert run.stopping_distance < 1.1 * alone.stopping_distance
-    assert run.orientation_change < 0.25 * alone.orientation_change
+@pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "table_2_mecanum"])
+def test_a_stop_from_walking_speed_is_short_and_turns_less(vehicle: str) -> None:
+    slow = (f"vehicle={vehicle}", "maneuver.speed=2")
+    run = _stop("straight_line", "assisted", *slow, PROPORTIONAL)
+    settings = ("feedback=velocity_sensor", *slow)
+    alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
+    assert run.stopping_distance <= 1.05 * alone.stopping_distance
+    # Tires must deflect first: a heading kept from the start costs 1.06 to 1.07 times the way.
+    assert run.orientation_change < 0.6 * alone.orientation_change
+
+
+@pytest.mark.parametrize("direction", [0, 15, 90, 120, 180])
+def test_more_rotation_is_not_spent_in_vain(direction: int) -> None:
+    moving = f"maneuver.direction_deg={direction}"
+    distances = [
+        _stop(
+            *("straight_line", "assisted", PROPORTIONAL, moving),
+            f"brake_assist.max_rotation={rotation}",
+        ).stopping_distance
+        for rotation in (0.5, 5.0, 30.0)
+    ]
+    assert max(distances[1:]) < 1.01 * distances[0]
+
+
+def test_three_wheels_keep_their_heading_along_a_diagonal() -> None:
+    run = _stop("three_wheel_diagonal", "assisted", PROPORTIONAL)
+    assert run.stopping_distance < 1.8
+    assert run.orientation_change < 0.5
 
 
 def test_some_rotation_makes_it_better_in_both_than_the_shortest_stop_of_2013() -> None:

@@ -153,9 +153,31 @@ def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels) -> None:
         assert np.all(np.isfinite(error))
 
 
+@pytest.mark.parametrize(
+    ("direction", "yaw_rate", "least", "most"),
+    [
+        (0.0, 0.0, -0.5, 0.5),  # a Mecanum vehicle brakes best along its axes
+        (15.0, 0.0, -0.5, 15.5),
+        (-15.0, 0.0, -15.5, 0.5),
+        (0.0, 10.0, -0.5, 10.5),  # a turn that is going on may end
+    ],
+)
+def test_heading_is_spent_where_wheels_brake_more(
+    mecanum: Wheels, direction: float, yaw_rate: float, least: float, most: float
+) -> None:
+    law, memory = _law(mecanum)
+    law = law._replace(max_rotation=math.radians(30.0))
+    v_x, v_y = math.cos(math.radians(direction)), math.sin(math.radians(direction))
+    motion = Motion(True, 0.0, v_x, v_y, math.radians(yaw_rate), 0.0, 0.0, 1.0, np.zeros(4))
+    allocation._limit_heading(law, memory.body[0], motion)
+    limits = memory.body[0]["least"], memory.body[0]["most"]
+    assert np.degrees(limits) == pytest.approx((least, most))
+
+
 def test_beyond_its_limit_the_heading_returns_whatever_inertia_is_assumed(mecanum: Wheels) -> None:
     law, memory = _law(mecanum)
     body, dt = memory.body[0], 0.01
+    body["most"] = law.max_rotation
 
     def measure(beyond: float, rate: float) -> float:  # V of docs/allocation.md, Th = 0.15 s
         return (beyond / 0.15) ** 2 + (rate + beyond / 0.15) ** 2

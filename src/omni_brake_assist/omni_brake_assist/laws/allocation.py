@@ -62,9 +62,12 @@ _HEADING_TIME, _HEADING_LONGEST, _HEADING_SHARE = 0.15, 0.9, 0.6
 _FIRM_TIME, _FIRM_SHARE = 0.4, 0.4  # likewise of a turn that the limit has room for
 _FIRM_TURN = 1.6  # yaw deceleration that such a turn needs, at most [rad/s^2]
 _GENTLE_TURN = 0.5  # yaw deceleration towards the limit, at least [rad/s^2]
+_LEAST_TURN = math.radians(0.5)  # that may be spent on either side [rad]
+_TURN_TIME = 1.0  # for which the yaw rate of the start may go on [s]
+_HEADINGS = 8  # compared on either side
 _TURN_RESERVE = 1.0  # of the yaw deceleration that the start of a turn needs [1]
-_TURN_WEIGHT, _LINE_WEIGHT = 300.0, 5.0  # beside a weight of 1 of the deceleration
-_LINE_SPENT = 4.0  # less, where heading may be spent for distance
+_TURN_WEIGHT, _LINE_WEIGHT = 300.0, 12.0  # beside a weight of 1 of the deceleration
+_LINE_SPENT = 11.0  # less, where heading may be spent for distance
 _REGULAR = 1e-3
 _SERVO_TIME = 0.015  # in which a wheel is brought to its slip [s]
 _FORESIGHT = 0.3  # share of the missing force that will be there on average in a period [1]
@@ -73,9 +76,9 @@ _UNKNOWN_SHARE = 0.8  # of its capacity that is asked of a wheel whose speed is 
 _PUSH = 3.0  # sliding speed beyond that at the target while there is no force yet [m/s]
 _RISING = 0.01  # share of its capacity by which a force grows while it builds up in a period [1]
 _RISE_STEPS = 2.0  # for which a force that builds up is believed to do so at least
-_SHORT_STOP = 0.18  # in which tires take a good part of the time to deflect [s]
-_SHORT_SPENT = 0.38  # longer, where heading may be spent for distance [s]
-_MUCH_ROTATION = math.radians(5.0)  # that is spent [rad]
+_SHORT_STOP = 0.22  # in which tires take a good part of the time to deflect [s]
+_SHORT_SPENT = 0.34  # longer, where heading may be spent for distance [s]
+_MUCH_ROTATION = math.radians(5.0)  # that is spent, of the direction of motion at most [rad]
 _SHORT_SLIDE = 0.3  # sliding speed times hub speed, in such a stop, at least [m^2/s^2]
 _ANSWER = 0.3  # share of the expected loss of wheel speed that shows a brake acting [1]
 _PLAIN = 0.02  # share of the wheels' speed from which on such a loss is plain to see [1]
@@ -106,6 +109,8 @@ BODY = np.dtype(
         ("v_x", "f8"),  # of the last step [m/s]
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
+        ("most", "f8"),  # of the heading that may be spent [rad]
+        ("least", "f8"),
         ("turn_limit", "f8"),  # yaw deceleration that the limit is approached with [rad/s^2]
         ("turning", "f8"),  # yaw acceleration that the forces do not explain [rad/s^2]
         ("aside", "f8"),  # lateral acceleration, likewise [m/s^2]
@@ -275,11 +280,34 @@ def _start(law: Constants, memory: Memory, motion: Motion) -> None:
     body.delay, body.answered = law.brake.dead_time, False
     need = _TURN_RESERVE * motion.yaw_rate**2 / (2.0 * max(law.max_rotation, 1e-3))
     body.turn_limit = max(_GENTLE_TURN, need)
+    _limit_heading(law, body, motion)
     memory.sent[:] = 0.0
     for i in range(wheel.size):
         wheel[i].torque = wheel[i].mean = wheel[i].force = wheel[i].risen = 0.0
         wheel[i].told = 0.0
         wheel[i].capacity = wheel[i].wanted = law.mass * _GRAVITY / wheel.size
+
+
+@lean
+def _limit_heading(law: Constants, body: Any, motion: Motion) -> None:
+    """Allow a turn towards where the wheels brake more, and one that is going on.
+
+    Elsewhere heading would be spent without gain: a Mecanum vehicle brakes best along its axes.
+    """
+    best, place = 0.0, 0.0
+    reach = min(law.max_rotation, 0.5 * math.pi) / _HEADINGS
+    for k in range(2 * _HEADINGS + 1):  # the nearest first
+        heading = reach * ((k + 1) // 2) * (1.0 if k % 2 else -1.0)
+        cos, sin = math.cos(heading), math.sin(heading)
+        v_x, v_y = cos * motion.v_x + sin * motion.v_y, cos * motion.v_y - sin * motion.v_x
+        dragged = 0.0
+        for i in range(law.rim.size):
+            dragged += abs(law.n_x[i] * v_x + law.n_y[i] * v_y)
+        if dragged > (1.0 + 1e-6) * best:
+            best, place = dragged, heading
+    spin = _TURN_TIME * motion.yaw_rate
+    body.most = min(max(place, spin, 0.0) + _LEAST_TURN, law.max_rotation)
+    body.least = max(min(place, spin, 0.0) - _LEAST_TURN, -law.max_rotation)
 
 
 @kernel
@@ -446,7 +474,7 @@ def _task(law: Constants, memory: Memory, motion: Motion, wheels: _Wheels, total
         across[i] = -unit * (law.n_x[i] * p_x + law.n_y[i] * p_y)
         turns[i] = -unit * law.lever[i] / reach
     drift = p_x * motion.v_x + p_y * motion.v_y
-    leeway = speed * math.sin(min(law.max_rotation, 0.5 * math.pi))
+    leeway = speed * math.sin(min(law.max_rotation, _MUCH_ROTATION))
     aside_least = max((-leeway - drift) / _LINE_TIME, -_LARGEST_ASIDE)
     aside_most = min((leeway - drift) / _LINE_TIME, _LARGEST_ASIDE)
     body.left = speed * body.mass / total
@@ -487,7 +515,7 @@ def _turn_rate(law: Constants, body: Any, side: float) -> float:
     yaw moment takes force from the deceleration. A turn that ends within the limit by a moderate
     deceleration is ended so, for it buys distance. Valves are not fine enough for a slow return.
     """
-    left = law.max_rotation - side * body.heading
+    left = side * ((body.most if side > 0.0 else body.least) - body.heading)
     yaw_time = max(_YAW_TIME, min(_YAW_LONGEST, _YAW_SHARE * body.left))
     time = max(_HEADING_TIME, min(_HEADING_LONGEST, _HEADING_SHARE * body.left))
     if left > 0.0 and _GENTLE_TURN < body.turn_limit <= _FIRM_TURN:
