@@ -1,19 +1,22 @@
 """Random stops of every law are held against bounds; a run that is below one is found."""
 
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from omni_analysis.campaign.beside_limit import LAWS, BesideLimit, Held
+from omni_analysis.campaign.beside_limit import LAWS, BesideLimit, Held, _kept
 from omni_analysis.limit.bounds import (
     Maneuver,
     any_heading_bound,
     any_heading_sketch,
+    maneuver_of,
     straight_bound,
     straight_sketch,
 )
+from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyRun, bounds
 from omni_sim.simulator import GroundConfiguration
@@ -54,6 +57,24 @@ def test_random_stops_are_not_below_their_bounds(
     assert result.metrics["below_bound.any_heading"].value == 0
     assert result.metrics["least_over_bound.any_heading"].value > 1.0
     assert (tmp_path / "bounds.png").exists()
+
+
+def test_a_stop_that_turns_and_returns_has_not_kept_its_heading(
+    library: ExperimentLibrary,
+) -> None:
+    lawful = ["feedback=velocity_sensor", "brake_assist.law=allocation", "maneuver.speed=8"]
+    experiment = library.load(
+        "straight_line",
+        "assisted",
+        [*lawful, "vehicle.brake.kind=proportional", "maneuver.direction_deg=45"],
+    )
+    run, maneuver = run_fast_loop(experiment), maneuver_of(experiment.maneuver)
+    assert _kept(run, experiment, maneuver) == pytest.approx(run.stopping_distance)
+    for column, much in ((1, 0.2), (2, math.radians(1.0))):  # line [m] and heading [rad]
+        bent = run.motion.copy()
+        bent[run.brake_start + 40, column] += much
+        returned = dataclasses.replace(run, motion=bent)
+        assert math.isnan(_kept(returned, experiment, maneuver))
 
 
 def test_a_path_that_cannot_be_is_found(library: ExperimentLibrary) -> None:

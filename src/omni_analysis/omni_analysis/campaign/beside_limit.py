@@ -154,12 +154,16 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
 
 
 def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver) -> float:
-    """Return the stopping distance of a run that keeps heading and line, else NaN [m]."""
+    """Return the stopping distance of a run that keeps heading and line all the way, else NaN [m].
+
+    Beside ice a vehicle may turn and leave its line, to grip where the line has none, and return.
+    """
     pose = _braking(run, experiment)
-    way = pose[-1, :2] - pose[0, :2]
+    path = pose[:, :2] - pose[0, :2]
     cos, sin = math.cos(pose[0, 2]), math.sin(pose[0, 2])
     v_x, v_y = maneuver.twist[0], maneuver.twist[1]
-    along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y])
-    off = math.atan2(along[0] * way[1] - along[1] * way[0], float(along @ way))
-    kept = max(abs(float(pose[-1, 2] - pose[0, 2])), abs(off)) <= KEPT
-    return math.hypot(*way) if kept else math.nan
+    along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y]) / math.hypot(v_x, v_y)
+    aside = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
+    turned = float(np.max(np.abs(pose[:, 2] - pose[0, 2])))
+    kept = turned <= KEPT and float(np.max(aside)) <= math.tan(KEPT) * float(along @ path[-1])
+    return math.hypot(*path[-1]) if kept else math.nan

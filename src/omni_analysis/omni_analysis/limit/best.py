@@ -40,6 +40,7 @@ _RISE_TIME = 0.02  # of a brake from nothing to all its torque [s]
 _RELEASED = 0.1  # rim speed below which a brake may hold against either sense [m/s]
 _LEAST_LOAD = 20.0  # [N]
 _CALM = 1e-5  # weight of changes of torque, which make the answer unique
+_SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 # Radau IIA, two stages.
 _STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
 
@@ -133,17 +134,23 @@ class OptimalStop:
             guess: a stop of any law from the same motion, to start from; later plans start from
                 the one before.
         """
-        opti = self._opti
-        if self._known is None:
-            self._start_from(guess)
-        else:
-            opti.set_initial(opti.x, self._known)
+        opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))
-        try:
-            found, solved = opti.solve(), True
-            self._known = found.value(opti.x)
-        except RuntimeError:  # the words of the solver: neither optimum nor way to one
-            found, solved = opti.debug, False
+        # From a run an adaptive barrier arrives more often, from an optimum the other one.
+        for strategy in (
+            ("adaptive", "monotone") if self._known is None else ("monotone", "adaptive")
+        ):
+            if self._known is None:
+                self._start_from(guess)
+            else:
+                opti.set_initial(opti.x, self._known)
+            opti.solver("ipopt", {"print_time": False}, {**_SOLVER, "mu_strategy": strategy})
+            try:
+                found, solved = opti.solve(), True
+                self._known = found.value(opti.x)
+                break
+            except RuntimeError:  # the words of the solver: neither optimum nor way to one
+                found = opti.debug
         states = np.column_stack((self._start, found.value(self._ends)))
         return Plan(
             float(found.value(self._distance)) if solved else math.nan,
@@ -280,8 +287,6 @@ class OptimalStop:
         opti.subject_to(square <= END_SPEED**2)
         self._distance = self._way(last) / (1.0 - (END_SPEED / speed) ** 2)
         opti.minimize(self._distance + _CALM * ca.sumsqr(change))
-        options = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
-        opti.solver("ipopt", {"print_time": False}, options)
 
     def _way(self, last: Any) -> Any:
         """Return how far base_link has come at a state [m]."""
