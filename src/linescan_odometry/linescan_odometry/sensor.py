@@ -271,9 +271,20 @@ class SensorOdometry:
                 raise doubt
             whole = whole._replace(variance=max(whole.variance, whole.doubt))
             return self._of_all(whole, float(np.median(pairs.similarity)), 1.0)
-        if whole is None or not sure or drawn or 1.0 - whole.lasting < _CHANGING:
+        if not learning and (whole is None or not whole.lone):
+            raise Unmeasured(
+                f"pairs of lines move by {mean.displacement:.3g} px, lines farther apart otherwise",
+                mean.share,
+                unlike=True,
+            )
+        if whole is None or not sure or drawn:
             return mean
-        off = (mean.displacement - whole.displacement) ** 2 > _OFF**2 * mean.variance
+        apart = (mean.displacement - whole.displacement) ** 2
+        if 1.0 - whole.lasting < _CHANGING:
+            if apart > _OFF**2 * (mean.variance + whole.variance):
+                return dataclasses.replace(mean, variance=mean.variance + apart)
+            return mean
+        off = apart > _OFF**2 * mean.variance
         if corrects and off and abs(whole.displacement) < _MOVES:
             raise Unmeasured(
                 "something stands still in the view: all lines together do, pairs of lines move by "

@@ -20,6 +20,12 @@ by a fiftieth of a pixel at 128 px, the more the redder the spectrum. So the spe
 ``c(u) (o(2 d - u) / o(u))^0.5``, with c the correlation of the windowed lines: the same overlap on
 both sides of d, which does not pull.
 
+Where two things move in the view, the ground and the joints of its bricks, which run askew, their
+peaks melt into one as long as they are less apart than a structure is wide. Lines that are three
+apart part them, and tell the ground two times better by it. So d is a third of the shift of these,
+found anew over the whole range, and half of the square by which it differs from that of
+consecutive lines goes into the variance: what one pulls at, the other shows.
+
 What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
 lines are apart: that of the first and the last third of a batch, which is taken off until the
 flat field knows it. Where the view has hardly moved on in between, that would take off the ground
@@ -70,6 +76,8 @@ _PULL = 0.003  # px, to whole pixels and by uneven overlap, which does not scatt
 _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
+_APART = (3, 2)  # lines, that tell the displacement
+_PARTED = 0.5  # of the square by which they differ from consecutive ones, that they may err by
 _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and seem to move
 _LEAST_OVERLAP = 0.25  # of that on the other side of the displacement
 _RENEWED = 0.5  # of the coherence, that the first and the last third have at most
@@ -146,19 +154,17 @@ class WhitenedMatcher:
         energy = _product(spectra, 0).real
         power = _smooth(energy) + 1e-9 * len(lines) * float(energy.max()) + 1e-9
         still = thirds.real
-        found = self._find(near if settled else near - still, power)
+        found = self._measure(spectra, near, power, None if settled else still)
         if found is None:
             return None
-        displacement, variance, lone, weight, curvature = found
-        least = _PULL**2 + self._of_places(spectra, weight, displacement, curvature)
-        variance = max(variance, least)
+        displacement, variance, lone, weight = found
         slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j).astype(np.complex64)
         slope = scipy.fft.irfft(slopes, self._size)[: self._block * _BLOCKS]
         energy = np.square(slope).reshape(_BLOCKS, -1).sum(axis=1)
         places = float(energy.sum() ** 2 / (energy @ energy))
         seen_at = displacement  # per line, by what is compared
         if not settled:
-            other = self._find(near, power)
+            other = self._measure(spectra, near, power, None)
             one = self._may_be_one(near, thirds, power, displacement * between)
             if other is None or not other[2]:
                 if one:
@@ -166,9 +172,9 @@ class WhitenedMatcher:
             elif one:
                 half = 0.5 * (displacement - other[0])
                 seen_at, displacement = other[0], displacement - half
-                variance = max(variance, other[1], least) + half**2
+                variance = max(variance, other[1]) + half**2
             elif (displacement - other[0]) ** 2 < 4.0 * variance:  # nothing stands still
-                variance = max(other[1], least) + 0.25 * (displacement - other[0]) ** 2
+                variance = other[1] + 0.25 * (displacement - other[0]) ** 2
                 seen_at = displacement = other[0]
         if not with_lasting:
             return Whitened(displacement, variance, lone, 0.0, between, math.inf, places)
@@ -184,10 +190,10 @@ class WhitenedMatcher:
         like /= max(float(self._band @ (_smooth(moved.real) / power)), 1.0)
         way = abs(seen_at)
         like *= float(self._overlap[round(way)] / self._overlap[round(way * between)])
-        others = self._find(rest, power)
+        others = self._find(rest, power, self._limit)
         doubt = math.inf
         if others is not None and others[2]:
-            doubt = (others[0] - displacement) ** 2 + max(others[1], least)
+            doubt = (others[0] - displacement) ** 2 + max(others[1], variance)
         return Whitened(displacement, variance, lone, like, between, doubt, places)
 
     def _may_be_one(
@@ -202,12 +208,45 @@ class WhitenedMatcher:
             return False
         return self._likeness(thirds, power) > _RENEWED * self._likeness(near, power)
 
-    def _find(self, near: Cross, power: Values) -> tuple[float, float, bool, Values, float] | None:
-        """Return displacement, variance by the bands, whether it is alone, W, curvature.
+    def _measure(
+        self, spectra: Spectra, near: Cross, power: Values, still: Values | None
+    ) -> tuple[float, float, bool, Values] | None:
+        """Return the displacement per line, its variance, whether it is alone, W.
 
         None without a peak.
+
+        Args:
+            spectra: of the lines.
+            near: cross-spectrum of consecutive ones.
+            power: of the lines, smoothed.
+            still: spectrum of what stands still, None for nothing.
         """
-        first, lone = self._search(near / power)
+        found = self._find(near if still is None else near - still, power, self._limit)
+        if found is None:
+            return None
+        first, lone, apart, reach = found[0], found[2], 1, int(_REACH * len(self._window))
+        if _APART[0] * abs(first) < reach:
+            lone = False
+            for between in _APART:  # fewer where the view changes too fast
+                far = _product(spectra, between)
+                farther = self._find(far if still is None else far - still, power, reach)
+                if farther is not None and farther[2]:
+                    found, lone, apart = farther, True, between
+                    break
+        shift, variance, _, weight, curvature = found
+        variance = max(variance, self._of_places(spectra, weight, shift, apart, curvature))
+        displacement = shift / apart
+        variance = max(variance / apart**2, _PULL**2) + _PARTED * (displacement - first) ** 2
+        return displacement, variance, lone, weight
+
+    def _find(
+        self, near: Cross, power: Values, limit: int
+    ) -> tuple[float, float, bool, Values, float] | None:
+        """Return a shift, its variance by the bands, whether it is alone, W, curvature.
+
+        None without a peak within a limit [px].
+        """
+        first, lone = self._search(near / power, limit)
         weight = np.zeros(len(power))
         converged, displacement, square, leverage, curvature = _fit(
             self._level(near, first),
@@ -222,18 +261,18 @@ class WhitenedMatcher:
         return displacement, square * _as_student(leverage), lone, weight, curvature
 
     def _of_places(
-        self, spectra: Spectra, weight: Values, displacement: float, curvature: float
+        self, spectra: Spectra, weight: Values, shift: float, apart: int, curvature: float
     ) -> float:
-        """Return the variance by what the places of the ground add to the displacement [px^2]."""
+        """Return the variance by what the places of the ground add to a shift [px^2]."""
         scale = self._coarse / self._size
-        rows = len(spectra) - 1
+        rows = len(spectra) - apart
         slope = np.empty((rows, self._used), np.complex64)
         rest = np.empty_like(slope)
-        _filter_pairs(spectra, weight, 2.0 * np.pi / self._size, displacement, slope, rest)
+        _filter_pairs(spectra, weight, 2.0 * np.pi / self._size, shift, slope, rest)
         added, told = _by_place(
             scipy.fft.irfft(slope, self._coarse, axis=1),
             scipy.fft.irfft(rest, self._coarse, axis=1),
-            displacement * scale,
+            shift / apart * scale,
             round(len(self._window) * scale),
         )
         added *= self._coarse / (2.0 * rows * curvature)
@@ -252,14 +291,14 @@ class WhitenedMatcher:
         """Return the sum of the coherences over the band, whatever the displacement."""
         return float(self._band @ (np.hypot(_smooth(cross.real), _smooth(cross.imag)) / power))
 
-    def _search(self, cross: Cross) -> tuple[int, bool]:
+    def _search(self, cross: Cross, limit: int) -> tuple[int, bool]:
         """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
         correlation = scipy.fft.irfft((cross * self._band).astype(np.complex64), self._size)
-        around = np.concatenate((correlation[-self._limit :], correlation[: self._limit + 1]))[::-1]
+        around = np.concatenate((correlation[-limit:], correlation[: limit + 1]))[::-1]
         peak = int(np.argmax(around))
         highest = float(around[peak])
         around[max(0, peak - _SHOULDER) : peak + _SHOULDER + 1] = 0.0
-        return peak - self._limit, float(around.max()) < _LONE * highest
+        return peak - limit, float(around.max()) < _LONE * highest
 
 
 def _as_student(leverage: float) -> float:
@@ -328,7 +367,7 @@ def _fit(
     """Find the displacement by Gauss-Newton steps.
 
     Args:
-        near: cross-spectrum of consecutive lines.
+        near: cross-spectrum of pairs of lines.
         power: of the lines, smoothed.
         step: from one frequency to the next [rad/px].
         used: number of frequencies that count, from zero on.
@@ -390,17 +429,18 @@ def _filter_pairs(
     slope: Spectra,
     rest: Spectra,
 ) -> None:
-    """Move consecutive lines onto each other, filtered by W^0.5.
+    """Move pairs of lines that are equally far apart onto each other, filtered by W^0.5.
 
     Args:
-        spectra: of the lines, shape (m + 1, k) or longer ones.
+        spectra: of the lines, shape (m + a, k) or longer ones.
         weight: W.
         step: from one frequency to the next [rad/px].
-        displacement: of the lines [px].
+        displacement: of the lines of a pair [px].
         slope: receives that of the mean of the two lines of each pair, shape (m, k).
         rest: receives by which they differ, shape (m, k).
     """
     rows, used = slope.shape
+    apart = len(spectra) - rows
     root = np.empty(used, np.float32)
     real, imaginary = np.empty((2, used), np.float32)
     for k in range(used):
@@ -410,7 +450,7 @@ def _filter_pairs(
     half = np.float32(0.5 * step)
     for row in range(rows):
         for k in range(used):
-            a, b = spectra[row + 1, k], spectra[row, k]
+            a, b = spectra[row + apart, k], spectra[row, k]
             new_real, new_imaginary = root[k] * a.real, root[k] * a.imag
             old_real = b.real * real[k] - b.imag * imaginary[k]
             old_imaginary = b.real * imaginary[k] + b.imag * real[k]
