@@ -23,7 +23,7 @@ both sides of d, which does not pull.
 Where two things move in the view, the ground and the joints of its bricks, which run askew, their
 peaks melt into one as long as they are less apart than a structure is wide. Lines that are three
 apart part them, and tell the ground two times better by it. So d is a third of the shift of these,
-found anew over the whole range, and half of the square by which it differs from that of
+found anew over the whole range, and a quarter of the square by which it differs from that of
 consecutive lines goes into the variance: what one pulls at, the other shows.
 
 What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
@@ -77,7 +77,7 @@ _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
 _APART = (3, 2)  # lines, that tell the displacement
-_PARTED = 0.5  # of the square by which they differ from consecutive ones, that they may err by
+_PARTED = 0.25  # of the square by which they differ from consecutive ones, that they may err by
 _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and seem to move
 _LEAST_OVERLAP = 0.25  # of that on the other side of the displacement
 _RENEWED = 0.5  # of the coherence, that the first and the last third have at most
