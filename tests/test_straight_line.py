@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
 from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -15,6 +17,7 @@ from omni_analysis.loop.history import first_difference
 from omni_analysis.loop.loop import run_closed_loop
 from omni_analysis.loop.recorded_run import read_run
 from omni_platform.configuration import from_mapping
+from omni_ros.messages import diagnostics, to_nanoseconds
 
 if TYPE_CHECKING:
     from conftest import FinishedRun, RunExperiment
@@ -131,6 +134,20 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     # 2500 lines a second and not one missing: line 0, then 25 in every step.
     assert [image.height for image in images] == [1] + [25] * (steps - 1)
     assert all(image.width == 1024 for image in images)
+
+
+def test_what_a_node_says_of_itself_is_recorded_to_the_bit(straight_line: FinishedRun) -> None:
+    """With zeros where CDR is aligned, so that two runs can be compared byte by byte."""
+    with AnyReader([straight_line.folder / "assisted"]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/diagnostics"]
+        recorded = [bytes(data) for _, _, data in reader.messages(connections)]
+    assert recorded
+    for data in recorded:
+        message = deserialize_message(data, DiagnosticArray)
+        (status,) = message.status
+        values = {pair.key: pair.value for pair in status.values}
+        stamp_ns = to_nanoseconds(message.header.stamp)
+        assert data == diagnostics(stamp_ns, status.name, status.level[0], status.message, values)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

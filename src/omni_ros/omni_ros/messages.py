@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import (
     Point,
     Pose,
@@ -214,16 +213,35 @@ def lines_of(message: Image) -> LineArray:
 
 def diagnostics(
     stamp_ns: int, name: str, level: int, message: str, values: Mapping[str, str]
-) -> DiagnosticArray:
-    """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale."""
-    status = DiagnosticStatus(
-        level=bytes([level]),
-        name=name,
-        hardware_id=name,
-        message=message,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
-    return DiagnosticArray(header=header(stamp_ns), status=[status])
+) -> bytes:
+    """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale.
+
+    It is a `DiagnosticArray` as it goes over the wire (CDR, little endian), with zeros where it is
+    aligned: the middleware leaves there what its buffer held before, which no run repeats.
+    """
+    written = bytearray()
+
+    def add_number(value: int) -> None:
+        written.extend(bytes(-len(written) % 4) + value.to_bytes(4, "little"))
+
+    def add_text(text: str) -> None:
+        encoded = text.encode() + b"\0"
+        add_number(len(encoded))
+        written.extend(encoded)
+
+    stamp = to_time(stamp_ns)
+    add_number(stamp.sec & 0xFFFFFFFF)
+    add_number(stamp.nanosec)
+    add_text("")  # frame
+    add_number(1)  # component
+    written.append(level)
+    for text in (name, message, name):
+        add_text(text)
+    add_number(len(values))
+    for pair in values.items():
+        for text in pair:
+            add_text(text)
+    return b"\0\1\0\0" + bytes(written) + bytes(-len(written) % 4)
 
 
 def _doubles(values: FloatArray) -> array[float]:

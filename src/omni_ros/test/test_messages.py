@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from diagnostic_msgs.msg import DiagnosticArray
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, JointState
 
 from omni_ros.messages import (
+    diagnostics,
     joint_state,
     line_image,
     lines_of,
@@ -84,3 +86,24 @@ def test_joint_state_keeps_what_is_not_given_empty() -> None:
     assert list(received.effort) == [1.0, 0.0]
     assert not received.position
     assert not received.velocity
+
+
+@settings(deadline=None)
+@given(
+    st.integers(0, 2**31 * 10**9 - 1),
+    st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=9),
+    st.dictionaries(st.sampled_from(["state", "age", "cause"]), st.sampled_from(["", "a", "bcd"])),
+)
+def test_a_status_is_what_the_middleware_would_write_but_for_its_gaps(
+    stamp_ns: int, words: str, values: dict[str, str]
+) -> None:
+    written = diagnostics(stamp_ns, "brake_assist", 2, words, values)
+    message = deserialize_message(written, DiagnosticArray)
+    (status,) = message.status
+    assert to_nanoseconds(message.header.stamp) == stamp_ns
+    assert (status.name, status.hardware_id) == ("brake_assist", "brake_assist")
+    assert (status.level, status.message) == (b"\2", words)
+    assert {pair.key: pair.value for pair in status.values} == values
+    theirs = serialize_message(message)
+    assert len(written) == len(theirs) + -len(theirs) % 4  # as it is sent
+    assert all(mine in (other, 0) for mine, other in zip(written, theirs, strict=False))
