@@ -171,6 +171,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--actions", nargs="+", choices=ACTIONS, default=ACTIONS)
     options = parser.parse_args()
     generator = random.Random(options.seed)
     bad = runs = 0
@@ -185,7 +186,7 @@ def main() -> None:
         distance, rotation = (max(values) for values in zip(*stops, strict=True))
         print(f"undisturbed and unassisted: at most {distance:.2f} m and {rotation:.1f} deg")
         for _ in range(options.moments):
-            for real_time, node, action in itertools.product((False, True), NODES, ACTIONS):
+            for real_time, node, action in itertools.product((False, True), NODES, options.actions):
                 found = None
                 while found is None:  # the end of a run is not the same size each time
                     share, folder = generator.random(), Path(scratch) / "disturbed"

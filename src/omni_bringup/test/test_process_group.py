@@ -190,6 +190,21 @@ def test_it_is_remembered_that_a_process_was_halted(prefix: Path) -> None:
     assert process.was_halted
 
 
+def test_it_is_remembered_that_a_process_was_halted_on_its_way_out(prefix: Path) -> None:
+    wakes = "until grep -q T.*stopped /proc/$0/status; do sleep 0.01; done; sleep 1; kill -CONT $0"
+    leaves = (
+        "import os, subprocess\n"
+        "while not asked: time.sleep(0.01)\n"
+        f"subprocess.Popen(['sh', '-c', {wakes!r}, str(os.getpid())])\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)"
+    )
+    with process_group(os.environ) as group:
+        process = start_and_wait(group, prefix, "calm", ASKED + leaves)
+        assert not process.was_halted
+    assert process.returncode == 0
+    assert process.was_halted
+
+
 def test_a_halted_process_does_not_outlive_the_one_that_started_it(prefix: Path) -> None:
     body = "from omni_ros.process import _end_with_parent\n_end_with_parent()\n"
     add_program(prefix, "node", body + ASKED + "while not asked: time.sleep(0.01)")

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
+_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's, of who has just come
 _PERIOD = 0.1  # [s] between two looks at the graph; what a subscription is matched with costs less
 
 
@@ -45,5 +46,8 @@ class Voices:
 
     def _sentence(self, topic: str) -> str:
         speakers = self._node.get_publishers_info_by_topic(topic)
-        names = sorted(f"{s.node_namespace.rstrip('/')}/{s.node_name}" for s in speakers)
+        names = sorted(
+            f"{s.node_namespace.rstrip('/')}/{s.node_name}".replace(_NAMELESS, "one without a name")
+            for s in speakers
+        )
         return f"{topic} has more than one publisher: {', '.join(names)}; one alone may speak there"

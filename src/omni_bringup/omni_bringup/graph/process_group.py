@@ -106,10 +106,13 @@ class RunningProcess:
     @property
     def was_halted(self) -> bool:
         """Whether a signal has halted the process, as SIGSTOP does, now or some time ago."""
+        self._note_halts()
+        return self._halted
+
+    def _note_halts(self) -> None:
         with contextlib.suppress(ChildProcessError):  # it has ended
             events = os.WSTOPPED | os.WCONTINUED | os.WNOHANG
             self._halted |= os.waitid(os.P_PID, self.process.pid, events) is not None
-        return self._halted
 
     def new_reports(self) -> list[dict[str, Any]]:
         """Return what the process has reported since the last call, see `omni_ros.report`."""
@@ -133,6 +136,7 @@ class RunningProcess:
 
     def ask_to_stop(self) -> None:
         """Ask the process to end; asked again, a node no longer waits for its readers."""
+        self._note_halts()  # which going on takes along
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # one that is halted could not answer
 
@@ -143,8 +147,12 @@ class RunningProcess:
 
     def wait_or_kill(self) -> int:
         """Return the exit code of a process that was asked to end; insist after a while."""
+        deadline = time.monotonic() + _STOP_TIMEOUT
+        while not self.was_halted and time.monotonic() < deadline:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return self.process.wait(_POLL)
         try:
-            return self.process.wait(_STOP_TIMEOUT)
+            return self.process.wait(max(deadline - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()

@@ -147,7 +147,7 @@ def _run_graph(
             write_beside_bag(configuration, folder, recorder)
             report = _follow(group, simulator, on_progress)
             check_report(report)
-            _check_life(group)
+        _check_life(group)  # the recorder listens to their end
     except ProcessError as error:
         raise RunError(str(error)) from None
     if recorder.returncode != 0:
