@@ -159,6 +159,26 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
     assert stop.distance <= DISTANCE_LIMITS[False]
 
 
+@pytest.mark.parametrize(
+    ("case", "onset"), [("six_wheels", -0.32), ("turn_while_translate", -0.45)]
+)
+def test_a_leap_across_which_nothing_was_heard_is_still_one(
+    stops: LyingSensors, case: str, onset: float
+) -> None:
+    """The gate refuses a twist that leaps, until too long has passed to say anything."""
+    stop = stops.run(0, case, Lie("twist", "swap", -1, onset, 0.0, 0.3), imu=True)
+    assert stop.rest
+    assert stop.distance <= DISTANCE_LIMITS[True]  # 1.41 with the biases that it taught
+    assert stop.rotation <= ROTATION_LIMIT  # 19 deg
+
+
+def test_disputes_that_come_and_go_are_settled() -> None:
+    setting = ("maneuver.speed=2.34", "maneuver.direction_deg=174.1", "maneuver.yaw_rate_deg=24.3")
+    stops = LyingSensors(LIBRARY, (*setting, "ground.friction=0.48"))
+    lie = Lie("twist", "sine", 1, 0.1, -0.389, 0.5)
+    assert stops.run(0, "straight_line", lie, imu=True).distance <= DISTANCE_LIMITS[True]
+
+
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "twist lost for good 0.3 s after the pedal",

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 
+import hypothesis
 import pytest
 
 from omni_platform.geometry import WheelMount
+
+# How long an example takes is no property of the code.
+hypothesis.settings.register_profile("omni_brake_assist", deadline=None)
+hypothesis.settings.load_profile("omni_brake_assist")
 
 
 @pytest.fixture(scope="session")

@@ -104,7 +104,7 @@ class Drive:
                 inertial[0] += size
             if told and lie == "force":
                 inertial[2] += size
-            if told and lie == "wheel":
+            if told and (lie == "wheel" or (lie == "silence" and step >= onset + 20)):
                 speeds[0] += size
             heard = not (told and lie == "silence")
             enable = np.ones(count)
@@ -155,6 +155,17 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
     drive.run(180, "silence")
     assert NOBODY not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.safety(
+    RELEASED,
+    "twist missing for good, and motion by IMU and wheels wrong",
+    "a wheel that rolls contradicts it: nobody is believed",
+    within=0.2,
+)
+def test_without_the_twist_a_wheel_that_contradicts_is_right(drive: Drive) -> None:
+    drive.run(130, "silence", size=20.0)
+    assert drive.time_until(NOBODY, 100) <= 0.2
 
 
 @pytest.mark.safety(

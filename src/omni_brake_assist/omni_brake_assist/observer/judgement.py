@@ -32,6 +32,7 @@ _PROOF = 12.0  # by how much the scores of two filters must differ
 _LOSS = 10  # steps over which a loss of speed is looked at
 _AGED = 1.5e7  # age from which on a twist says little of now [ns]
 _STUCK_TIME = 0.03  # for which it may not while braking, if others say that it should [s]
+_FORGIVEN = 0.25  # of a dispute for every second without [1]
 _MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 
 
@@ -67,7 +68,7 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
     out = int(belief.out)
     if out != ALL:
         own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
-        speaks = out != NO_TWIST or belief.twist_age == 0.0
+        speaks = out not in (NO_TWIST, NOBODY) or belief.twist_age == 0.0
         belief.agreed = belief.agreed + dt if own < 0.6 and speaks else 0.0
         if out in (NO_TWIST, NO_GYRO) and rate > 1.0:
             right, decided = _explain(constants, memory)
@@ -87,7 +88,7 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
         belief.convictions += 1.0
         return int(odd)
     if velocity < 1.0 and rate < 1.0:
-        belief.disputed = max(belief.disputed - dt, 0.0)
+        belief.disputed = max(belief.disputed - _FORGIVEN * dt, 0.0)
         # While the twist changes otherwise than the specific force has it, it is taken as it is.
         age = belief.last_ns - belief.twist_ns
         return ALL if age > _AGED or _explains(constants, memory) else NO_FORCE
@@ -203,8 +204,8 @@ def _verdict(
 def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int, bool]:
     """Return the filter whose loss of speed is that of a stop, and whether the other's is not.
 
-    Brakes take energy, and no more than tires can: who sees none of the loss that the other sees
-    is wrong, and who sees too much of it.
+    Brakes that have acted for as long take energy, and no more than tires can: who sees none of the
+    loss that the other sees is wrong, and who sees too much of it.
     """
     state = memory.state
     row = (memory.newest[0] - _LOSS) % HISTORY
@@ -218,7 +219,8 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
     less = NO_FORCE if more == NO_TWIST else NO_TWIST
     if loss[more] > most:
         return less, True
-    return more, bool(loss[more] > 0.15 and loss[less] < 0.3 * loss[more])
+    braked = memory.belief[0].braked * 1e9 >= memory.stamps[memory.newest[0]] - memory.stamps[row]
+    return more, bool(braked and loss[more] > 0.15 and loss[less] < 0.3 * loss[more])
 
 
 @lean
@@ -251,8 +253,9 @@ def excuse_wheels(
     """
     state = memory.state[ALL]
     doubt = driven_slip(memory, inertial) * math.hypot(state[U_X], state[U_Y])
-    settled = memory.belief[0].out == ALL and memory.course[0].marked != 0.0
-    slides = settled and doubt > constants.velocity_gate and _explains(constants, memory)
+    slides = (
+        _is_settled(memory) and doubt > constants.velocity_gate and _explains(constants, memory)
+    )
     if slides or _is_slipping(constants, memory):
         copy(state, memory.state[NO_TWIST])
         for i in range(STATES):
@@ -269,5 +272,12 @@ def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     the wheels.
     """
     velocity, _ = differences(constants, memory, memory.stamps[memory.newest[0]])
-    settled = memory.belief[0].out == ALL and memory.course[0].marked != 0.0
-    return bool(settled and velocity >= 1.0 and _explains(constants, memory))
+    return bool(_is_settled(memory) and velocity >= 1.0 and _explains(constants, memory))
+
+
+@lean
+def _is_settled(memory: ObserverMemory) -> bool:
+    """Return whether there is a twist that nobody has reason to doubt but for its velocity."""
+    belief, course = memory.belief[0], memory.course[0]
+    known = belief.out == ALL and course.marked != 0.0
+    return bool(known and course.leapt >= LEAP_MEMORY and belief.apart_rate < 1.0)

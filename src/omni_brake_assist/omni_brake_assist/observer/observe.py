@@ -38,6 +38,7 @@ from omni_brake_assist.observer.wheels import hear_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
+_LOST = 0.1  # time without a twist after which it is the one that has failed [s]
 _LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
 
 
@@ -81,13 +82,16 @@ def observe_at(
         belief.out = belief.disputed = belief.agreed = belief.convictions = 0.0
         acquit(memory)
     if not braking:
-        course, state = memory.course[0], memory.state[ALL]
+        believed = int(belief.out) if belief.out < NOBODY else ALL
+        course, state = memory.course[0], memory.state[believed]
         course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
         course.still_y = state[BIAS_Y]
-        belief.top_speed = math.hypot(memory.state[ALL, U_X], memory.state[ALL, U_Y])
+        belief.top_speed = math.hypot(state[U_X], state[U_Y])
     belief.pressed = 1.0 if braking else 0.0
+    belief.braked = belief.braked + dt if braking else 0.0
     carry_on(constants, memory, now_ns, dt, inertial)
-    disputed = belief.disputed > 0.0 or belief.out != ALL
+    lost = braking and belief.twist_age > _LOST  # who else contradicts everybody is right
+    disputed = belief.disputed > 0.0 or belief.out != ALL or lost
     # What was before the filters began is compared with nobody.
     fresh = heard and twist_ns > belief.twist_ns and twist_ns >= belief.since_ns
     if fresh and not (braking or disputed):
@@ -145,7 +149,8 @@ def _answer(
     if chosen == NOBODY:
         return NOBODY
     state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
-    if chosen != ALL and score[SPOKEN] > 4.0 and score[chosen] > 8.0 * score[SPOKEN]:
+    alone = chosen != ALL or memory.belief[0].twist_age > _LOST
+    if alone and score[SPOKEN] > 4.0 and score[chosen] > 8.0 * score[SPOKEN]:
         memory.belief[0].out = NOBODY  # the wheels contradict the one that is left
         return NOBODY
     answer[0] = state[U_X] + state[RATE] * constants.p_y

@@ -60,6 +60,7 @@ BELIEF = np.dtype(
         ("last_ns", np.float64),  # time of the last step [ns]
         ("twist_ns", np.float64),  # time of the newest twist used [ns]
         ("pressed", np.float64),  # whether the pedal was down
+        ("braked", np.float64),  # for how long it has been down [s]
         ("idle", np.float64),  # for how long the twist has lost no speed [s]
         ("top_speed", np.float64),  # speed when the pedal went down [m/s]
         ("scale", np.float64),  # error of wheel radii, learnt while the pedal was up [1]

@@ -19,6 +19,8 @@ from omni_brake_assist.observer.state import (
     PATH,
     RATE,
     STATES,
+    U_X,
+    U_Y,
     ObserverConstants,
     ObserverMemory,
     PassedTwist,
@@ -30,6 +32,7 @@ from omni_platform.quantities import FloatArray
 
 _APART_WALK = 0.001  # how much that changes from one twist to the next [rad/s]
 _LEAP_DEVIATIONS = 5.0  # of two twists, which noise alone does not exceed [1]
+_RETURN_SPEED, _RETURN_SHARE, _RETURN_RATE = 0.3, 0.15, 0.5  # [m/s], [1], [rad/s]
 _STUCK = 1e-4  # change from twist to twist, below which it does not change [m/s], [rad/s]
 
 
@@ -108,6 +111,8 @@ def _follow_twist(
     else:
         course.change_x = course.change_y = course.turn_x = course.turn_y = 0.0
         course.spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
+        if course.marked != 0.0:
+            _notice_return(memory, stamp_ns, (u_x, u_y, twist[2]))
     course.marked, course.mark_x, course.mark_y = 1.0, x, y
     course.mark_spread = max(variance[0], variance[1])
     course.mark_rate, course.mark_ns = twist[2], stamp_ns
@@ -131,6 +136,23 @@ def _notice_leap(
     )
     spread = max(variance[0], variance[1]) + course.mark_spread + 2.0 * constants.wheel**2
     if change > constants.walk * dt + _LEAP_DEVIATIONS * math.sqrt(spread):
+        course.leapt = 0.0
+
+
+@lean
+def _notice_return(
+    memory: ObserverMemory, stamp_ns: int, returned: tuple[float, float, float]
+) -> None:
+    """See whether a twist that was gone comes back as one that the others cannot have missed.
+
+    They know the motion less well for the while: driven wheels that slip in a turn by some of it.
+    """
+    course, then = memory.course[0], memory.desk.innovation
+    of_then(memory, ALL, stamp_ns, then)
+    u_x, u_y, rate = returned
+    apart = math.hypot(u_x - then[U_X], u_y - then[U_Y])
+    limit = _RETURN_SPEED + _RETURN_SHARE * math.hypot(then[U_X], then[U_Y])
+    if apart > limit or abs(rate - then[RATE]) > _RETURN_RATE:
         course.leapt = 0.0
 
 
