@@ -19,7 +19,7 @@ from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher, count_identical
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS, SubpixelRefiner
-from linescan_odometry.matching.whitened import Whitened, WhitenedMatcher
+from linescan_odometry.matching.whitened import FEWEST_LINES, Whitened, WhitenedMatcher
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
@@ -243,7 +243,8 @@ class SensorOdometry:
                 raise
             mean = None
             doubt = doubtful
-        if mean is not None and (frozen >= _FROZEN_PAIRS or _stays(lines, mean)):
+        few = len(lines) < FEWEST_LINES
+        if mean is not None and (few or frozen >= _FROZEN_PAIRS or _stays(lines, mean)):
             return mean
         learning = self._flat_field.learning
         whole = self._whitened.match(lines, settled=not learning)

@@ -84,6 +84,13 @@ def test_twist_is_recovered_within_its_covariance(twist: Any, expose: Expose) ->
     assert all(reading.reason == "" for reading in estimate.readings.values())
 
 
+@pytest.mark.parametrize("lines", [3, 6, 11, 12])
+def test_few_lines_in_a_batch_are_enough(lines: int, expose: Expose) -> None:
+    estimate = drive(expose, (5.0, 5.0, 1.0), lines + 1, flat_field_places=0)
+    assert estimate.measured, [reading.reason for reading in estimate.readings.values()]
+    assert estimate.twist == pytest.approx((5.0, 5.0, 1.0), abs=5e-3)
+
+
 def test_positive_motion_moves_features_to_smaller_indices(expose: Expose) -> None:
     lines = expose([0.0, 7.0], 256)
     assert np.abs(lines[1, :-7].astype(int) - lines[0, 7:]).mean() < 3.0  # the ground's side

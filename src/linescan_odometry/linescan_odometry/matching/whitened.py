@@ -59,7 +59,7 @@ Values = NDArray[np.float64]
 Filtered = NDArray[np.float32]
 
 _TAPER = 16  # part of a line that fades in and out
-_FEWEST_LINES = 12
+FEWEST_LINES = 12
 _SMOOTHED = 9  # frequencies of twice the line
 _SIDE = _SMOOTHED // 2
 _BAND = 4
@@ -143,7 +143,7 @@ class WhitenedMatcher:
             settled: whether it is known what stands still in the view.
             with_lasting: whether it is asked what lasts, else 0 of it with an infinite doubt.
         """
-        if len(lines) < _FEWEST_LINES:
+        if len(lines) < FEWEST_LINES:
             return None
         seen = lines.astype(np.float32)
         seen -= seen.mean(axis=1, keepdims=True)
