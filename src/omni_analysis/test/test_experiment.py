@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -40,8 +41,27 @@ def test_parts_are_chosen_by_name(library: ExperimentLibrary, vehicle: str, grou
 
 
 def test_a_part_that_is_replaced_leaves_nothing_behind(library: ExperimentLibrary) -> None:
-    chosen = load(library, "vehicle.load.mass=77.0", "vehicle=three_wheel_robot")
-    assert chosen.vehicle.load.mass == 500.0
+    chosen = library.load("ice_patch", "assisted", ["ground=cork"])
+    assert not chosen.ground.patches
+
+
+@pytest.mark.parametrize("tire", ["vehicle.tire=linear", "vehicle.tire.stiffness=9e4"])
+def test_what_is_said_of_a_part_holds_whenever_the_part_is_named(
+    library: ExperimentLibrary, tire: str
+) -> None:
+    overrides = ["vehicle=three_wheel_robot", "vehicle.load.mass=77.0", tire]
+    first = load(library, *overrides)
+    assert first.vehicle.load.mass == 77.0 != load(library, overrides[0]).vehicle.load.mass
+    for order in itertools.permutations(overrides):
+        assert load(library, *order) == first
+
+
+def test_a_variant_keeps_what_it_says_of_a_part_that_is_replaced(
+    library: ExperimentLibrary,
+) -> None:
+    chosen = library.load("straight_line", "allocation", ["vehicle=six_wheel_mecanum"])
+    assert len(chosen.vehicle.wheels) == 6
+    assert chosen.vehicle.brake.kind == "proportional"
 
 
 def test_an_override_changes_one_value_and_no_other(library: ExperimentLibrary) -> None:

@@ -3,7 +3,8 @@
 An experiment file says only what differs from the defaults. Parts are named and found in
 ``config/``: ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``; a
 vehicle names its tire in the same way. A variant and a ``--set`` override are laid over the result
-in turn, so that every value of the tree can be reached by its dotted key.
+in turn, so that every value of the tree can be reached by its dotted key. Where one of them names
+another part, this comes first, and what the others say of the part is laid over it.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ from omni_sim.simulator import (
     VehicleConfiguration,
 )
 
-# Where the value of a dotted key may be the name of a file instead of a mapping.
+# Where the value of a dotted key may be the name of a file instead of a mapping; a part of a part
+# comes after it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
 _DEEPEST = 20  # parts of a key
@@ -201,7 +203,11 @@ class ExperimentLibrary:
             raise ConfigurationError(
                 join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
             )
-        for layer in (changes, *(parse_override(text) for text in overrides)):
+        # Whatever is said of a part is laid over the one that is named last, also if said before.
+        named: dict[str, str] = {}
+        layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
+        names = [_nest(path, named[path]) for path in _PARTS if path in named]
+        for layer in (*names, *layers):
             tree = merge(tree, self._resolve(layer, near=near))
         # The nodes are told where things are mounted, unless an experiment misleads them.
         for kind in ("sensors", "flow_sensors"):
@@ -350,9 +356,28 @@ def parse_override(text: str) -> dict[str, Any]:
         value = load_yaml(value_text)
     except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
         raise ConfigurationError(key, f"the value {value_text[:200]!r} is not valid YAML") from None
-    for part in reversed(parts):
+    return _nest(key.strip(), value)
+
+
+def _nest(path: str, value: Any) -> dict[str, Any]:
+    for part in reversed(path.split(".")):
         value = {part: value}
     return dict(value)
+
+
+def _take_names(
+    layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
+) -> dict[str, Any]:
+    """Return a layer without the names of parts; they go into `named`, by path."""
+    rest: dict[str, Any] = {}
+    for key, value in layer.items():
+        path = join_key(prefix, str(key))
+        if path in _PARTS and isinstance(value, str):
+            named[path] = value
+        else:
+            nested = isinstance(value, Mapping)
+            rest[key] = _take_names(value, named, path) if nested else value
+    return rest
 
 
 class _Loader(yaml.SafeLoader):
