@@ -42,7 +42,7 @@ def main() -> None:
                     stamp_ns,
                     float(pedal),
                     Twist(stamp_ns, run.twist[k], covariance),
-                    WheelSpeeds(stamp_ns, run.wheel_speed[k]),
+                    WheelSpeeds(stamp_ns, run.record.wheel_speed[k]),
                     ImuReading(stamp_ns, float(run.twist[k, 2]), force[k]),
                 )
                 before, spent = time.perf_counter_ns(), time.thread_time_ns()

@@ -101,7 +101,7 @@ def run_experiment(
     for variant, configuration in configurations.items():
         if not configuration.hears_lines:
             run = run_fast_loop(configuration)
-            histories[variant], feedback[variant] = run.history(), run.feedback
+            histories[variant], feedback[variant] = run.history(), run.record.feedback
         else:
             histories[variant] = run_closed_loop(configuration)
             feedback[variant] = histories[variant].estimate

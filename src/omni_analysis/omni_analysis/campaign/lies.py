@@ -236,7 +236,7 @@ def _lie_of(stop: Stop) -> Lie:
 def _still_assists(run: FastRun, configuration: ExperimentConfiguration, lie: Lie) -> bool:
     start = configuration.maneuver.brake_time + max(lie.onset, 0.0) + 0.5
     first = round(start * 1e9) // run.period_ns
-    released = np.any(run.enable[first:] < 0.5, axis=1)
+    released = np.any(run.record.enable[first:] < 0.5, axis=1)
     moving = np.hypot(run.twist[first:, 0], run.twist[first:, 1]) > 1.0
     return bool(not np.any(moving) or np.any(released[moving]))
 

@@ -114,7 +114,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
         stopped_unassisted=int(unassisted.stopped),
         stopped_assisted=int(assisted.stopped),
         tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
-        distrusted=float(np.mean(~assisted.trusted[assisted.brake_start :])),
+        distrusted=float(np.mean(~assisted.record.trusted[assisted.brake_start :])),
     )
 
 
@@ -138,7 +138,7 @@ def energy_rise(run: FastRun, configuration: ExperimentConfiguration) -> float:
     clutch, as a share of the energy at that moment: brakes only take.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
-    energy = run.energy[free]
+    energy = run.record.energy[free]
     rise = np.max(energy - np.minimum.accumulate(energy))
     return float(rise / energy[0])
 

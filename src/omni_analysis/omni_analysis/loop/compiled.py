@@ -69,14 +69,10 @@ BoolArray = NDArray[np.bool_]
 _CHUNK = 512  # stamps that are run, and noise that is drawn, at once
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class FastRun:
+class Record(NamedTuple):
     """Time histories of one run, T control stamps and N wheels.
 
     Attributes:
-        wheel_names: of the columns.
-        period_ns: control period [ns].
-        pedal: the driver's brake demand 0..1, shape (T,).
         motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
             in the body frame [m/s, m/s, rad/s], shape (T, 6).
         feedback: twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3).
@@ -87,13 +83,8 @@ class FastRun:
         brake_torque: [N m], shape (T, N).
         enable: share of the brake pressure that passes [1], shape (T, N).
         error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
-        stopped: whether the vehicle came to rest within the limit of the duration.
-        tipping_steps: physics steps in which the vehicle would have tipped over.
     """
 
-    wheel_names: tuple[str, ...]
-    period_ns: int
-    pedal: FloatArray
     motion: FloatArray
     feedback: FloatArray
     trusted: BoolArray
@@ -103,18 +94,43 @@ class FastRun:
     brake_torque: FloatArray
     enable: FloatArray
     error: FloatArray
+
+
+def _new_record(stamps: int, wheels: int) -> Record:
+    each = (np.empty((stamps, wheels)) for _ in range(5))
+    body = np.empty((stamps, 6)), np.empty((stamps, 3))
+    return Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FastRun:
+    """One run of T control stamps.
+
+    Attributes:
+        wheel_names: of the columns.
+        period_ns: control period [ns].
+        pedal: the driver's brake demand 0..1, shape (T,).
+        record: what was written down.
+        stopped: whether the vehicle came to rest within the limit of the duration.
+        tipping_steps: physics steps in which the vehicle would have tipped over.
+    """
+
+    wheel_names: tuple[str, ...]
+    period_ns: int
+    pedal: FloatArray
+    record: Record
     stopped: bool
     tipping_steps: int
 
     @property
     def pose(self) -> FloatArray:
         """x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, shape (T, 3)."""
-        return self.motion[:, 0:3]
+        return self.record.motion[:, 0:3]
 
     @property
     def twist(self) -> FloatArray:
         """True twist in the body frame [m/s, m/s, rad/s], shape (T, 3)."""
-        return self.motion[:, 3:6]
+        return self.record.motion[:, 3:6]
 
     @property
     def brake_start(self) -> int:
@@ -140,11 +156,11 @@ class FastRun:
             stamp_ns=np.arange(stamps) * self.period_ns,
             pose=self.pose,
             twist=self.twist,
-            wheel_angle=self.wheel_angle,
-            wheel_speed=self.wheel_speed,
-            brake_torque=self.brake_torque,
-            enable=self.enable,
-            error=self.error,
+            wheel_angle=self.record.wheel_angle,
+            wheel_speed=self.record.wheel_speed,
+            brake_torque=self.record.brake_torque,
+            enable=self.record.enable,
+            error=self.record.error,
             pedal=self.pedal,
             estimate=np.full((stamps, 3), np.nan),
             estimate_variance=np.full((stamps, 3), np.nan),
@@ -178,26 +194,6 @@ class _Sensors(NamedTuple):
     instruments: Instruments
     noise: FloatArray  # standard normal draws of the others, (K, D)
     rest: NDArray[np.void]  # since when the vehicle stands still
-
-
-class _Record(NamedTuple):
-    """What a run leaves, as the fields of `FastRun` of these names."""
-
-    motion: FloatArray
-    feedback: FloatArray
-    trusted: BoolArray
-    energy: FloatArray
-    wheel_angle: FloatArray
-    wheel_speed: FloatArray
-    brake_torque: FloatArray
-    enable: FloatArray
-    error: FloatArray
-
-
-def _new_record(stamps: int, wheels: int) -> _Record:
-    each = (np.empty((stamps, wheels)) for _ in range(5))
-    body = np.empty((stamps, 6)), np.empty((stamps, 3))
-    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
 
 
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
@@ -239,13 +235,14 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
+    written = record._asdict().items()
     return FastRun(
         wheel_names=vehicle.wheel_names,
         period_ns=loop.period_ns,
         pedal=loop.pedal[:used],
+        record=record._replace(**{name: rows[:used].copy() for name, rows in written}),
         stopped=outcome == STOPPED,
         tipping_steps=vehicle.tipping_steps,
-        **{name: rows[:used].copy() for name, rows in record._asdict().items()},
     )
 
 
@@ -369,7 +366,7 @@ class _Run(NamedTuple):
     sensors: _Sensors
     loop: _Loop
     desk: _Desk
-    record: _Record
+    record: Record
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -239,7 +239,7 @@ def measure(
 
 def _outcome(configuration: ExperimentConfiguration) -> tuple[float, float, float]:
     run = run_fast_loop(configuration)
-    enable = run.enable[max(run.brake_start - 1, 0) :]
+    enable = run.record.enable[max(run.brake_start - 1, 0) :]
     switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
     if not run.stopped:
         return math.inf, math.inf, switchings
