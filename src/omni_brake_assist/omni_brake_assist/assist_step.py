@@ -76,7 +76,7 @@ from omni_brake_assist.observer.state import (
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import kernel, lean
+from omni_platform.kernels import kernel, lean, lean_inline
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 # What a step comes to. In all but ASSISTING every brake is on.
@@ -291,7 +291,7 @@ def new_memory(wheels: int) -> Memory:
     )
 
 
-@lean
+@lean_inline
 def assist_step(
     constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -335,7 +335,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.heard)
 
 
-@lean
+@lean_inline
 def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
     """Return whether to ask a law, and the motion but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line, inputs.feedback
@@ -387,7 +387,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     return ready, (first, dt, v_x, v_y, yaw_rate, p_x, p_y)
 
 
-@lean
+@lean_inline
 def _watch(
     constants: Constants,
     memory: Memory,
@@ -420,7 +420,7 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
     return bool(imu.problem == GOOD and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
 
 
-@lean
+@lean_inline
 def _ask_observer(
     constants: Constants, memory: Memory, inputs: Inputs, heard: bool, braking: bool
 ) -> int:
@@ -457,7 +457,7 @@ def _ask_observer(
     )
 
 
-@lean
+@lean_inline
 def act(
     constants: Constants,
     memory: Memory,
@@ -499,7 +499,7 @@ def act(
     return int(outcome)
 
 
-@lean
+@lean_inline
 def _outcome(
     constants: Constants,
     memory: Memory,

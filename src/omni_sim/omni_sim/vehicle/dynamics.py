@@ -82,7 +82,7 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
     body.yaw_rate += d_rate
 
 
-@lean
+@lean_inline
 def advance(state: State, control: Control, log: Log) -> None:
     """Advance a vehicle in place.
 
@@ -222,7 +222,7 @@ def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
     row[5] = body.yaw_rate
 
 
-@lean
+@lean_inline
 def energies(state: State) -> Energies:
     """Return the energies of a vehicle."""
     plant, body = state.plant, state.body[0]

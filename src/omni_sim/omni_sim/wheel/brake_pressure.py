@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import lean
+from omni_platform.kernels import lean, lean_inline
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -99,7 +99,7 @@ def passed(pressure: BrakePressure, share: float) -> float:
     return share
 
 
-@lean
+@lean_inline
 def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
     """Set the valves.
 
@@ -113,7 +113,7 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
         pressure.asked[i] = max(share * demand, pressure.stuck[i])
 
 
-@lean
+@lean_inline
 def press(pressure: BrakePressure) -> None:
     """Advance the pressure by a physics step; `acting` is what each brake can exert in it."""
     delay = pressure.delayed.shape[0]

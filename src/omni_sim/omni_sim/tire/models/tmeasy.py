@@ -113,10 +113,11 @@ def contact(
     rise = viscous * (slide_slip - peak_slip)
     drop = gain * (peak_force - slide_force)
 
+    adheres, slides = demand <= at_peak, demand >= at_slide
     low, high = 0.0, 1.0
     # Between peak and sliding the right-hand side dips if its slope, least in the middle, does.
     dips = rise < 1.5 * drop
-    if dips:
+    if dips and not (slides if sliding else adheres):  # else the state is kept
         half = 0.5 * math.sqrt(1.0 - rise / (1.5 * drop))
         crest, valley = 0.5 - half, 0.5 + half
         if sliding:
@@ -129,12 +130,12 @@ def contact(
             low = valley
         else:
             high = crest
-    if demand <= at_peak and not (dips and sliding):
+    if adheres and not (dips and sliding):
         initial = peak_slip * slope
         bend = initial / peak_force - 2.0
         sigma = _adhesion_root(demand, viscous * peak_slip, initial, bend, gain)
         return adhesion_force(initial, bend, sigma), sigma * peak_slip * speed, False
-    if demand >= at_slide and not (dips and not sliding):
+    if slides and not (dips and not sliding):
         return slide_force, (demand - gain * slide_force) / damping, True
     sigma = _falling_root(demand, at_peak, rise, drop, low, high)
     slip = peak_slip + sigma * (slide_slip - peak_slip)
