@@ -36,4 +36,4 @@ lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 """Declares a kernel whose arrays are all its caller's; what it calls, too, says which it is."""
 
 lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
-"""As `lean`, for what one place calls with so many arguments that handing them on is dear."""
+"""As `lean`, for what few places call with so many arguments that handing them on is dear."""

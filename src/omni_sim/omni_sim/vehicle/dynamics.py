@@ -67,10 +67,11 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
         other: forces on the centre of gravity in the world frame, ``f_other`` [N].
     """
     dt = plant.dt
+    push = dt / plant.mass
     cos, sin = heading
-    dv_x = dt * (cos * pull[0] - sin * pull[1] + other[0]) / plant.mass
-    dv_y = dt * (sin * pull[0] + cos * pull[1] + other[1]) / plant.mass
-    d_rate = dt * pull[2] / plant.yaw_inertia
+    dv_x = push * (cos * pull[0] - sin * pull[1] + other[0])
+    dv_y = push * (sin * pull[0] + cos * pull[1] + other[1])
+    d_rate = dt / plant.yaw_inertia * pull[2]
     dx, dy = dt * (body.v_x + 0.5 * dv_x), dt * (body.v_y + 0.5 * dv_y)
     if body.tilt_x != 0.0 or body.tilt_y != 0.0:
         dx, dy = level(body.tilt_x, body.tilt_y, dx, dy)
@@ -92,7 +93,9 @@ def advance(state: State, control: Control, log: Log) -> None:
         log: tells the number of steps and receives what happens.
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
-    dt, mass = plant.dt, plant.mass
+    dt = plant.dt
+    push, turn = dt / plant.mass, dt / plant.yaw_inertia  # one division for all steps
+    filter_share = plant.filter_share / plant.mass
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
     loads = state.loads
     start_yaw = body.yaw
@@ -114,11 +117,11 @@ def advance(state: State, control: Control, log: Log) -> None:
         if _carry(state, body, pressing, (pull[0], pull[1])):
             state.counters[0].tipping_steps += 1
 
-        ahead_x, ahead_y = body.v_x + dt * other[0] / mass, body.v_y + dt * other[1] / mass
+        ahead_x, ahead_y = body.v_x + push * other[0], body.v_y + push * other[1]
         ahead = (
-            cos * ahead_x + sin * ahead_y + dt * pull[0] / mass,
-            cos * ahead_y - sin * ahead_x + dt * pull[1] / mass,
-            body.yaw_rate + dt * (pull[2] + lean) / plant.yaw_inertia,
+            cos * ahead_x + sin * ahead_y + push * pull[0],
+            cos * ahead_y - sin * ahead_x + push * pull[1],
+            body.yaw_rate + turn * (pull[2] + lean),
         )
         drive_x, drive_y = control.twist[0], control.twist[1]
         if control.in_world:
@@ -138,8 +141,8 @@ def advance(state: State, control: Control, log: Log) -> None:
             displace_contacts(plant, wheels, state.contacts)
         _step_wheels(state, state.rollers, step, state.pressure.acting, loads)
         pull = _resultant(state, state.rollers)
-        body.a_x += plant.filter_share * (pull[0] / mass - body.a_x)
-        body.a_y += plant.filter_share * (pull[1] / mass - body.a_y)
+        body.a_x += filter_share * pull[0] - plant.filter_share * body.a_x
+        body.a_y += filter_share * pull[1] - plant.filter_share * body.a_y
         move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
         if traced:
             _write_pose(plant, body, log.trajectory[k + 1])

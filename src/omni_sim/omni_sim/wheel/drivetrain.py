@@ -84,43 +84,43 @@ class WheelStep(NamedTuple):
 
 @lean_inline
 def _rolling(
-    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Step a wheel that is free to spin, with the angular momentum of all other torques."""
-    free_speed = momentum / spin.inertia
+    """Step a wheel that is free to spin, with the angular impulse of all other torques."""
+    free_speed = spin.speed + 1.0 / spin.inertia * impulse
+    turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(
         tire,
         curve,
         patch,
         hub.velocity - hub.lever * free_speed,
-        hub.mobility + tire.dt * hub.lever * hub.lever / spin.inertia,
+        hub.mobility + turn * hub.lever,
     )
-    speed = free_speed - tire.dt * hub.lever * force / spin.inertia
-    return WheelStep(force, deflection, speed, 0.0, velocity, sliding)
+    return WheelStep(force, deflection, free_speed - turn * force, 0.0, velocity, sliding)
 
 
 @lean_inline
 def _braked(
-    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, momentum: float
+    tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
     """Step a wheel under its brake, turning or held; arguments as of `_rolling`."""
     if spin.brake <= 0.0:
-        free: WheelStep = _rolling(tire, curve, patch, hub, spin, momentum)
+        free: WheelStep = _rolling(tire, curve, patch, hub, spin, impulse)
         return free
     if spin.speed != 0.0:
         torque = -spin.brake if spin.speed > 0.0 else spin.brake
-        s = _rolling(tire, curve, patch, hub, spin, momentum + tire.dt * torque)
+        s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
         if s.speed * spin.speed > 0.0:
             return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
     # The wheel stands, or comes to a stand within this step.
     force, deflection, velocity, sliding = tire_force(
         tire, curve, patch, hub.velocity, hub.mobility
     )
-    holding = hub.lever * force - momentum / tire.dt
+    holding = hub.lever * force - 1.0 / tire.dt * (spin.inertia * spin.speed + impulse)
     if abs(holding) <= spin.brake:
         return WheelStep(force, deflection, 0.0, holding, velocity, sliding)
     torque = spin.brake if holding > 0.0 else -spin.brake
-    s = _rolling(tire, curve, patch, hub, spin, momentum + tire.dt * torque)
+    s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
     if s.speed * torque < 0.0:
         return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
     return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
@@ -140,15 +140,14 @@ def wheel_step(
         spin: of the wheel at the start of the step.
         drive: of the wheel.
     """
-    momentum = spin.inertia * spin.speed
     if drive.stiffness <= 0.0:
-        step: WheelStep = _braked(tire, curve, patch, hub, spin, momentum)
+        step: WheelStep = _braked(tire, curve, patch, hub, spin, 0.0)
         return step
     coupled = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
-    driven = momentum + tire.dt * drive.stiffness * drive.speed
+    driven = tire.dt * drive.stiffness * (drive.speed - spin.speed)
     step = _braked(tire, curve, patch, hub, coupled, driven)
     torque = drive.stiffness * (drive.speed - step.speed)
     if abs(torque) > drive.limit:
         limited = drive.limit if torque > 0.0 else -drive.limit
-        step = _braked(tire, curve, patch, hub, spin, momentum + tire.dt * limited)
+        step = _braked(tire, curve, patch, hub, spin, tire.dt * limited)
     return step

@@ -83,5 +83,5 @@ def tire_force(
     force = magnitude if trial >= 0.0 else -magnitude
     patch_velocity = -patch_speed if trial >= 0.0 else patch_speed
     # force = c e + D e_dot
-    step = tire.dt * (force - tire.stiffness * patch.deflection) / effective
+    step = tire.dt / effective * (force - tire.stiffness * patch.deflection)
     return force, patch.deflection + step, patch_velocity, sliding

@@ -43,25 +43,24 @@ def _adhesion_root(
 ) -> float:
     """Solve ``viscous sigma + gain F(sigma) = demand`` on the rising section, 0..1.
 
-    Newton's rule, confined to the bracket, on the equation cleared of its denominator.
+    Cleared of its denominator it is a cubic, whose first term matters little unless the wheel
+    turns fast: Halley's rule, confined to the bracket, from the root without that term.
     """
     low, high = 0.0, 1.0
-    sigma = min(demand / (viscous + gain * initial), 1.0)
+    square, linear = viscous * bend - demand, viscous - demand * bend + gain * initial
+    root = math.sqrt(max(linear * linear + 4.0 * square * demand, 0.0))
+    sigma = min(2.0 * demand / (linear + root), 1.0)
     for _ in range(_MAXIMUM_ITERATIONS):
-        denominator = 1.0 + sigma * (sigma + bend)
-        residual = (viscous * sigma - demand) * denominator + gain * initial * sigma
+        residual = ((viscous * sigma + square) * sigma + linear) * sigma - demand
         if abs(residual) <= _TOLERANCE * demand:
             break
         if residual > 0.0:
             high = sigma
         else:
             low = sigma
-        slope = (
-            viscous * denominator
-            + (viscous * sigma - demand) * (2.0 * sigma + bend)
-            + gain * initial
-        )
-        step = sigma - residual / slope
+        curved = 3.0 * viscous * sigma + square
+        slope = (curved + square) * sigma + linear
+        step = sigma - residual * slope / (slope * slope - residual * curved)
         # Also catches NaN.
         if not low < step < high:
             step = 0.5 * (low + high)
