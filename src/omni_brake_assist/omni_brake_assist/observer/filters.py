@@ -100,17 +100,19 @@ def correct(
 ) -> None:
     """Correct one filter by a scalar measurement ``h . x``; its gain is left in `gain`."""
     state, covariance = filtered
+    gain[:] = 0.0
+    for j in range(STATES):
+        if h[j] != 0.0:
+            for i in range(STATES):
+                gain[i] += covariance[j, i] * h[j]
     total = variance
     for i in range(STATES):
-        gain[i] = 0.0
-        for j in range(STATES):
-            gain[i] += covariance[i, j] * h[j]
         total += h[i] * gain[i]
+    share = 1.0 / total
     for i in range(STATES):
-        state[i] += gain[i] * innovation / total
-    for i in range(STATES):
+        state[i] += gain[i] * (share * innovation)
         for j in range(STATES):
-            covariance[i, j] -= gain[i] * gain[j] / total
+            covariance[i, j] -= gain[i] * gain[j] * share
 
 
 @lean
