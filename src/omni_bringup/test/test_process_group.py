@@ -171,6 +171,15 @@ def test_nobody_waits_long_for_a_listener_that_died(prefix: Path) -> None:
     assert [process.returncode for process in group.running] == [1, 0]
 
 
+def test_a_process_that_dies_on_its_way_out_has_failed(prefix: Path) -> None:
+    dies = ASKED + "import os\nwhile not asked: time.sleep(0.01)\nos.kill(os.getpid(), 9)"
+    with process_group(os.environ) as group:
+        start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
+        start_and_wait(group, prefix, "doomed", dies)
+    with pytest.raises(ProcessError, match=r"doomed ended \(signal 9\)"):
+        group.raise_if_failed()
+
+
 def test_a_halted_process_is_asked_like_any_other(prefix: Path) -> None:
     with process_group(os.environ) as group:
         process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")

@@ -215,6 +215,12 @@ class ProcessGroup:
             if process is not besides and process.returncode is not None:
                 raise ProcessError(describe_end(process))
 
+    def raise_if_failed(self) -> None:
+        """Raise `ProcessError` if a process, now that all are gone, did not end well."""
+        for process in self.running:
+            if process.returncode != 0:
+                raise ProcessError(describe_end(process))
+
 
 def describe_end(process: RunningProcess) -> str:
     """Return in one sentence how a process ended."""

@@ -150,8 +150,6 @@ def _run_graph(
         _check_life(group)  # the recorder listens to their end
     except ProcessError as error:
         raise RunError(str(error)) from None
-    if recorder.returncode != 0:
-        raise RunError(describe_end(recorder))
     check_counts((recorder.new_reports() or [{}])[-1], report)
     return report
 
@@ -219,7 +217,7 @@ def check_report(report: Mapping[str, Any]) -> None:
 
 
 def _check_life(group: ProcessGroup) -> None:
-    """See that every node lived through all of the run.
+    """See that every node lived through all of the run, and ended well when it was asked to.
 
     Raises:
         ProcessError: names the node that did not.
@@ -227,6 +225,7 @@ def _check_life(group: ProcessGroup) -> None:
     for process in group.running:
         if process.was_halted:
             raise ProcessError(_HALTED.format(process.node.name))
+    group.raise_if_failed()
 
 
 def check_counts(kept_report: Mapping[str, Any], report: Mapping[str, Any]) -> None:

@@ -44,6 +44,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
             _start_nodes(group, plan, place)
             player = group.start(graph.player(bag, plan.inputs, plan.outputs, rate, place))
             report = _follow(group, player)
+        group.raise_if_failed()
         _check_counts(recorder, report)
 
 
@@ -70,7 +71,7 @@ def _follow(group: ProcessGroup, player: RunningProcess) -> Mapping[str, Any]:
 def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:
     """See that the recorder has kept every result that the player has seen."""
     reports = recorder.new_reports()
-    if recorder.returncode != 0 or not reports:
+    if not reports:
         raise ProcessError(describe_end(recorder))
     recorded: Mapping[str, int] = reports[-1]["recorded"]
     for topic, seen in report["results"].items():
