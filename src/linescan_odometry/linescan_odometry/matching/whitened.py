@@ -47,13 +47,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # whose fft is loaded by its first use; rocket-fft compiles it into kernels
 from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
 
-Spectra = NDArray[np.complex64]
 Cross = NDArray[np.complex128]
 Values = NDArray[np.float64]
 Filtered = NDArray[np.float32]
@@ -82,7 +82,8 @@ _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and
 _LEAST_OVERLAP = 0.25  # of that on the other side of the displacement
 _RENEWED = 0.5  # of the coherence, that the first and the last third have at most
 
-# Sums in any order; such a kernel must not be called by another one (see `subpixel`).
+# Sums in any order. Such a kernel must not be in the cache itself if another one calls it (see
+# `subpixel`): all but the two that Python calls are compiled with these alone.
 _REORDER = {"reassoc", "contract", "nsz"}
 
 
@@ -108,6 +109,55 @@ class Whitened(NamedTuple):
     places: float
 
 
+class _Camera(NamedTuple):
+    """What is the same for all batches of a camera.
+
+    Attributes:
+        window: of a line, shape (n,).
+        overlap: of two windows, by their shift [px], shape (n,).
+        overlaps: the same by the index of a correlation, twice, shape (2 size,).
+        band: weight of each frequency in the first search, shape (size // 2 + 1,).
+        size: samples of a spectrum, twice a line or a little more.
+        used: number of frequencies that count, from zero on.
+        coarse: samples that show these.
+        limit: largest displacement that is looked for [px].
+    """
+
+    window: Filtered
+    overlap: Filtered
+    overlaps: Values
+    band: Values
+    size: int
+    used: int
+    coarse: int
+    limit: int
+
+
+class _Spectra(NamedTuple):
+    """Of m lines, real and imaginary parts apart, shape (m, size // 2 + 1)."""
+
+    real: Filtered
+    imaginary: Filtered
+
+
+class _Peak(NamedTuple):
+    """A shift that lines show.
+
+    Attributes:
+        found: whether there is one.
+        shift: [px].
+        variance: of it [px^2].
+        lone: whether no other peak comes near.
+        curvature: of the likelihood.
+    """
+
+    found: bool
+    shift: float
+    variance: float
+    lone: bool
+    curvature: float
+
+
 class WhitenedMatcher:
     """Matches the lines of one camera by their spectra."""
 
@@ -118,22 +168,22 @@ class WhitenedMatcher:
             pixels: n.
             limit: largest displacement that is looked for [px].
         """
-        self._size = scipy.fft.next_fast_len(2 * pixels, real=True)
-        self._limit = limit
-        self._block = max(1, pixels // _BLOCKS)
+        size = scipy.fft.next_fast_len(2 * pixels, real=True)
         edge = max(1, pixels // _TAPER)
-        self._window = np.ones(pixels, np.float32)
-        self._window[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
-        self._window[-edge:] = self._window[:edge][::-1]
-        self._overlap = np.correlate(self._window, self._window, "full")[pixels - 1 :]
-        self._overlaps = np.zeros(self._size)  # by the index of a correlation
-        self._overlaps[:pixels] = self._overlap
-        self._overlaps[-pixels + 1 :] = self._overlap[:0:-1]
-        share = np.arange(self._size // 2 + 1) / self._size
-        self._frequency = 2.0 * np.pi * share
-        self._band = -np.expm1(-((_COARSEST * share) ** 2)) * np.exp(-((_FINEST * share) ** 2))
-        self._used = int(np.count_nonzero(share < _HIGHEST))
-        self._coarse = scipy.fft.next_fast_len(2 * self._used, real=True)  # samples that show these
+        window = np.ones(pixels, np.float32)
+        window[:edge] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / edge)
+        window[-edge:] = window[:edge][::-1]
+        overlap = np.correlate(window, window, "full")[pixels - 1 :]
+        overlaps = np.zeros(size)
+        overlaps[:pixels] = overlap
+        overlaps[-pixels + 1 :] = overlap[:0:-1]
+        share = np.arange(size // 2 + 1) / size
+        band = -np.expm1(-((_COARSEST * share) ** 2)) * np.exp(-((_FINEST * share) ** 2))
+        used = int(np.count_nonzero(share < _HIGHEST))
+        coarse = scipy.fft.next_fast_len(2 * used, real=True)
+        self._camera = _Camera(
+            window, overlap, np.tile(overlaps, 2), band, size, used, coarse, limit
+        )
 
     def match(self, lines: Lines, *, settled: bool, with_lasting: bool = True) -> Whitened | None:
         """Return the displacement of a batch, None where it does not show.
@@ -145,188 +195,266 @@ class WhitenedMatcher:
         """
         if len(lines) < FEWEST_LINES:
             return None
-        seen = lines.astype(np.float32)
-        seen -= seen.mean(axis=1, keepdims=True)
-        seen *= self._window
-        spectra = scipy.fft.rfft(seen, self._size, axis=1)
-        between = len(lines) - len(lines) // 3
-        near, thirds = (_product(spectra, apart) for apart in (1, between))
-        energy = _product(spectra, 0).real
-        power = _smooth(energy) + 1e-9 * len(lines) * float(energy.max()) + 1e-9
-        still = thirds.real
-        found = self._measure(spectra, near, power, None if settled else still)
-        if found is None:
-            return None
-        displacement, variance, lone, weight = found
-        slopes = spectra[-1] * (self._frequency * np.sqrt(weight) * 1j).astype(np.complex64)
-        slope = scipy.fft.irfft(slopes, self._size)[: self._block * _BLOCKS]
-        energy = np.square(slope).reshape(_BLOCKS, -1).sum(axis=1)
-        places = float(energy.sum() ** 2 / (energy @ energy))
-        seen_at = displacement  # per line, by what is compared
-        if not settled:
-            other = self._measure(spectra, near, power, None)
-            one = self._may_be_one(near, thirds, power, displacement * between)
-            if other is None or not other[2]:
-                if one:
-                    return None
-            elif one:
-                half = 0.5 * (displacement - other[0])
-                seen_at, displacement = other[0], displacement - half
-                variance = max(variance, other[1]) + half**2
-            elif (displacement - other[0]) ** 2 < 4.0 * variance:  # nothing stands still
-                variance = other[1] + 0.25 * (displacement - other[0]) ** 2
-                seen_at = displacement = other[0]
-        if not with_lasting:
-            return Whitened(displacement, variance, lone, 0.0, between, math.inf, places)
-        reach = _REACH * lines.shape[1] / max(abs(seen_at), 1e-3)
-        if reach < between:  # the ends of the batch share no ground: lines that still do
-            between = max(1, int(reach))
-            thirds = _product(spectra, between)
-        step = 2.0 * np.pi / self._size
-        lasting = _turned(thirds, step * seen_at * between)
-        rest = near - _turned(lasting, -step * seen_at)
-        moved = _turned(near, step * seen_at)
-        like = float(self._band @ (_smooth(lasting.real) / power))
-        like /= max(float(self._band @ (_smooth(moved.real) / power)), 1.0)
-        way = abs(seen_at)
-        like *= float(self._overlap[round(way)] / self._overlap[round(way * between)])
-        others = self._find(rest, power, self._limit)
-        doubt = math.inf
-        if others is not None and others[2]:
-            doubt = (others[0] - displacement) ** 2 + max(others[1], variance)
-        return Whitened(displacement, variance, lone, like, between, doubt, places)
+        seen = np.empty(lines.shape, np.float32)
+        _fade(lines, self._camera.window, seen)
+        found, whitened = _match(seen, self._camera, settled, with_lasting)
+        return whitened if found else None
 
-    def _may_be_one(
-        self,
-        near: Cross,
-        thirds: Cross,
-        power: Values,
-        way: float,
-    ) -> bool:
-        """Return whether what stands still may be ground that has hardly moved on [px]."""
-        if abs(way) > _MOVED_ON:
-            return False
-        return self._likeness(thirds, power) > _RENEWED * self._likeness(near, power)
 
-    def _measure(
-        self, spectra: Spectra, near: Cross, power: Values, still: Values | None
-    ) -> tuple[float, float, bool, Values] | None:
-        """Return the displacement per line, its variance, whether it is alone, W.
+@kernel
+def _fade(lines: Lines, window: Filtered, seen: Filtered) -> None:
+    """Write lines less their means, faded in and out."""
+    for row in range(len(lines)):
+        line, into = lines[row], seen[row]
+        total = np.int64(0)
+        for i in range(len(line)):
+            total += np.int64(line[i])
+        mean = np.float32(total / len(line))
+        for i in range(len(line)):
+            into[i] = (np.float32(line[i]) - mean) * window[i]
 
-        None without a peak.
 
-        Args:
-            spectra: of the lines.
-            near: cross-spectrum of consecutive ones.
-            power: of the lines, smoothed.
-            still: spectrum of what stands still, None for nothing.
-        """
-        found = self._find(near if still is None else near - still, power, self._limit)
-        if found is None:
-            return None
-        first, lone, apart, reach = found[0], found[2], 1, int(_REACH * len(self._window))
-        if _APART[0] * abs(first) < reach:
-            lone = False
-            for between in _APART:  # fewer where the view changes too fast
-                far = _product(spectra, between)
-                farther = self._find(far if still is None else far - still, power, reach)
-                if farther is not None and farther[2]:
-                    found, lone, apart = farther, True, between
-                    break
-        shift, variance, _, weight, curvature = found
-        variance = max(variance, self._of_places(spectra, weight, shift, apart, curvature))
-        displacement = shift / apart
-        variance = max(variance / apart**2, _PULL**2) + _PARTED * (displacement - first) ** 2
-        return displacement, variance, lone, weight
+@kernel
+def _match(
+    seen: Filtered, camera: _Camera, settled: bool, with_lasting: bool
+) -> tuple[bool, Whitened]:
+    """Return whether a batch shows a displacement, and it; see `WhitenedMatcher.match`."""
+    spectra = _transform(seen, camera.size)
+    rows, pixels = seen.shape
+    between = rows - rows // 3
+    nothing = Whitened(0.0, 0.0, False, 0.0, between, math.inf, 0.0)
+    near, thirds = _product(spectra, 1), _product(spectra, between)
+    energy = _product(spectra, 0).real.copy()
+    power = _smooth(energy) + (1e-9 * rows * energy.max() + 1e-9)
+    still = thirds.real.copy()
+    weight, other_weight = np.zeros((2, len(power)))
+    peak = _measure(spectra, near, still, 0.0 if settled else 1.0, power, camera, weight)
+    if not peak.found:
+        return False, nothing
+    displacement, variance = peak.shift, peak.variance
+    places = _spread(spectra, weight, camera)
+    seen_at = displacement  # per line, by what is compared
+    if not settled:
+        other = _measure(spectra, near, still, 0.0, power, camera, other_weight)
+        one = (
+            abs(displacement * between) <= _MOVED_ON
+            and _likeness(thirds, power, camera.band)
+            > _RENEWED * _likeness(near, power, camera.band)
+        )  # what stands still may be ground that has hardly moved on
+        if not (other.found and other.lone):
+            if one:
+                return False, nothing
+        elif one:
+            half = 0.5 * (displacement - other.shift)
+            seen_at, displacement = other.shift, displacement - half
+            variance = max(variance, other.variance) + half**2
+        elif (displacement - other.shift) ** 2 < 4.0 * variance:  # nothing stands still
+            variance = other.variance + 0.25 * (displacement - other.shift) ** 2
+            seen_at = displacement = other.shift
+    if not with_lasting:
+        return True, Whitened(displacement, variance, peak.lone, 0.0, between, math.inf, places)
+    reach = _REACH * pixels / max(abs(seen_at), 1e-3)
+    if reach < between:  # the ends of the batch share no ground: lines that still do
+        between = max(1, int(reach))
+        thirds = _product(spectra, between)
+    step = 2.0 * np.pi / camera.size
+    lasting = _turned(thirds, step * seen_at * between)
+    rest = near - _turned(lasting, -step * seen_at)
+    moved = _turned(near, step * seen_at)
+    like = _weighed(lasting, power, camera.band)
+    like /= max(_weighed(moved, power, camera.band), 1.0)
+    way = abs(seen_at)
+    near_by, far = min(round(way), pixels - 1), min(round(way * between), pixels - 1)
+    like *= camera.overlap[near_by] / camera.overlap[far]
+    hidden = _find(rest, power, camera, camera.limit, other_weight)
+    doubt = math.inf
+    if hidden.found and hidden.lone:
+        doubt = (hidden.shift - displacement) ** 2 + max(hidden.variance, variance)
+    return True, Whitened(displacement, variance, peak.lone, like, between, doubt, places)
 
-    def _find(
-        self, near: Cross, power: Values, limit: int
-    ) -> tuple[float, float, bool, Values, float] | None:
-        """Return a shift, its variance by the bands, whether it is alone, W, curvature.
 
-        None without a peak within a limit [px].
-        """
-        first, lone = self._search(near / power, limit)
-        weight = np.zeros(len(power))
-        converged, displacement, square, leverage, curvature = _fit(
-            self._level(near, first),
-            power,
-            2.0 * np.pi / self._size,
-            self._used,
-            float(first),
-            weight,
+@njit(nogil=True, error_model="numpy")
+def _measure(
+    spectra: _Spectra,
+    near: Cross,
+    still: Values,
+    taken: float,
+    power: Values,
+    camera: _Camera,
+    weight: Values,
+) -> _Peak:
+    """Find the displacement per line.
+
+    Args:
+        spectra: of the lines.
+        near: cross-spectrum of consecutive ones.
+        still: spectrum of what stands still.
+        taken: share of it that is taken off, 0 or 1.
+        power: of the lines, smoothed.
+        camera: that saw them.
+        weight: receives W.
+    """
+    peak = _find(near - taken * still, power, camera, camera.limit, weight)
+    if not peak.found:
+        return peak
+    first, lone, apart, reach = peak.shift, peak.lone, 1, int(_REACH * len(camera.window))
+    if _APART[0] * abs(first) < reach:
+        lone = False
+        other_weight = np.zeros_like(weight)
+        for between in _APART:  # fewer where the view changes too fast
+            far = _product(spectra, between) - taken * still
+            farther = _find(far, power, camera, reach, other_weight)
+            if farther.found and farther.lone:
+                peak, lone, apart = farther, True, between
+                weight[:] = other_weight
+                break
+    variance = max(peak.variance, _of_places(spectra, weight, peak, apart, camera))
+    displacement = peak.shift / apart
+    variance = max(variance / apart**2, _PULL**2) + _PARTED * (displacement - first) ** 2
+    return _Peak(True, displacement, variance, lone, peak.curvature)
+
+
+@njit(nogil=True, error_model="numpy")
+def _find(near: Cross, power: Values, camera: _Camera, limit: int, weight: Values) -> _Peak:
+    """Find a shift within a limit [px], its variance by the bands; `weight` receives W."""
+    first, lone = _search(near, power, camera, limit)
+    level = _level(near, first, camera)
+    step = 2.0 * np.pi / camera.size
+    converged, displacement, square, leverage, curvature = _fit(
+        level, power, step, camera.used, float(first), weight
+    )
+    variance = square * _as_student(leverage) if converged else math.inf
+    return _Peak(converged, displacement, variance, lone, curvature)
+
+
+@njit(nogil=True, error_model="numpy")
+def _search(cross: Cross, power: Values, camera: _Camera, limit: int) -> tuple[int, bool]:
+    """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
+    white = np.empty(len(cross), np.complex64)
+    for k in range(len(cross)):
+        white[k] = cross[k] * (camera.band[k] / power[k])
+    correlation = scipy.fft.irfft(white, camera.size)
+    peak, highest = limit, -math.inf
+    for s in range(limit, -limit - 1, -1):
+        if correlation[s] > highest:
+            peak, highest = s, correlation[s]
+    other = 0.0
+    for s in range(-limit, limit + 1):
+        if abs(s - peak) > _SHOULDER:
+            other = max(other, correlation[s])
+    return -peak, other < _LONE * highest
+
+
+@njit(nogil=True, error_model="numpy")
+def _level(near: Cross, displacement: int, camera: _Camera) -> Cross:
+    """Return a cross-spectrum whose lines overlap alike on both sides of a displacement."""
+    correlation = scipy.fft.irfft(near, camera.size)
+    opposite = 2 * displacement % camera.size
+    _mirror(correlation, camera.overlaps[: camera.size], camera.overlaps[opposite:])
+    level: Cross = scipy.fft.rfft(correlation)
+    return level
+
+
+@njit(nogil=True, error_model="numpy")
+def _mirror(correlation: Values, overlaps: Values, mirrored: Values) -> None:
+    """Scale a correlation to the same overlap on both sides of a displacement."""
+    for k in range(len(correlation)):
+        least = _LEAST_OVERLAP * mirrored[k] + 1.0
+        correlation[k] *= math.sqrt(mirrored[k] / max(overlaps[k], least))
+
+
+@njit(nogil=True, error_model="numpy")
+def _spread(spectra: _Spectra, weight: Values, camera: _Camera) -> float:
+    """Return over how many places of the newest line the slopes are spread that were matched."""
+    slopes = np.empty(len(weight), np.complex64)
+    for k in range(len(weight)):
+        frequency = np.float32(2.0 * np.pi / camera.size * k * math.sqrt(weight[k]))
+        slopes[k] = complex(
+            -frequency * spectra.imaginary[-1, k], frequency * spectra.real[-1, k]
         )
-        if not converged:
-            return None
-        return displacement, square * _as_student(leverage), lone, weight, curvature
-
-    def _of_places(
-        self, spectra: Spectra, weight: Values, shift: float, apart: int, curvature: float
-    ) -> float:
-        """Return the variance by what the places of the ground add to a shift [px^2]."""
-        scale = self._coarse / self._size
-        rows = len(spectra) - apart
-        slope = np.empty((rows, self._used), np.complex64)
-        rest = np.empty_like(slope)
-        _filter_pairs(spectra, weight, 2.0 * np.pi / self._size, shift, slope, rest)
-        added, told = _by_place(
-            scipy.fft.irfft(slope, self._coarse, axis=1),
-            scipy.fft.irfft(rest, self._coarse, axis=1),
-            shift / apart * scale,
-            round(len(self._window) * scale),
-        )
-        added *= self._coarse / (2.0 * rows * curvature)
-        share = told / told.sum()
-        added -= share * added.sum()
-        return float(added @ added) * _as_student(float(share @ share))
-
-    def _level(self, near: Cross, displacement: int) -> Cross:
-        """Return a cross-spectrum whose lines overlap alike on both sides of a displacement."""
-        correlation = scipy.fft.irfft(near, self._size)
-        _mirror(correlation, self._overlaps, displacement)
-        level: Cross = scipy.fft.rfft(correlation)
-        return level
-
-    def _likeness(self, cross: Cross, power: Values) -> float:
-        """Return the sum of the coherences over the band, whatever the displacement."""
-        return float(self._band @ (np.hypot(_smooth(cross.real), _smooth(cross.imag)) / power))
-
-    def _search(self, cross: Cross, limit: int) -> tuple[int, bool]:
-        """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
-        correlation = scipy.fft.irfft((cross * self._band).astype(np.complex64), self._size)
-        around = np.concatenate((correlation[-limit:], correlation[: limit + 1]))[::-1]
-        peak = int(np.argmax(around))
-        highest = float(around[peak])
-        around[max(0, peak - _SHOULDER) : peak + _SHOULDER + 1] = 0.0
-        return peak - limit, float(around.max()) < _LONE * highest
+    slope = scipy.fft.irfft(slopes, camera.size)
+    block = max(1, len(camera.window) // _BLOCKS)
+    total, squares = 0.0, 0.0
+    for first in range(0, block * _BLOCKS, block):
+        energy = np.float32(0.0)
+        for i in range(first, first + block):
+            energy += slope[i] * slope[i]
+        total += energy
+        squares += float(energy) ** 2
+    return total**2 / squares
 
 
+@njit(nogil=True, error_model="numpy")
+def _of_places(
+    spectra: _Spectra, weight: Values, peak: _Peak, apart: int, camera: _Camera
+) -> float:
+    """Return the variance by what the places of the ground add to a shift [px^2]."""
+    scale = camera.coarse / camera.size
+    rows = len(spectra.real) - apart
+    slope = np.empty((rows, camera.used), np.complex64)
+    rest = np.empty_like(slope)
+    _filter_pairs(spectra, weight, 2.0 * np.pi / camera.size, peak.shift, slope, rest)
+    added, told = _by_place(
+        scipy.fft.irfft(slope, camera.coarse, 1),
+        scipy.fft.irfft(rest, camera.coarse, 1),
+        peak.shift / apart * scale,
+        round(len(camera.window) * scale),
+    )
+    factor = camera.coarse / (2.0 * rows * peak.curvature)
+    whole, all_told = 0.0, 0.0
+    for place in range(len(added)):
+        added[place] *= factor
+        whole += added[place]
+        all_told += told[place]
+    squares, leverage = 0.0, 0.0
+    for place in range(len(added)):
+        share = told[place] / all_told
+        squares += (added[place] - share * whole) ** 2
+        leverage += share * share
+    return squares * _as_student(leverage)
+
+
+@njit(nogil=True, error_model="numpy")
+def _likeness(cross: Cross, power: Values, band: Values) -> float:
+    """Return the sum of the coherences over the band, whatever the displacement."""
+    real, imaginary = _smooth(cross.real), _smooth(cross.imag)
+    total = 0.0
+    for k in range(len(band)):
+        total += band[k] * math.hypot(real[k], imaginary[k]) / power[k]
+    return total
+
+
+@njit(nogil=True, error_model="numpy")
+def _weighed(cross: Cross, power: Values, band: Values) -> float:
+    """Return the sum of the coherences over the band at a displacement that is taken off."""
+    real = _smooth(cross.real)
+    total = 0.0
+    for k in range(len(band)):
+        total += band[k] * real[k] / power[k]
+    return total
+
+
+@njit(nogil=True, error_model="numpy")
 def _as_student(leverage: float) -> float:
     """Return the factor of a variance that few parts of known leverages tell, as Student's t."""
     freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
     return freedoms / (freedoms - 2.0)
 
 
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _smooth(values: Values) -> Values:
-    return np.convolve(values, np.full(_SMOOTHED, 1.0 / _SMOOTHED), "same")
+    """Return means over neighbouring frequencies; none beyond the ends, which count as zero."""
+    padded = np.zeros(len(values) + 2 * _SIDE)
+    padded[_SIDE : _SIDE + len(values)] = values
+    smooth = np.zeros(len(values))
+    for beside in range(_SMOOTHED):
+        part = padded[beside : beside + len(values)]
+        for k in range(len(values)):
+            smooth[k] += part[k] * (1.0 / _SMOOTHED)
+    return smooth
 
 
-@njit(cache=True, nogil=True)
-def _mirror(correlation: Values, overlaps: Values, displacement: int) -> None:
-    """Scale a correlation to the same overlap on both sides of a displacement."""
-    size = len(correlation)
-    opposite = 2 * displacement % size
-    for k in range(size):
-        mirrored = overlaps[opposite]
-        if mirrored == 0.0:
-            correlation[k] = 0.0
-        else:
-            least = _LEAST_OVERLAP * mirrored + 1.0
-            correlation[k] *= math.sqrt(mirrored / max(overlaps[k], least))
-        opposite = opposite + 1 if opposite + 1 < size else 0
-
-
-@njit(cache=True, nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _turned(cross: Cross, angle: float) -> Cross:
     """Return a cross-spectrum less the phases of a displacement, an angle per frequency [rad]."""
     turned = np.empty_like(cross)
@@ -338,24 +466,38 @@ def _turned(cross: Cross, angle: float) -> Cross:
     return turned
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
-def _product(spectra: Spectra, apart: int) -> Cross:
-    """Return the mean of the cross-spectra of lines that are so many apart."""
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+def _transform(seen: Filtered, size: int) -> _Spectra:
+    """Return the spectra of lines, real and imaginary parts apart."""
+    spectra = scipy.fft.rfft(seen, size, 1)
     rows, bins = spectra.shape
-    real, imaginary = np.zeros((2, bins), np.float32)
-    for row in range(apart, rows):
-        new, old = spectra[row], spectra[row - apart]
+    apart = _Spectra(np.empty((rows, bins), np.float32), np.empty((rows, bins), np.float32))
+    for row in range(rows):
+        source, real, imaginary = spectra[row], apart.real[row], apart.imaginary[row]
         for k in range(bins):
-            a, b = new[k], old[k]
-            real[k] += a.real * b.real + a.imag * b.imag
-            imaginary[k] += a.imag * b.real - a.real * b.imag
+            real[k], imaginary[k] = source[k].real, source[k].imag
+    return apart
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+def _product(spectra: _Spectra, apart: int) -> Cross:
+    """Return the mean of the cross-spectra of lines that are so many apart."""
+    rows, bins = spectra.real.shape
+    real, imaginary = np.zeros(bins, np.float32), np.zeros(bins, np.float32)
+    for row in range(apart, rows):
+        new_real, new_imaginary = spectra.real[row], spectra.imaginary[row]
+        old_real, old_imaginary = spectra.real[row - apart], spectra.imaginary[row - apart]
+        for k in range(bins):
+            a, b, c, d = new_real[k], new_imaginary[k], old_real[k], old_imaginary[k]
+            real[k] += a * c + b * d
+            imaginary[k] += b * c - a * d
     product = np.empty(bins, np.complex128)
     for k in range(bins):
         product[k] = complex(real[k], imaginary[k]) / (rows - apart)
     return product
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _fit(
     near: Cross,
     power: Values,
@@ -420,19 +562,19 @@ def _fit(
     return abs(moved) < _NEARLY, displacement, square, leverage, curvature
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _filter_pairs(
-    spectra: Spectra,
+    spectra: _Spectra,
     weight: Values,
     step: float,
     displacement: float,
-    slope: Spectra,
-    rest: Spectra,
+    slope: NDArray[np.complex64],
+    rest: NDArray[np.complex64],
 ) -> None:
     """Move pairs of lines that are equally far apart onto each other, filtered by W^0.5.
 
     Args:
-        spectra: of the lines, shape (m + a, k) or longer ones.
+        spectra: of the lines, of m + a.
         weight: W.
         step: from one frequency to the next [rad/px].
         displacement: of the lines of a pair [px].
@@ -440,7 +582,7 @@ def _filter_pairs(
         rest: receives by which they differ, shape (m, k).
     """
     rows, used = slope.shape
-    apart = len(spectra) - rows
+    apart = len(spectra.real) - rows
     root = np.empty(used, np.float32)
     real, imaginary = np.empty((2, used), np.float32)
     for k in range(used):
@@ -449,11 +591,12 @@ def _filter_pairs(
         imaginary[k] = root[k] * math.sin(step * k * displacement)
     half = np.float32(0.5 * step)
     for row in range(rows):
+        a, b = spectra.real[row + apart], spectra.imaginary[row + apart]
+        c, d = spectra.real[row], spectra.imaginary[row]
         for k in range(used):
-            a, b = spectra[row + apart, k], spectra[row, k]
-            new_real, new_imaginary = root[k] * a.real, root[k] * a.imag
-            old_real = b.real * real[k] - b.imag * imaginary[k]
-            old_imaginary = b.real * imaginary[k] + b.imag * real[k]
+            new_real, new_imaginary = root[k] * a[k], root[k] * b[k]
+            old_real = c[k] * real[k] - d[k] * imaginary[k]
+            old_imaginary = c[k] * imaginary[k] + d[k] * real[k]
             frequency = half * np.float32(k)
             slope[row, k] = complex(
                 frequency * (new_imaginary + old_imaginary), -frequency * (new_real + old_real)
@@ -461,7 +604,7 @@ def _filter_pairs(
             rest[row, k] = complex(old_real - new_real, old_imaginary - new_imaginary)
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _by_place(
     slope: Filtered, rest: Filtered, displacement: float, pixels: int
 ) -> tuple[Values, Values]:
