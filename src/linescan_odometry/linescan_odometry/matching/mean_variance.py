@@ -29,9 +29,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -74,6 +74,7 @@ _LARGEST_LEVERAGE = 0.75
 _LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
 
 
+@kernel
 def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return the variance of a weighted mean of displacements [px^2].
 
@@ -81,15 +82,19 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
         overlaps: of the pairs.
         weight: of each pair in the mean, zero for those left out, shape (m,).
     """
-    used = weight != 0.0
-    first, behind = overlaps.block, overlaps.block + overlaps.parts
-    low = int(first[used].min())
-    error, leverage = np.zeros((2, int(behind[used].max()) - low))
-    blocks = _Blocks(error, leverage, np.zeros((len(weight), overlaps.sums.shape[1])))
-    return float(_variance(overlaps._replace(block=first - low), weight, blocks))
+    sums, length, parts, block = overlaps
+    low, behind = block.max(), 0
+    for pair in range(len(weight)):
+        if weight[pair] != 0.0:
+            low = min(low, block[pair])
+            behind = max(behind, block[pair] + parts[pair])
+    error, leverage = np.zeros(behind - low), np.zeros(behind - low)
+    blocks = _Blocks(error, leverage, np.zeros((len(weight), sums.shape[1])))
+    variance: float = _variance(Overlaps(sums, length, parts, block - low), weight, blocks)
+    return variance
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return over how many blocks the slopes are spread that a displacement is matched by.
 
@@ -114,7 +119,7 @@ def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
     return total / count if count > 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     """Return the variance; `blocks` receives what the pairs add up to."""
     _add_pairs(overlaps, weight, blocks)
@@ -139,7 +144,7 @@ def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     return total / kept * freedoms / (freedoms - 2.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _smoothed_square(values: FloatArray, window: float) -> float:
     """Return the sum of squares and of products of neighbours, with Bartlett's weights."""
     total = 0.0
@@ -151,7 +156,7 @@ def _smoothed_square(values: FloatArray, window: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_pairs(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> None:
     """Add S_b and h_b of every pair, and write its shares."""
     sums, length, parts, block = overlaps

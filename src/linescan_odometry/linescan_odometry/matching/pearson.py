@@ -14,11 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # whose fft is loaded by its first use; rocket-fft compiles it into kernels
 from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
 
 # Bound of the error of a single-precision FFT correlation, relative to |x| |y|. Measured errors
 # stay below 4e-7 up to 16384 px; what matters is only that the bound is never exceeded.
@@ -31,6 +32,8 @@ _MAGNITUDE = np.int32(0x7FFFFFFF)
 _BLOCK = 64  # shifts looked through at once for one in reach
 _NARROW = 1 << 15  # pixels of 8 bits whose sums of squares fit 32 bits
 
+# Sums in any order. Such a kernel must not be in the cache itself if another one calls it (see
+# `subpixel`): all but the one that Python calls are compiled with it alone.
 _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 
 
@@ -64,10 +67,8 @@ class PearsonSearch:
         """Prepare for lines of `pixels` and shifts within +/- `limit` [px]."""
         self._chunk = min(_CHUNK, max(1, _CHUNK_PIXELS // pixels))
         rows = self._chunk + 1
-        self._pixels = pixels
-        self._length = int(scipy.fft.next_fast_len(pixels + limit, real=True))
-        self._padded = np.zeros((rows, self._length), np.float32)
-        self._product = np.empty((self._chunk, self._length // 2 + 1), np.complex64)
+        length = int(scipy.fft.next_fast_len(pixels + limit, real=True))
+        self._padded = np.zeros((rows, length), np.float32)
         shape = rows, 2, limit + 1
         self._ends = _Ends(
             np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(rows, np.float32)
@@ -86,23 +87,30 @@ class PearsonSearch:
         """Compare every line with the one before it; see `search.ShiftSearch`."""
         for first in range(0, len(lines) - 1, self._chunk):
             last = min(first + self._chunk, len(lines) - 1)
-            self._match_chunk(lines[first : last + 1], shift[first:last], similarity[first:last])
-
-    def _match_chunk(
-        self,
-        lines: Lines,
-        shift: NDArray[np.int64],
-        similarity: NDArray[np.float64],
-    ) -> None:
-        rows = len(lines)
-        _prepare(lines, self._padded, self._ends)
-        spectrum = scipy.fft.rfft(self._padded[:rows], axis=1)
-        _cross_spectrum(spectrum, self._product)
-        product = scipy.fft.irfft(self._product[: rows - 1], n=self._length, axis=1)
-        _decide(lines, product, self._ends, self._upper, shift, similarity)
+            _match(
+                lines[first : last + 1], self._padded, self._ends, self._upper,
+                shift[first:last], similarity[first:last],
+            )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@kernel
+def _match(
+    lines: Lines,
+    padded: NDArray[np.float32],
+    ends: _Ends,
+    upper: NDArray[np.float32],
+    shift: NDArray[np.int64],
+    similarity: NDArray[np.float64],
+) -> None:
+    """Compare some lines, each with the one before it; see `search.ShiftSearch`."""
+    _prepare(lines, padded, ends)
+    spectrum = scipy.fft.rfft(padded[: len(lines)], padded.shape[1], 1)
+    _cross_spectra(spectrum)
+    product = scipy.fft.irfft(spectrum[:-1], padded.shape[1], 1)
+    _decide(lines, product, ends, upper, shift, similarity)
+
+
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _prepare(lines: Lines, padded: NDArray[np.float32], ends: _Ends) -> None:
     """Centre each line; sum and scale its first and last n - s pixels for every s."""
     sums, scales, norm = ends
@@ -141,20 +149,18 @@ def _prepare(lines: Lines, padded: NDArray[np.float32], ends: _Ends) -> None:
                 scale[s] = root if variance > np.float32(0.0) else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
-def _cross_spectrum(spectrum: NDArray[np.complex64], product: NDArray[np.complex64]) -> None:
-    """Multiply each line's spectrum with the conjugate of the next newer line's."""
-    rows, bins = spectrum.shape
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
+def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
+    """Multiply each line's spectrum, in its place, with the conjugate of the next newer line's."""
+    rows, bins = spectra.shape
     for row in range(rows - 1):
-        old = spectrum[row]
-        new = spectrum[row + 1]
-        out = product[row]
+        old, new = spectra[row], spectra[row + 1]
         for k in range(bins):
             a, b = old[k], new[k]
-            out[k] = complex(a.real * b.real + a.imag * b.imag, a.imag * b.real - a.real * b.imag)
+            old[k] = complex(a.real * b.real + a.imag * b.imag, a.imag * b.real - a.real * b.imag)
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(
     product: NDArray[np.float32],
     new: _Part,
@@ -187,7 +193,7 @@ def _bound(
     return largest
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _narrow_sums(x: Lines, y: Lines) -> tuple[np.int64, np.int64, np.int64, np.int64, np.int64]:
     """Return sum x, sum y, sum x^2, sum y^2 and sum x y, in half as wide numbers."""
     s_x = np.int32(0)
@@ -206,7 +212,7 @@ def _narrow_sums(x: Lines, y: Lines) -> tuple[np.int64, np.int64, np.int64, np.i
     return np.int64(s_x), np.int64(s_y), np.int64(s_xx), np.int64(s_yy), np.int64(s_xy)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _exact(x: Lines, y: Lines) -> float:
     """Return the correlation (81) of two equally long parts, -2 where it is undefined."""
     count = x.shape[0]
@@ -234,7 +240,7 @@ def _exact(x: Lines, y: Lines) -> float:
     return r
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _any_within(upper: NDArray[np.float32], reach: np.float32) -> bool:
     """Tell whether any of two rows of bounds is large enough; counting goes in vectors."""
     count = np.int32(0)
@@ -244,7 +250,7 @@ def _any_within(upper: NDArray[np.float32], reach: np.float32) -> bool:
     return bool(count > 0)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _decide(
     lines: Lines,
     product: NDArray[np.float32],

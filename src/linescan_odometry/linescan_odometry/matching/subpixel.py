@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from linescan_odometry.matching.mean_variance import Overlaps, effective_places, mean_variance
 from linescan_odometry.matching.smoothed_peak import smoothed_peak
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
 
 FEWEST_PIXELS = 32
 """Smallest overlap of two lines that can be refined [px]."""
@@ -44,9 +45,10 @@ _FEWEST_BLOCKS = 16  # of a long overlap; rounding their length down makes no mo
 _GROUND_BLOCKS = 32  # of ground in a line
 _FARTHEST = 1.0  # [px] from the integer peak; beyond, it was no peak
 
-# The sums below may be reordered for speed. A kernel that allows this must not be called by
-# another one: what is inlined into the caller may be rounded differently before and after the
-# compiled code has gone through the cache, and runs would not repeat to the last bit.
+# The sums below may be reordered for speed. A kernel that allows this must not be in the cache if
+# another one calls it: what is inlined into the caller may be rounded differently before and after
+# the compiled code has gone through the cache, and runs would not repeat to the last bit. So it is
+# compiled with its callers alone.
 _REORDER = {"reassoc", "contract", "nsz"}
 
 
@@ -71,13 +73,6 @@ class _Layout(NamedTuple):
 def kernel_sigma(pixels: int) -> float:
     """Return the standard deviation of the smoothing kernel [px] for lines of n pixels."""
     return 0.85 if pixels > 335 else 0.8
-
-
-def _block_length(length: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the lengths of the blocks [px]: whole vectors of the processor where they are long."""
-    block = np.maximum(4, length // _FEWEST_BLOCKS)
-    whole: NDArray[np.int64] = np.where(block > 16, block - block % 16, block)
-    return whole
 
 
 class SubpixelRefiner:
@@ -125,15 +120,15 @@ class SubpixelRefiner:
             self._make_room(pairs)
         self._shift = shift.copy()
         _centre(lines, self._centred)
-        self._refine(slice(0, pairs), displacement, variance)
+        self._refine(0, pairs, displacement, variance)
         if self._recovery == 0:
             return
-        for pair in np.flatnonzero(np.isinf(variance)):
+        for pair in np.flatnonzero(np.isinf(variance)).tolist():
             old, new = lines[pair], lines[pair + 1]
             peak = smoothed_peak(old, new, int(shift[pair]), self._recovery)
             if peak != shift[pair]:
                 self._shift[pair] = peak
-                self._refine(slice(pair, pair + 1), displacement, variance)
+                self._refine(pair, pair + 1, displacement, variance)
 
     def mean_variance(
         self, displacement: NDArray[np.float64], weight: NDArray[np.float64]
@@ -144,13 +139,12 @@ class SubpixelRefiner:
             displacement: as refined [px], shape (m,).
             weight: of each in the mean, zero for those left out, sum 1, shape (m,).
         """
-        cut = _Layout(*np.empty((5, len(weight)), np.int64))
-        cut.block[:] = self._ground_block
-        _lay_out(self._pixels, self._shift, displacement, weight, cut)
-        _filter_and_sum(self._centred, self._shift, self._filters, cut.lead, cut.block, self._sums)
-        overlaps = Overlaps(self._sums, cut.length, cut.parts, cut.number)
-        self.places = float(effective_places(overlaps, weight))
-        return mean_variance(overlaps, weight)
+        square: float
+        square, self.places = _weigh(
+            self._centred, self._shift, self._filters, self._sums, self._ground_block,
+            displacement, weight,
+        )  # fmt: skip
+        return square
 
     def _make_room(self, pairs: int) -> None:
         self._centred = np.empty((pairs + 1, self._pixels), np.float32)
@@ -160,25 +154,20 @@ class SubpixelRefiner:
 
     def _refine(
         self,
-        chosen: slice,
+        first: int,
+        end: int,
         displacement: NDArray[np.float64],
         variance: NDArray[np.float64],
     ) -> None:
         """Take the steps of some consecutive pairs."""
-        shift, filters, sums = self._shift[chosen], self._filters[chosen], self._sums[chosen]
-        centred = self._centred[chosen.start : chosen.stop + 1]
-        displacement, variance = displacement[chosen], variance[chosen]
-        displacement[:] = shift
-        length = self._pixels - abs(shift) - 2 * _RADIUS
-        for step in range(_STEPS):
-            final = step == _STEPS - 1  # only the variance needs the blocks
-            block = _block_length(length) if final else length
-            _make_filters(centred, shift, displacement, self._sigma, filters)
-            _filter_and_sum(centred, shift, filters, block, block, sums)
-            _step(length, block, shift, sums, final, displacement, variance)
+        _refine(
+            self._centred[first : end + 1], self._shift[first:end], self._sigma,
+            self._filters[first:end], self._sums[first:end], displacement[first:end],
+            variance[first:end],
+        )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
     """Copy lines less their means, rounded down."""
     for row in range(lines.shape[0]):
@@ -192,7 +181,77 @@ def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
             out[i] = np.float32(np.int32(line[i]) - mean)
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def _refine(
+    centred: NDArray[np.float32],
+    shift: NDArray[np.int64],
+    sigma: float,
+    filters: NDArray[np.float32],
+    sums: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> None:
+    """Take the steps of consecutive pairs.
+
+    Args:
+        centred: lines, shape (m + 1, n) or more.
+        shift: integer shifts [px], shape (m,).
+        sigma: of the smoothing [px].
+        filters: receives those of the last step, shape (m, 4, taps).
+        sums: working memory, see `Overlaps`.
+        displacement: receives the shifts with their fractions [px], shape (m,).
+        variance: receives theirs [px^2], shape (m,).
+    """
+    pixels, pairs = centred.shape[1], len(shift)
+    length, block = np.empty(pairs, np.int64), np.empty(pairs, np.int64)
+    contrast = np.empty((pairs, 2))
+    for pair in range(pairs):
+        s = shift[pair]
+        displacement[pair] = s
+        overlap = pixels - abs(s)
+        length[pair] = overlap - 2 * _RADIUS
+        x, y = max(0, -s), max(0, s)
+        contrast[pair, 0] = _contrast(centred[pair + 1, x : x + overlap])
+        contrast[pair, 1] = _contrast(centred[pair, y : y + overlap])
+    for step in range(_STEPS):
+        final = step == _STEPS - 1  # only the variance needs the blocks
+        for pair in range(pairs):
+            block[pair] = _block_length(length[pair]) if final else length[pair]
+        _make_filters(contrast, shift, displacement, sigma, filters)
+        _filter_and_sum(centred, shift, filters, block, block, sums)
+        _step(length, block, shift, sums, final, displacement, variance)
+
+
+@kernel
+def _block_length(length: int) -> int:
+    """Return the length of a block [px]: whole vectors of the processor where it is long."""
+    block = max(4, length // _FEWEST_BLOCKS)
+    return block - block % 16 if block > 16 else block
+
+
+@kernel
+def _weigh(
+    centred: NDArray[np.float32],
+    shift: NDArray[np.int64],
+    filters: NDArray[np.float32],
+    sums: NDArray[np.float64],
+    ground_block: int,
+    displacement: NDArray[np.float64],
+    weight: NDArray[np.float64],
+) -> tuple[float, float]:
+    """Return the variance of a weighted mean [px^2], and over how many places its slopes spread."""
+    pairs = len(weight)
+    cut = _Layout(
+        np.empty(pairs, np.int64), np.full(pairs, ground_block), np.empty(pairs, np.int64),
+        np.empty(pairs, np.int64), np.empty(pairs, np.int64),
+    )  # fmt: skip
+    _lay_out(centred.shape[1], shift, displacement, weight, cut)
+    _filter_and_sum(centred, shift, filters, cut.lead, cut.block, sums)
+    overlaps = Overlaps(sums, cut.length, cut.parts, cut.number)
+    return mean_variance(overlaps, weight), effective_places(overlaps, weight)
+
+
+@kernel
 def _lay_out(
     pixels: int,
     shift: NDArray[np.int64],
@@ -223,7 +282,7 @@ def _lay_out(
         parts[pair] = 1 + max(0, length[pair] - lead[pair] + block[pair] - 1) // block[pair]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _contrast(part: NDArray[np.float32]) -> float:
     """Return 1 over the standard deviation of part of a line, 0 where it has none.
 
@@ -239,9 +298,9 @@ def _contrast(part: NDArray[np.float32]) -> float:
     return part.shape[0] / math.sqrt(variance) if variance > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _make_filters(
-    centred: NDArray[np.float32],
+    contrast: NDArray[np.float64],
     shift: NDArray[np.int64],
     displacement: NDArray[np.float64],
     sigma: float,
@@ -251,18 +310,11 @@ def _make_filters(
 
     They hold the equalisation of contrast; `filters[pair, 0]` has the sign of its part in e.
     """
-    pixels = centred.shape[1]
     for pair in range(shift.shape[0]):
-        s = shift[pair]
-        overlap = pixels - abs(s)
-        x, y = max(0, -s), max(0, s)
-        half = 0.5 * (displacement[pair] - s)
+        half = 0.5 * (displacement[pair] - shift[pair])
         for side in range(2):
-            if side == 0:
-                gain, offset = _contrast(centred[pair + 1, x : x + overlap]), -half
-            else:
-                gain, offset = _contrast(centred[pair, y : y + overlap]), half
-            norm = gain / (sigma * math.sqrt(2.0 * math.pi))
+            offset = half if side else -half
+            norm = contrast[pair, side] / (sigma * math.sqrt(2.0 * math.pi))
             for k in range(_TAPS):
                 u = (k - _RADIUS - offset) / sigma
                 weight = norm * math.exp(-0.5 * u * u)
@@ -270,7 +322,7 @@ def _make_filters(
                 filters[pair, 2 * side + 1, k] = weight * u / sigma
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _filter_and_sum(
     centred: NDArray[np.float32],
     shift: NDArray[np.int64],
@@ -332,7 +384,7 @@ def _filter_and_sum(
             end = min(end + block[pair], count)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step(
     length: NDArray[np.int64],
     block: NDArray[np.int64],

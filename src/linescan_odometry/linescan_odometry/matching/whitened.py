@@ -236,10 +236,10 @@ def _match(
     seen_at = displacement  # per line, by what is compared
     if not settled:
         other = _measure(spectra, near, still, 0.0, power, camera, other_weight)
-        one = (
-            abs(displacement * between) <= _MOVED_ON
-            and _likeness(thirds, power, camera.band)
-            > _RENEWED * _likeness(near, power, camera.band)
+        one = abs(displacement * between) <= _MOVED_ON and _likeness(
+            thirds, power, camera.band
+        ) > _RENEWED * _likeness(
+            near, power, camera.band
         )  # what stands still may be ground that has hardly moved on
         if not (other.found and other.lone):
             if one:
@@ -294,7 +294,7 @@ def _measure(
         camera: that saw them.
         weight: receives W.
     """
-    peak = _find(near - taken * still, power, camera, camera.limit, weight)
+    peak: _Peak = _find(near - taken * still, power, camera, camera.limit, weight)
     if not peak.found:
         return peak
     first, lone, apart, reach = peak.shift, peak.lone, 1, int(_REACH * len(camera.window))
@@ -369,18 +369,16 @@ def _spread(spectra: _Spectra, weight: Values, camera: _Camera) -> float:
     slopes = np.empty(len(weight), np.complex64)
     for k in range(len(weight)):
         frequency = np.float32(2.0 * np.pi / camera.size * k * math.sqrt(weight[k]))
-        slopes[k] = complex(
-            -frequency * spectra.imaginary[-1, k], frequency * spectra.real[-1, k]
-        )
+        slopes[k] = complex(-frequency * spectra.imaginary[-1, k], frequency * spectra.real[-1, k])
     slope = scipy.fft.irfft(slopes, camera.size)
     block = max(1, len(camera.window) // _BLOCKS)
     total, squares = 0.0, 0.0
     for first in range(0, block * _BLOCKS, block):
-        energy = np.float32(0.0)
+        energy = 0.0
         for i in range(first, first + block):
-            energy += slope[i] * slope[i]
+            energy += float(slope[i]) ** 2
         total += energy
-        squares += float(energy) ** 2
+        squares += energy**2
     return total**2 / squares
 
 
@@ -411,7 +409,8 @@ def _of_places(
         share = told[place] / all_told
         squares += (added[place] - share * whole) ** 2
         leverage += share * share
-    return squares * _as_student(leverage)
+    variance: float = squares * _as_student(leverage)
+    return variance
 
 
 @njit(nogil=True, error_model="numpy")

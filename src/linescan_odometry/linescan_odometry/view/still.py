@@ -12,13 +12,11 @@ interpolated. At rest some grains may be taken for them, which does no harm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]
@@ -31,8 +29,7 @@ _RANGE = 30000.0  # of 16 bit to either side
 _MIDDLE = 32768.0
 _FORGOTTEN = 0.999  # of the largest change of late
 _FEWEST_LINES = 8
-_BESIDE = 5  # px, whose median a pixel is compared with
-_SIDE = _BESIDE // 2
+_SIDE = 2  # px to either side, with whose median a pixel is compared
 _OUTSTANDING = 9.0  # times the median of all differences from it: 6 standard deviations
 _IN_EACH = 0.5  # of that, in every line
 _MOST_DEFECTIVE = 0.03  # share of a line
@@ -71,14 +68,13 @@ class StillView:
         Args:
             lines: that follow each other, oldest first, shape (m, n).
         """
-        structure, square = structure_of(lines[-1].astype(np.float32) - lines[0])
+        structure, square = _compare(lines[-1], lines[0])
         if structure <= STRUCTURE * square:
             return
         self._largest = max(self._largest * _FORGOTTEN, structure)
         share = structure / self._largest
         self.weight = min(self.weight + share, _REMEMBERED)
-        mean = lines.mean(axis=0, dtype=np.float32)
-        self._mean += np.float32(share / self.weight) * (mean - mean.mean() - self._mean)
+        _enter(lines, share / self.weight, self._mean)
 
     def without(self, lines: Lines) -> Lines:
         """Return lines less what stands still, 16 bit, shape (m, n)."""
@@ -89,13 +85,62 @@ class StillView:
         return moving
 
 
-def _median_of_five(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return the medians, element by element, of five arrays of one shape."""
-    a, b, c, d, e = values
-    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
-    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    median: NDArray[Any] = np.maximum(np.minimum(low, high), np.minimum(e, np.maximum(low, high)))
-    return median
+@kernel
+def _compare(new: Lines, old: Lines) -> tuple[float, float]:
+    """Return `structure_of` the change from one line to another."""
+    count = len(new)
+    change = np.empty(count)
+    mean = 0.0
+    for i in range(count):
+        change[i] = float(new[i]) - float(old[i])
+        mean += change[i]
+    mean /= count
+    structure, square, before = 0.0, 0.0, 0.0
+    for i in range(count):
+        value = change[i] - mean
+        structure += value * before
+        square += value * value
+        before = value
+    return structure, square
+
+
+@kernel
+def _average(lines: Lines) -> Floats:
+    """Return the mean of lines, shape (n,)."""
+    total = np.zeros(lines.shape[1], np.int64)
+    for row in range(len(lines)):
+        line = lines[row]
+        for i in range(len(total)):
+            total[i] += np.int64(line[i])
+    return (total / len(lines)).astype(np.float32)
+
+
+@kernel
+def _enter(lines: Lines, share: float, mean: Floats) -> None:
+    """Take the mean of some lines, less its level, with its share into the one so far."""
+    own = _average(lines)
+    level = own.mean()
+    for i in range(len(mean)):
+        mean[i] += np.float32(share) * (own[i] - level - mean[i])
+
+
+@kernel
+def _median_of_three(a: float, b: float, c: float) -> float:
+    middle: float = max(min(a, b), min(max(a, b), c))
+    return middle
+
+
+@kernel
+def _stand_out(lines: Lines, out: Floats) -> None:
+    """Write how far each pixel of the mean stands out from those beside it."""
+    mean = _average(lines)
+    count = len(mean)
+    for i in range(count):  # the ends count more often
+        a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
+        c, d = mean[min(i + 1, count - 1)], mean[min(i + 2, count - 1)]
+        low = max(min(a, b), min(c, d))
+        high = min(max(a, b), max(c, d))
+        out[i] = mean[i] - _median_of_three(low, high, mean[i])
 
 
 def without_defects(lines: Lines) -> Lines:
@@ -107,11 +152,8 @@ def without_defects(lines: Lines) -> Lines:
     if len(lines) < _FEWEST_LINES:
         return lines
     pixels = lines.shape[1]
-    wide = np.empty(pixels + 2 * _SIDE, np.float32)  # the ends count more often
-    mean = wide[_SIDE:-_SIDE]
-    np.divide(lines.sum(axis=0, dtype=np.uint32), len(lines), out=mean)
-    wide[:_SIDE], wide[-_SIDE:] = mean[0], mean[-1]
-    out = mean - _median_of_five([wide[i : i + pixels] for i in range(_BESIDE)])
+    out = np.empty(pixels, np.float32)
+    _stand_out(lines, out)
     deviation = np.abs(out)
     deviation.partition(pixels // 2)
     limit = max(_OUTSTANDING * float(deviation[pixels // 2]), 1.0)
@@ -119,7 +161,7 @@ def without_defects(lines: Lines) -> Lines:
     if not 0 < len(found) <= _MOST_DEFECTIVE * pixels:
         return lines
     near = (found + np.arange(-_SIDE, _SIDE + 1)[:, None]).clip(0, pixels - 1)
-    beside = _median_of_five([lines[:, places].astype(np.int32) for places in near])
+    beside = np.median([lines[:, places] for places in near], axis=0)
     above = (lines[:, found] - beside) * np.sign(out[found])
     defective = found[above.min(axis=0) > _IN_EACH * limit]
     if len(defective) == 0:

@@ -11,14 +11,19 @@ the refinement matches, it tells the grounds apart whose errors are larger than 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # whose fft rocket-fft compiles into kernels
+from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import kernel_sigma
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
 
 _PAIRS = 8
 _SMOOTHED = 5  # frequencies
+_SIDE = _SMOOTHED // 2
 _MANY = 38.0  # structures, from which their pulls cancel
 _PULL = 0.09  # of the velocity across the axis, along it, by a single structure
 
@@ -38,16 +43,36 @@ class StructureCounter:
             lines: that follow each other, oldest first, two at least, shape (m + 1, n).
             displacement: from line to line [px].
         """
-        seen = lines[-_PAIRS - 1 :].astype(np.float32)
-        if abs(displacement) * len(lines) > len(self._frequency):  # half of a line
-            seen -= lines.mean(axis=0, dtype=np.float32)  # what stands still in the view
-        spectra = scipy.fft.rfft(seen, axis=1)
-        product = np.einsum("ij,ij->j", spectra[1:], spectra[:-1].conj())
-        power = (product * np.exp(-1j * displacement * self._frequency)).real
-        power[0] = 0.0  # the level
-        power = np.convolve(power, np.ones(_SMOOTHED), "same").clip(0.0) * self._weight
-        square = float(power @ power)
-        return 2.0 * float(power.sum()) ** 2 / square if square > 0.0 else 0.0
+        number: float = _count(lines, displacement, self._frequency, self._weight)
+        return number
+
+
+@kernel
+def _count(
+    lines: Lines, displacement: float, frequency: NDArray[np.float32], weight: NDArray[np.float32]
+) -> float:
+    seen = lines[max(0, len(lines) - _PAIRS - 1) :].astype(np.float32)
+    if abs(displacement) * len(lines) > len(frequency):  # half of a line
+        still = np.zeros(lines.shape[1], np.float32)  # in the view
+        for row in range(len(lines)):
+            for i in range(len(still)):
+                still[i] += np.float32(lines[row, i])
+        seen -= still / np.float32(len(lines))
+    spectra = scipy.fft.rfft(seen, seen.shape[1], 1)
+    bins = len(frequency)
+    power = np.zeros(bins + 2 * _SIDE)
+    for k in range(1, bins):  # without the level
+        product = 0j
+        for row in range(len(spectra) - 1):
+            product += spectra[row + 1, k] * np.conj(spectra[row, k])
+        angle = displacement * frequency[k]
+        power[_SIDE + k] = product.real * math.cos(angle) + product.imag * math.sin(angle)
+    total, square = 0.0, 0.0
+    for k in range(bins):
+        value = max(power[k : k + _SMOOTHED].sum(), 0.0) * weight[k]
+        total += value
+        square += value * value
+    return 2.0 * total**2 / square if square > 0.0 else 0.0
 
 
 def pull(structures: float) -> float:
