@@ -9,7 +9,8 @@ from pathlib import Path
 _PROGRAM = """
 import sys
 import numpy as np
-from omni_platform.kernels import kernel
+import scipy
+from omni_platform.kernels import kernel, load_transforms
 
 @kernel
 def doubled(values):
@@ -19,16 +20,22 @@ def doubled(values):
 def squared(values):
     return values @ values
 
+@kernel
+def spectrum(values):
+    return scipy.fft.rfft(values)
+
 doubled(np.eye(2))
-print("scipy.linalg" in sys.modules)
+print("scipy.linalg" in sys.modules, "scipy.fft" in sys.modules)
 print(squared(2.0 * np.eye(2))[1, 1])
+load_transforms()
+print(spectrum(np.ones(4))[0].real)
 """
 
 
-def test_only_products_of_matrices_load_a_blas(tmp_path: Path) -> None:
+def test_only_who_needs_them_loads_products_of_matrices_and_transforms(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(_PROGRAM)
     result = subprocess.run(
         [sys.executable, program], capture_output=True, text=True, check=True, timeout=120
     )
-    assert result.stdout.split() == ["False", "4.0"]
+    assert result.stdout.split() == ["False", "False", "4.0", "4.0"]

@@ -14,12 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use; rocket-fft compiles it into kernels
+import scipy  # whose fft is loaded by its first use: not where configurations are read
 from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, load_transforms
 
 # Bound of the error of a single-precision FFT correlation, relative to |x| |y|. Measured errors
 # stay below 4e-7 up to 16384 px; what matters is only that the bound is never exceeded.
@@ -65,6 +65,7 @@ class PearsonSearch:
 
     def __init__(self, pixels: int, limit: int) -> None:
         """Prepare for lines of `pixels` and shifts within +/- `limit` [px]."""
+        load_transforms()
         self._chunk = min(_CHUNK, max(1, _CHUNK_PIXELS // pixels))
         rows = self._chunk + 1
         length = int(scipy.fft.next_fast_len(pixels + limit, real=True))

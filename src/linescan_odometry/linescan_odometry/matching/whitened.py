@@ -47,12 +47,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use; rocket-fft compiles it into kernels
+import scipy  # whose fft is loaded by its first use: not where configurations are read
 from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, load_transforms
 
 Cross = NDArray[np.complex128]
 Values = NDArray[np.float64]
@@ -168,6 +168,7 @@ class WhitenedMatcher:
             pixels: n.
             limit: largest displacement that is looked for [px].
         """
+        load_transforms()
         size = scipy.fft.next_fast_len(2 * pixels, real=True)
         edge = max(1, pixels // _TAPER)
         window = np.ones(pixels, np.float32)

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy  # whose fft rocket-fft compiles into kernels
+import scipy  # whose fft is loaded by its first use: not where configurations are read
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import kernel_sigma
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, load_transforms
 
 _PAIRS = 8
 _SMOOTHED = 5  # frequencies
@@ -33,6 +33,7 @@ class StructureCounter:
 
     def __init__(self, pixels: int) -> None:
         """Prepare for lines of n pixels."""
+        load_transforms()
         self._frequency = (2.0 * np.pi / pixels) * np.arange(pixels // 2 + 1, dtype=np.float32)
         self._weight = self._frequency * np.exp(-((kernel_sigma(pixels) * self._frequency) ** 2))
 
