@@ -204,4 +204,4 @@ class BrakeAssistConfiguration(Configuration):
                 f"{self.feedback_timeout:g} s is longer than maximum_time_step = "
                 f"{self.maximum_time_step:g} s, must be at most that",
             )
-        PlatformKinematics(self.wheels)
+        PlatformKinematics.of(self.wheels)

@@ -50,7 +50,7 @@ class WheelMount(Configuration):
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class PlatformGeometry:
     """Positions and directions of N wheels as arrays in the body frame.
 

@@ -8,7 +8,7 @@ is garbled in print; it is read as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -53,6 +53,11 @@ class PlatformKinematics:
         self.matrix: FloatArray = -np.column_stack((geometry.active, lever))
         _require_rank_three(self.matrix, geometry)
         self._inverse = self._inverse_with(geometry.radius)
+
+    @staticmethod
+    def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
+        """Return the kinematics of some wheels, laid out once for all runs of a campaign."""
+        return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:
         """Return the matrix of Eqs. (30), (32) for wheels of some radii [m], shape (N, 3)."""
@@ -117,6 +122,11 @@ class PlatformKinematics:
         hub = np.sum(g.active * self.wheel_velocities(twist), axis=1)
         rim = wheel_speeds * g.radius * np.sum(g.active * g.rolling, axis=1)
         return np.asarray(hub - rim, dtype=np.float64)
+
+
+@lru_cache(maxsize=64)
+def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
+    return PlatformKinematics(dict(wheels))
 
 
 def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:

@@ -224,8 +224,9 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     memory = new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
-    instrument_seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
-    noise = np.random.default_rng(instrument_seed)
+    if loop.measures:
+        seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
+        noise = np.random.default_rng(seed)
     desk = _new_desk(len(vehicle.wheel_names), loop.steps)
     run = _Run(vehicle.state, assist, memory, sensors, loop, desk, record)
     used, outcome = 0, RUNNING

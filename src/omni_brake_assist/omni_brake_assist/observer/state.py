@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -311,15 +312,9 @@ def observer_constants(
         geometry: of the wheels.
     """
     p_x, p_y = configuration.imu_x, configuration.imu_y
-    n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
     return ObserverConstants(
-        n_x=n_x,
-        n_y=n_y,
-        lever=lever,
-        inverse=np.ascontiguousarray(np.linalg.pinv(np.column_stack((n_x, n_y, lever)))),
+        **_rims(geometry, p_x, p_y),
         bias=0.5,
-        roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
         p_x=p_x,
         p_y=p_y,
         force=0.3,
@@ -348,6 +343,20 @@ def observer_constants(
         no_belief=np.zeros(1, BELIEF),
         no_course=np.zeros(1, COURSE),
     )
+
+
+@lru_cache(maxsize=64)
+def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, FloatArray]:
+    """Return what rims tell of the motion of the IMU, laid out once for all runs of a campaign."""
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
+    return {
+        "n_x": n_x,
+        "n_y": n_y,
+        "lever": lever,
+        "roll": geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
+        "inverse": np.ascontiguousarray(np.linalg.pinv(np.column_stack((n_x, n_y, lever)))),
+    }
 
 
 def observer_memory(wheels: int) -> ObserverMemory:

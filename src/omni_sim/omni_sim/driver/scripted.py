@@ -154,6 +154,7 @@ class ScriptedDriver:
         demands = configuration.demands
         self._times = np.array(demands.time)
         self._rows = np.array((demands.forward, demands.left, demands.turn, demands.pedal))
+        self._start_twist = self._set_off()
 
     def _row(self, stamp_ns: int) -> FloatArray:
         """Return velocities and pedal of the table at a stamp, shape (4,)."""
@@ -169,6 +170,9 @@ class ScriptedDriver:
     @property
     def start_twist(self) -> FloatArray:
         """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
+        return self._start_twist.copy()
+
+    def _set_off(self) -> FloatArray:
         if self._times.size:
             return self._row(0)[:3]
         c = self.configuration

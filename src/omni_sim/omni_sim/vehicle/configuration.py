@@ -234,7 +234,7 @@ class VehicleConfiguration(Configuration):
         self._check_heights()
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")
-        kinematics = PlatformKinematics(self.wheels)
+        kinematics = PlatformKinematics.of(self.wheels)
         position = kinematics.geometry.position
         if len(position) > MAXIMUM_WHEELS:
             raise ConfigurationError("wheels", f"at most {MAXIMUM_WHEELS} wheels are supported")

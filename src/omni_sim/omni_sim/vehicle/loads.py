@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.geometry import cross
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
@@ -90,16 +89,17 @@ def support_polygon(position: FloatArray) -> IntArray:
         position: wheel contacts [m], shape (N, 2).
     """
     order = np.lexsort((position[:, 1], position[:, 0]))
+    points = position.tolist()
     chains = []
-    for indices in (order, order[::-1]):
+    for indices in (order.tolist(), order[::-1].tolist()):
         chain: list[int] = []
         for index in indices:
             while len(chain) >= 2:
-                edge = position[chain[-1]] - position[chain[-2]]
-                if cross(edge, position[index] - position[chain[-1]]) > 0.0:
+                (a_x, a_y), (b_x, b_y), (c_x, c_y) = (points[i] for i in (*chain[-2:], index))
+                if (b_x - a_x) * (c_y - b_y) - (b_y - a_y) * (c_x - b_x) > 0.0:
                     break
                 chain.pop()
-            chain.append(int(index))
+            chain.append(index)
         chains.append(chain[:-1])
     return np.array(chains[0] + chains[1], dtype=np.int64)
 

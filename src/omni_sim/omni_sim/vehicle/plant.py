@@ -187,4 +187,5 @@ def static_loads(plant: Plant) -> FloatArray:
 
 def structured(kind: np.dtype[np.void], *columns: FloatArray) -> Structured:
     """Return columns of numbers, shape (N,) or (N, k), as a structured array of floats, (N,)."""
-    return np.ascontiguousarray(np.column_stack(columns)).view(kind)[:, 0]
+    rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
+    return rows.view(kind)[:, 0]

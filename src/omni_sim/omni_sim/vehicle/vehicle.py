@@ -99,7 +99,7 @@ class Vehicle:
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
-        self.kinematics = PlatformKinematics(configuration.wheels)
+        self.kinematics = PlatformKinematics.of(configuration.wheels)
         self.masses = MassProperties.of(configuration.body, configuration.load)
         self.physics_step = physics_step
         plant = build_plant(
@@ -123,15 +123,15 @@ class Vehicle:
             ),
             loads=np.empty(n),
         )
-        fastest = fastest_motion(plant, self.state.suspension)
-        if fastest * physics_step > _COARSEST:
-            raise VehicleInputError(
-                f"springs of {configuration.suspension.stiffness:g} N/m swing with "
-                f"{fastest:.3g} rad/s; softer ones or a physics step below "
-                f"{_COARSEST / fastest:.2g} s are needed"
-            )
         self._rest = np.zeros(3)
         if self.state.suspension.stiffness > 0.0:
+            fastest = fastest_motion(plant, self.state.suspension)
+            if fastest * physics_step > _COARSEST:
+                raise VehicleInputError(
+                    f"springs of {configuration.suspension.stiffness:g} N/m swing with "
+                    f"{fastest:.3g} rad/s; softer ones or a physics step below "
+                    f"{_COARSEST / fastest:.2g} s are needed"
+                )
             level_springs = self.state.suspension._replace(mounted=np.zeros(n))
             settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
             self._rest = self._chassis
