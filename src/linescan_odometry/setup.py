@@ -14,7 +14,8 @@ setup(
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
     python_requires=">=3.10",
-    install_requires=["numba", "numpy", "omni_platform", "scipy"],  # the nodes need ROS too
+    # the nodes need ROS too
+    install_requires=["numba", "numpy", "omni_platform", "rocket-fft", "scipy"],
     package_data={name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
