@@ -237,11 +237,7 @@ def _match(
     seen_at = displacement  # per line, by what is compared
     if not settled:
         other = _measure(spectra, near, still, 0.0, power, camera, other_weight)
-        one = abs(displacement * between) <= _MOVED_ON and _likeness(
-            thirds, power, camera.band
-        ) > _RENEWED * _likeness(
-            near, power, camera.band
-        )  # what stands still may be ground that has hardly moved on
+        one = _may_be_one(near, thirds, power, camera.band, displacement * between)
         if not (other.found and other.lone):
             if one:
                 return False, nothing
@@ -412,6 +408,14 @@ def _of_places(
         leverage += share * share
     variance: float = squares * _as_student(leverage)
     return variance
+
+
+@njit(nogil=True, error_model="numpy")
+def _may_be_one(near: Cross, thirds: Cross, power: Values, band: Values, way: float) -> bool:
+    """Return whether what stands still may be ground that has hardly moved on [px]."""
+    if abs(way) > _MOVED_ON:
+        return False
+    return _likeness(thirds, power, band) > _RENEWED * _likeness(near, power, band)
 
 
 @njit(nogil=True, error_model="numpy")
