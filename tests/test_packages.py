@@ -27,6 +27,7 @@ KEYS = {
     "numpy": "python3-numpy",
     "pyarrow": "python3-pyarrow",
     "rich": "python3-rich",
+    "rocket_fft": "python3-rocket-fft",
     "rosbags": "python3-rosbags",
     "scipy": "python3-scipy",
     "websockets": "python3-websockets",

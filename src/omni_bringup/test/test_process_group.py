@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import signal
 import subprocess
@@ -232,7 +233,8 @@ def test_a_halted_process_does_not_outlive_the_one_that_started_it(prefix: Path)
         assert parent.stdout is not None
         node = int(parent.stdout.readline())
         os.kill(node, signal.SIGSTOP)
-        wait_until(lambda: "T (stopped)" in Path(f"/proc/{node}/status").read_text())
+        threads = f"/proc/{node}/task/*/status"
+        wait_until(lambda: all("T (stopped)" in Path(f).read_text() for f in glob.glob(threads)))
     finally:
         parent.kill()
         parent.communicate()

@@ -9,15 +9,11 @@ what it works on comes from its caller. One that does is a `kernel`, and short.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 
 from numba import njit
 from numba.core import entrypoints
 from numba.np import linalg
-
-_TRANSFORMS = "rocket_fft"
 
 
 def _defer_blas() -> None:
@@ -34,27 +30,15 @@ def _defer_blas() -> None:
         linalg.ensure_blas = look
 
 
-def _extensions(*, of_transforms: bool) -> Iterator[EntryPoint]:
-    for extension in entry_points(group="numba_extensions", name="init"):
-        if (extension.module.partition(".")[0] == _TRANSFORMS) == of_transforms:
-            yield extension
-
-
 def _defer_transforms() -> None:
     """Keep numba from loading scipy.fft with its first kernel, 0.2 s in each process.
 
-    Its other extensions, a user's among them, are loaded as ever.
+    Whose kernels call it imports `rocket_fft`. Other extensions of numba are loaded as ever.
     """
     entrypoints._already_initialized = True
-    for extension in _extensions(of_transforms=False):
-        extension.load()()
-
-
-@functools.cache
-def load_transforms() -> None:
-    """Let kernels call scipy.fft; before the first that does is called."""
-    for extension in _extensions(of_transforms=True):
-        extension.load()()
+    for extension in entry_points(group="numba_extensions", name="init"):
+        if extension.module != "rocket_fft":
+            extension.load()()
 
 
 _defer_blas()

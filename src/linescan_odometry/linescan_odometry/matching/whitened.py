@@ -51,8 +51,9 @@ import scipy  # whose fft is loaded by its first use: not where configurations a
 from numba import njit
 from numpy.typing import NDArray
 
+from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel, load_transforms
+from omni_platform.kernels import kernel
 
 Cross = NDArray[np.complex128]
 Values = NDArray[np.float64]
@@ -415,7 +416,8 @@ def _may_be_one(near: Cross, thirds: Cross, power: Values, band: Values, way: fl
     """Return whether what stands still may be ground that has hardly moved on [px]."""
     if abs(way) > _MOVED_ON:
         return False
-    return _likeness(thirds, power, band) > _RENEWED * _likeness(near, power, band)
+    renewed: bool = _likeness(thirds, power, band) > _RENEWED * _likeness(near, power, band)
+    return renewed
 
 
 @njit(nogil=True, error_model="numpy")

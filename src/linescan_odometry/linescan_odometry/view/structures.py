@@ -18,8 +18,9 @@ import scipy  # whose fft is loaded by its first use: not where configurations a
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import kernel_sigma
+from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel, load_transforms
+from omni_platform.kernels import kernel
 
 _PAIRS = 8
 _SMOOTHED = 5  # frequencies
