@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.braking_line import (
-    LINE_SIZE,
-    STORED,
     advance_line,
     forget_line,
+    new_line,
     perpendicular,
     store_line,
 )
@@ -74,7 +73,7 @@ from omni_brake_assist.observer.state import (
     observer_memory,
 )
 from omni_brake_assist.sliding_manifold import fastest_wheel
-from omni_brake_assist.valve_dwell import VALVE_SIZE, open_valves, switch_valves
+from omni_brake_assist.valve_dwell import new_valves, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import kernel, lean, lean_inline
 from omni_platform.quantities import SECOND_NS, FloatArray
@@ -150,11 +149,11 @@ class Memory(NamedTuple):
     Attributes:
         trust: of `fail_safe.TRUST`, shape (1,).
         step: stamps and flags, shape (1,).
-        line: line of motion to keep, see `braking_line`, shape (6,).
-        valves: see `valve_dwell`, shape (N, 2).
+        line: line of motion to keep, see `braking_line`, shape (1,).
+        valves: see `valve_dwell`, shape (N,).
         laws: of the control laws.
         observer: see `observer`.
-        effect: ledger of `effect_monitor`, shape (17,).
+        effect: ledger of `effect_monitor`, shape (1,).
         brakes: of `brake_monitor`, shape (N + 1,).
         watch: of `wheel_monitor`, shape (N,).
         heard: speeds of the wheels that a law may go by [rad/s], shape (N,).
@@ -166,11 +165,11 @@ class Memory(NamedTuple):
 
     trust: NDArray[np.void]
     step: NDArray[np.void]
-    line: FloatArray
-    valves: FloatArray
+    line: NDArray[np.void]
+    valves: NDArray[np.void]
     laws: LawMemory
     observer: ObserverMemory
-    effect: FloatArray
+    effect: NDArray[np.void]
     brakes: FloatArray
     watch: NDArray[np.void]
     heard: FloatArray
@@ -272,12 +271,11 @@ def make_constants(
 
 def new_memory(wheels: int) -> Memory:
     """Return the memory of an assistant that has not been told anything, of N wheels."""
-    valves = np.zeros((wheels, VALVE_SIZE))
     return Memory(
         new_trust(),
         np.zeros(1, _STEP),
-        np.zeros(LINE_SIZE),
-        valves,
+        new_line(),
+        new_valves(wheels),
         law_memory(wheels),
         observer_memory(wheels),
         effect_memory(),
@@ -338,7 +336,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
 @lean_inline
 def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
     """Return whether to ask a law, and the motion but for pedal and wheels."""
-    step, line, feedback = memory.step[0], memory.line, inputs.feedback
+    step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = constants.second_opinion and _is_felt(constants, inputs)
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
@@ -373,7 +371,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     elif good:
         if step.line_doubted and settled:
             forget_line(line)  # it may be that of a sensor that lies
-        if line[STORED] != 0.0:
+        if line.stored:
             advance_line(line, dt, yaw_rate)
         elif trusted:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)

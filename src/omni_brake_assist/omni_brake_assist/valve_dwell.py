@@ -8,50 +8,62 @@ valve does at every step what it is told.
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# Columns of the valves: whether it is shut, so that its wheel rolls free; for how long it must
-# still stay as it is [ns]. Zeros are valves that have been open for long.
-SHUT, HELD = range(2)
-VALVE_SIZE = 2
+_VALVE = np.dtype(
+    [
+        ("shut", "?"),  # so that its wheel rolls free
+        ("held", "f8"),  # for how long it must still stay as it is [ns]
+    ]
+)
+
+
+def new_valves(wheels: int) -> NDArray[np.void]:
+    """Return valves that have been open for long, shape (N,)."""
+    return np.zeros(wheels, _VALVE)
 
 
 @lean
-def open_valves(valves: FloatArray, dwell: float, elapsed: float) -> None:
+def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
     """Let all brakes act, however short a time ago their valves were shut.
 
     Args:
-        valves: changed in place, shape (N, 2).
+        valves: changed in place, shape (N,).
         dwell: shortest time between two switchings [ns].
         elapsed: time since the last step [ns].
     """
-    for i in range(valves.shape[0]):
-        valves[i, HELD] = max(valves[i, HELD] - elapsed, 0.0)
-        if valves[i, SHUT] != 0.0:
-            valves[i, SHUT] = 0.0
-            valves[i, HELD] = dwell
+    for i in range(valves.size):
+        valve = valves[i]
+        valve.held = max(valve.held - elapsed, 0.0)
+        if valve.shut:
+            valve.shut, valve.held = False, dwell
 
 
 @lean
-def switch_valves(valves: FloatArray, dwell: float, elapsed: float, enable: FloatArray) -> None:
+def switch_valves(
+    valves: NDArray[np.void], dwell: float, elapsed: float, enable: FloatArray
+) -> None:
     """Switch the valves that may switch already.
 
     Args:
-        valves: changed in place, shape (N, 2).
+        valves: changed in place, shape (N,).
         dwell: shortest time between two switchings [ns].
         elapsed: time since the last step [ns].
         enable: 1 for a brake that should act, else 0, with at least one that should; receives what
             the valves then do, shape (N,).
     """
     acting = False
-    for i in range(valves.shape[0]):
-        valves[i, HELD] = max(valves[i, HELD] - elapsed, 0.0)
-        acting |= valves[i, SHUT] == 0.0 if valves[i, HELD] > 0.0 else enable[i] != 0.0
-    for i in range(valves.shape[0]):
-        shut = 1.0 if enable[i] == 0.0 else 0.0
-        if acting and valves[i, HELD] > 0.0:
-            enable[i] = 1.0 - valves[i, SHUT]
-        elif shut != valves[i, SHUT]:
-            valves[i, SHUT] = shut
-            valves[i, HELD] = dwell
+    for i in range(valves.size):
+        valve = valves[i]
+        valve.held = max(valve.held - elapsed, 0.0)
+        acting |= not valve.shut if valve.held > 0.0 else enable[i] != 0.0
+    for i in range(valves.size):
+        valve, shut = valves[i], enable[i] == 0.0
+        if acting and valve.held > 0.0:
+            enable[i] = 0.0 if valve.shut else 1.0
+        elif shut != valve.shut:
+            valve.shut, valve.held = shut, dwell

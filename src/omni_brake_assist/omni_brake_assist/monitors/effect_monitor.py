@@ -23,40 +23,39 @@ Once a bound is exceeded all brakes act until the pedal is released.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# Entries of the ledger: path missed [m], path braked [m], whether a bound has been exceeded, the
-# speed of the fastest rim when the pedal went down [m/s], time since, weighted by the pedal [s],
-# time since [s], speed of the fastest rim [m/s], the same low-passed [m/s], how often it has been
-# seen lately [1], specific force, low-passed [m/s^2], for how long there has been one [s], the best
-# loss of speed that it has shown [m/s^2] at which pedal [1], that wheels have shown at which pedal,
-# for how long little speed has been lost at the end of the stop [s].
-(
-    MISSED,
-    BRAKED,
-    TRIPPED,
-    START,
-    DEMANDED,
-    ELAPSED,
-    SPEED,
-    MEAN_SPEED,
-    SEEN,
-    FORCE_X,
-    FORCE_Y,
-    FORCE_TIME,
-    BEST_FORCE,
-    FORCE_PEDAL,
-    BEST_LOSS,
-    LOSS_PEDAL,
-    STALLED,
-) = range(17)
-LEDGER_SIZE = 17
+Record = Any
+"""A ledger by reference: an entry of `effect_memory`."""
+
+_LEDGER = np.dtype(
+    [
+        ("missed", "f8"),  # path [m]
+        ("braked", "f8"),  # path [m]
+        ("tripped", "?"),  # whether a bound has been exceeded
+        ("start", "f8"),  # speed of the fastest rim when the pedal went down [m/s]
+        ("demanded", "f8"),  # time since, weighted by the pedal [s]
+        ("elapsed", "f8"),  # time since [s]
+        ("speed", "f8"),  # of the fastest rim [m/s]
+        ("mean_speed", "f8"),  # the same, low-passed [m/s]
+        ("seen", "f8"),  # how often it has been seen lately [1]
+        ("force_x", "f8"),  # specific force, low-passed [m/s^2]
+        ("force_y", "f8"),
+        ("force_time", "f8"),  # for how long there has been one [s]
+        ("best_force", "f8"),  # best loss of speed that it has shown [m/s^2]
+        ("force_pedal", "f8"),  # at which pedal [1]
+        ("best_loss", "f8"),  # best one that wheels have shown [m/s^2]
+        ("loss_pedal", "f8"),  # at which pedal [1]
+        ("stalled", "f8"),  # for how long little has been lost at the end of the stop [s]
+    ]
+)
 
 _SETTLED = 0.6  # share of a step that a low pass must have followed to be believed [1]
 _END = 0.3  # share of the speed at the start from which on a stop is at its end [1]
@@ -81,6 +80,7 @@ class EffectConstants(NamedTuple):
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
         stall: time without much loss of speed at the end of a stop [s].
+        empty: ledger, shape (1,).
     """
 
     roll: FloatArray
@@ -95,6 +95,7 @@ class EffectConstants(NamedTuple):
     least: float
     grace: float
     stall: float
+    empty: NDArray[np.void]
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -112,18 +113,19 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
         least=1.0,
         grace=1.0,
         stall=0.2,
+        empty=effect_memory(),
     )
 
 
-def effect_memory() -> FloatArray:
-    """Return a ledger in which nothing is booked, shape (17,)."""
-    return np.zeros(LEDGER_SIZE)
+def effect_memory() -> NDArray[np.void]:
+    """Return a ledger in which nothing is booked, shape (1,)."""
+    return np.zeros(1, _LEDGER)
 
 
 @lean
 def watch_effect(
     constants: EffectConstants,
-    ledger: FloatArray,
+    memory: NDArray[np.void],
     dt: float,
     pedal: float,
     released: bool,
@@ -134,27 +136,27 @@ def watch_effect(
 
     Args:
         constants: of the vehicle.
-        ledger: changed in place.
+        memory: of `effect_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's demand in it, 0 while there is none [1].
         released: whether a brake was released in it.
         speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
         force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
-    top, known = 0.0, False
+    ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
         if rim < _FASTEST_RIM:
             top, known = max(top, rim), True
     if pedal <= 0.0:
-        ledger[:] = 0.0
-        ledger[START] = ledger[SPEED] = ledger[MEAN_SPEED] = top
-        ledger[SEEN] = 1.0
+        memory[0] = constants.empty[0]
+        ledger.start = ledger.speed = ledger.mean_speed = top
+        ledger.seen = 1.0
         return False
-    ledger[ELAPSED] += dt
-    ledger[DEMANDED] += pedal * dt
-    fallen = ledger[SPEED] - (constants.loss * dt if known else 0.0)
-    ledger[SPEED] = max(top, fallen, 0.0)
+    ledger.elapsed += dt
+    ledger.demanded += pedal * dt
+    fallen = ledger.speed - (constants.loss * dt if known else 0.0)
+    ledger.speed = max(top, fallen, 0.0)
     share = constants.blind_share
     achieved = _share_of_wheels(constants, ledger, dt, pedal, top >= fallen)
     felt = abs(force[0]) < _LARGEST_FORCE and abs(force[1]) < _LARGEST_FORCE
@@ -162,49 +164,49 @@ def watch_effect(
         achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, force))
         share = constants.share
     if released:
-        ledger[MISSED] += ledger[SPEED] * (1.0 - achieved) * dt
-    ledger[BRAKED] += ledger[SPEED] * achieved * dt
-    stalls = released and achieved < _LITTLE and ledger[SPEED] < _END * ledger[START]
-    ledger[STALLED] = ledger[STALLED] + dt if stalls else 0.0
-    bound = constants.creep + constants.allowance * ledger[START] + share * ledger[BRAKED]
-    due = constants.grace + ledger[START] / constants.least
-    exceeded = ledger[DEMANDED] > due or ledger[STALLED] > constants.stall or ledger[MISSED] > bound
+        ledger.missed += ledger.speed * (1.0 - achieved) * dt
+    ledger.braked += ledger.speed * achieved * dt
+    stalls = released and achieved < _LITTLE and ledger.speed < _END * ledger.start
+    ledger.stalled = ledger.stalled + dt if stalls else 0.0
+    bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
+    due = constants.grace + ledger.start / constants.least
+    exceeded = ledger.demanded > due or ledger.stalled > constants.stall or ledger.missed > bound
     if released and exceeded:
-        ledger[TRIPPED] = 1.0
-    return bool(ledger[TRIPPED] != 0.0)
+        ledger.tripped = True
+    return bool(ledger.tripped)
 
 
 @lean
 def _share_of_wheels(
-    constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, seen: bool
+    constants: EffectConstants, ledger: Record, dt: float, pedal: float, seen: bool
 ) -> float:
     """Return which share of what is possible the vehicle loses, by the fastest rim."""
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
-    settled = 1.0 - math.exp(-ledger[ELAPSED] / time)
-    ledger[MEAN_SPEED] += follow * (ledger[SPEED] - ledger[MEAN_SPEED])
-    ledger[SEEN] += follow * ((1.0 if seen else 0.0) - ledger[SEEN])
-    loss = (ledger[MEAN_SPEED] - ledger[SPEED]) / (time * settled) if settled > 0.0 else 0.0
-    if settled > _SETTLED and seen and ledger[SEEN] > 0.3 and loss > ledger[BEST_LOSS]:
-        ledger[BEST_LOSS], ledger[LOSS_PEDAL] = loss, pedal
-    return float(_share(constants, loss, pedal, ledger[BEST_LOSS], ledger[LOSS_PEDAL]))
+    settled = 1.0 - math.exp(-ledger.elapsed / time)
+    ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
+    ledger.seen += follow * ((1.0 if seen else 0.0) - ledger.seen)
+    loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
+    if settled > _SETTLED and seen and ledger.seen > 0.3 and loss > ledger.best_loss:
+        ledger.best_loss, ledger.loss_pedal = loss, pedal
+    return float(_share(constants, loss, pedal, ledger.best_loss, ledger.loss_pedal))
 
 
 @lean
 def _share_of_force(
-    constants: EffectConstants, ledger: FloatArray, dt: float, pedal: float, force: FloatArray
+    constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
     """Likewise, by the specific force."""
     time = constants.force_time
     follow = 1.0 - math.exp(-dt / time)
-    ledger[FORCE_TIME] += dt
-    settled = 1.0 - math.exp(-ledger[FORCE_TIME] / time)
-    ledger[FORCE_X] += follow * (force[0] - ledger[FORCE_X])
-    ledger[FORCE_Y] += follow * (force[1] - ledger[FORCE_Y])
-    loss = math.hypot(ledger[FORCE_X], ledger[FORCE_Y]) / settled if settled > 0.0 else 0.0
-    if settled > _SETTLED and loss > ledger[BEST_FORCE]:
-        ledger[BEST_FORCE], ledger[FORCE_PEDAL] = loss, pedal
-    return float(_share(constants, loss, pedal, ledger[BEST_FORCE], ledger[FORCE_PEDAL]))
+    ledger.force_time += dt
+    settled = 1.0 - math.exp(-ledger.force_time / time)
+    ledger.force_x += follow * (force[0] - ledger.force_x)
+    ledger.force_y += follow * (force[1] - ledger.force_y)
+    loss = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
+    if settled > _SETTLED and loss > ledger.best_force:
+        ledger.best_force, ledger.force_pedal = loss, pedal
+    return float(_share(constants, loss, pedal, ledger.best_force, ledger.force_pedal))
 
 
 @lean

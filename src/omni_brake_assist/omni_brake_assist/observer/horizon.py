@@ -46,20 +46,7 @@ def observe(
     sensed: Sensed,
     answer: FloatArray,
 ) -> int:
-    """Carry the second opinion on by a step.
-
-    Args:
-        constants: of the vehicle.
-        memory: changed in place.
-        now_ns: time of the step [ns].
-        brakes: what they do.
-        passed: the latest twist.
-        sensed: what the other sensors say.
-        answer: receives the twist of now [m/s, m/s, rad/s], shape (3,).
-
-    Returns:
-        The filter whose answer it is, or NOBODY where none can be believed.
-    """
+    """Carry the second opinion on by a step, as `observe_at`, with an answer of now."""
     late_ns = now_ns - int(constants.delay)
     if late_ns == now_ns:
         return int(observe_at(constants, memory, now_ns, brakes, passed, sensed, answer))
