@@ -71,7 +71,8 @@ class SensorReading:
         batch_doubt: variance of the velocity if what lasts is grain [m^2/s^2].
         doubt: part of the variance that comes from the direction of the ground [m^2/s^2].
         structures: number of independent structures of the ground in the view.
-        unlike: whether the camera sees something whose lines do not match, or not as a ground does.
+        unlike: whether the camera sees something whose lines do not match, or not as a ground does;
+            of a measured one, that only its consecutive lines match.
     """
 
     velocity: float

@@ -132,7 +132,9 @@ class LineScanOdometry:
         if self._covers is None or self._grain is None:
             return self._estimate(readings, measured)
         readings |= self._covers.stopped(self._stamp_ns, readings)
+        readings |= self._grain.trust.weighed(readings)
         estimate = self._estimate(readings, measured)
+        self._grain.trust.remember(estimate.readings)
         if estimate.measured:
             self._covers.remember(self._stamp_ns, estimate.twist)
             self._grain.remember(self._stamp_ns, estimate.twist)

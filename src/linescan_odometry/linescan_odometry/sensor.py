@@ -71,6 +71,7 @@ class _Mean:
             for all lines together.
         ends: coherence of the ends of the batch [1], how far they are apart [s], and the variance
             if what lasts is grain [px^2].
+        alone: whether lines farther apart, or all together, do not show it.
     """
 
     displacement: float
@@ -79,6 +80,7 @@ class _Mean:
     share: float
     places: float
     ends: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    alone: bool = False
 
 
 def _mean_of(
@@ -279,7 +281,7 @@ class SensorOdometry:
                 unlike=True,
             )
         if whole is None or not sure or drawn:
-            return mean
+            return dataclasses.replace(mean, alone=whole is None or not whole.lone)
         apart = (mean.displacement - whole.displacement) ** 2
         if 1.0 - whole.lasting < _CHANGING:
             if apart > _OFF**2 * (mean.variance + whole.variance):
@@ -568,6 +570,7 @@ class SensorOdometry:
                 if math.isfinite(mean.places)
                 else math.inf
             ),
+            unlike=mean.alone,
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from linescan_odometry.measurements import Lines, SensorReading
 from linescan_odometry.view.sharp import steps
 from linescan_odometry.view.structures import pull
+from linescan_odometry.view.trust import Trust
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
@@ -186,6 +187,7 @@ class Grain:
             sensors: the cameras by name.
         """
         self._sensors = sensors
+        self.trust = Trust(sensors)
         # Across (to the left of) each camera's axis.
         self._rows = {
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
@@ -205,14 +207,14 @@ class Grain:
         Args:
             readings: of all cameras by name, too few for a twist.
         """
-        blind = [name for name, reading in readings.items() if reading.unlike]
+        blind = [
+            name for name, reading in readings.items() if reading.unlike and not reading.measured
+        ]
         if not blind:
             return {}
         reason = f"unconfirmed: the ground may have grain, it does not match for {', '.join(blind)}"
         return {
-            name: SensorReading.unmeasured(reason, reading.correlation)
-            for name, reading in readings.items()
-            if reading.measured
+            name: reading.refuted(reason) for name, reading in readings.items() if reading.measured
         }
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
@@ -263,7 +265,7 @@ class Grain:
             if not of_batch:
                 way = self._way(name, stamp_ns, reading.lasting_time, across)
                 likeness = reading.lasting
-            share = pull(reading.structures)
+            share = pull(reading.structures) * self.trust.growth(name, reading)
             if way > _FAR_ENOUGH * lasting:
                 excess = likeness - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.

@@ -26,7 +26,7 @@ _PAIRS = 8
 _SMOOTHED = 5  # frequencies
 _SIDE = _SMOOTHED // 2
 _MANY = 38.0  # structures, from which their pulls cancel
-_PULL = 0.09  # of the velocity across the axis, along it, by a single structure
+_PULL = 0.06  # of the velocity across the axis, along it, by a single structure
 
 
 class StructureCounter:
