@@ -21,10 +21,11 @@ by a fiftieth of a pixel at 128 px, the more the redder the spectrum. So the spe
 both sides of d, which does not pull.
 
 Where two things move in the view, the ground and the joints of its bricks, which run askew, their
-peaks melt into one as long as they are less apart than a structure is wide. Lines that are three
-apart part them, and tell the ground two times better by it. So d is a third of the shift of these,
-found anew over the whole range, and a quarter of the square by which it differs from that of
-consecutive lines goes into the variance: what one pulls at, the other shows.
+peaks melt into one as long as they are less apart than a structure is wide. Lines that are farther
+apart part them, and tell the ground better as long as they show the same of it. So d is that of
+lines up to eight apart that keep four fifths of the coherence, or of three, found anew over the
+whole range, and a quarter of the square by which it differs from that of consecutive lines goes
+into the variance: what one pulls at, the other shows.
 
 What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
 lines are apart: that of the first and the last third of a batch, which is taken off until the
@@ -78,6 +79,8 @@ _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
 _APART = (3, 2)  # lines, that tell the displacement
+_FARTHEST, _CHANGED = 8, 0.2  # the same, where no more than this share of the view changes
+_BESIDE = 2.0  # px per line, by which these may differ from consecutive ones
 _PARTED = 0.25  # of the square by which they differ from consecutive ones, that they may err by
 _MOVED_ON = 200.0  # px, between these, beyond which nothing can stand still and seem to move
 _LEAST_OVERLAP = 0.25  # of that on the other side of the displacement
@@ -299,10 +302,15 @@ def _measure(
     if _APART[0] * abs(first) < reach:
         lone = False
         other_weight = np.zeros_like(weight)
-        for between in _APART:  # fewer where the view changes too fast
+        farthest = _staying(spectra, near, still, taken, power, camera, first)
+        for number in range(-1, len(_APART)):  # fewer where the view changes too fast
+            between = farthest if number < 0 else _APART[number]
+            if number < 0 and between <= _APART[0]:
+                continue
             far = _product(spectra, between) - taken * still
             farther = _find(far, power, camera, reach, other_weight)
-            if farther.found and farther.lone:
+            beside = number >= 0 or abs(farther.shift / between - first) <= _BESIDE
+            if farther.found and farther.lone and beside:
                 peak, lone, apart = farther, True, between
                 weight[:] = other_weight
                 break
@@ -310,6 +318,30 @@ def _measure(
     displacement = peak.shift / apart
     variance = max(variance / apart**2, _PULL**2) + _PARTED * (displacement - first) ** 2
     return _Peak(True, displacement, variance, lone, peak.curvature)
+
+
+@njit(nogil=True, error_model="numpy")
+def _staying(
+    spectra: _Spectra,
+    near: Cross,
+    still: Values,
+    taken: float,
+    power: Values,
+    camera: _Camera,
+    first: float,
+) -> int:
+    """Return how far lines may be apart to show most of the same ground; see `_measure`."""
+    most = min(_FARTHEST, len(spectra.real) // 3)
+    most = min(most, int(_REACH * len(camera.window) / max(abs(first), 1e-3)))
+    if most <= _APART[0]:
+        return most
+    step = 2.0 * np.pi / camera.size * first
+    moved = _likeness(_turned(near - taken * still, step), power, camera.band)
+    far = _product(spectra, most) - taken * still
+    kept = _likeness(_turned(far, most * step), power, camera.band) / max(moved, 1e-9)
+    by, far_by = round(abs(first)), round(abs(first) * most)
+    changed = 1.0 - kept * camera.overlap[by] / camera.overlap[far_by]
+    return most if changed <= _CHANGED else int(most * _CHANGED / changed)
 
 
 @njit(nogil=True, error_model="numpy")
