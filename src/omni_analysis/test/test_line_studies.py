@@ -124,7 +124,8 @@ def test_the_twist_is_as_accurate_as_it_says(
     for ground in ("cork", "stone"):
         assert metrics[f"measured_share.generic_{ground}"].value == 1.0
         # 18 starts scatter by some 10 %; with errors taken for independent it would be 0.1 to 4.
-        assert 0.65 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
+        # Slow motion errs by less than the 0.003 px that are kept for pulls to whole pixels: 0.4.
+        assert 0.6 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
 
 
 def test_a_ground_is_judged_by_what_the_others_say() -> None:
