@@ -18,6 +18,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching.median import average, mark_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher, count_identical
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
+from linescan_odometry.matching.smoothed_peak import correlation
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS, SubpixelRefiner
 from linescan_odometry.matching.whitened import FEWEST_LINES, Whitened, WhitenedMatcher
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
@@ -100,13 +101,8 @@ def _stays(lines: Lines, mean: _Mean) -> bool:
     apart = min(span, int(_FAR_SHARE * pixels / max(abs(mean.displacement), 1e-3)))
     if apart < 2:
         return False
-    shift = round(apart * mean.displacement)
-    new = lines[-1, max(0, -shift) : pixels - max(0, shift)].astype(np.float64)
-    old = lines[-1 - apart, max(0, shift) : pixels - max(0, -shift)].astype(np.float64)
-    new -= new.mean()
-    old -= old.mean()
-    norm = math.sqrt(float(new @ new) * float(old @ old))
-    return float(new @ old) > _STAYS * mean.correlation * norm
+    alike: float = correlation(lines[-1 - apart], lines[-1], round(apart * mean.displacement))
+    return alike > _STAYS * mean.correlation
 
 
 class SensorOdometry:
@@ -584,12 +580,9 @@ class SensorOdometry:
             return 0.0
         # What stands still differs by its noise, however long it is looked at.
         least = max(0.0, 1.0 - 2.0 * (1.0 - mean.correlation) - _STILL_TOLERANCE)
-        newest = lines[-1] - lines[-1].mean()
-        for older in (lines[1], lines[span // 3], lines[span // 2]):
-            part = older - older.mean()
-            likeness = math.sqrt(float(part @ part) * float(newest @ newest))
-            if float(part @ newest) <= least * likeness:
-                return 0.0
+        older = (lines[1], lines[span // 3], lines[span // 2])
+        if any(correlation(line, lines[-1], 0) <= least for line in older):
+            return 0.0
         return (span - 1) / self._sensor.line_rate
 
     def _describe(

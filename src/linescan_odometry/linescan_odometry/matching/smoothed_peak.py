@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import kernel
+from omni_platform.quantities import FloatArray
 
 _SIGMA = 2.0  # px
 _RADIUS = 5  # px
@@ -21,7 +21,7 @@ _KERNEL = np.exp(-0.5 * (np.arange(-_RADIUS, _RADIUS + 1) / _SIGMA) ** 2)
 _KERNEL /= _KERNEL.sum()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     """Return the shift at which the smoothed lines match best.
 
@@ -35,14 +35,14 @@ def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     best, best_shift = -math.inf, shift
     for away in range(reach + 1):
         for s in (shift - away, shift + away):
-            r = _correlation(smooth_old, smooth_new, s)
+            r = correlation(smooth_old, smooth_new, s)
             if r > best:
                 best, best_shift = r, s
     return best_shift
 
 
-@njit(cache=True, nogil=True)
-def _smooth(line: Lines) -> NDArray[np.float64]:
+@kernel
+def _smooth(line: Lines) -> FloatArray:
     smooth = np.zeros(max(0, len(line) - 2 * _RADIUS))
     for k in range(len(_KERNEL)):
         for i in range(len(smooth)):
@@ -50,9 +50,15 @@ def _smooth(line: Lines) -> NDArray[np.float64]:
     return smooth
 
 
-@njit(cache=True, nogil=True)
-def _correlation(old: NDArray[np.float64], new: NDArray[np.float64], shift: int) -> float:
-    """Return Pearson's correlation at a shift; -1 where it is not defined."""
+@kernel
+def correlation(old: Lines | FloatArray, new: Lines | FloatArray, shift: int) -> float:
+    """Return Pearson's correlation at a shift [px]; -1 where it is not defined.
+
+    Args:
+        old: a line, shape (n,).
+        new: one after it, shape (n,).
+        shift: of the ground towards smaller indices.
+    """
     overlap = len(new) - abs(shift)
     if overlap < 2:
         return -1.0
