@@ -5,10 +5,12 @@ import importlib.util
 import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from omni_analysis.limit import front as front_module
 from omni_analysis.limit.best import OptimalStop, load_casadi
 from omni_analysis.limit.bounds import maneuver_of, straight_bound
 from omni_analysis.limit.front import Stop, draw_front
@@ -58,6 +60,27 @@ def test_without_casadi_a_sentence_says_how_to_install_it(monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(ConfigurationError, match=r"pip install .* requirements/casadi\.lock"):
         load_casadi()
+
+
+def test_a_stop_that_turns_less_stands_where_no_better_one_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = iter([8.6, math.nan, 8.7, 8.5])
+
+    class Planner:
+        def __init__(self, *_: object) -> None: ...
+
+        def plan(self, rotation: float, _: object) -> SimpleNamespace:
+            return SimpleNamespace(distance=next(found), rotation=rotation)
+
+    monkeypatch.setattr(front_module, "OptimalStop", Planner)
+    library = ExperimentLibrary(CONFIG)
+    stops = front_module.front(
+        lambda changes: library.load("straight_line", "assisted", changes),
+        maneuver_of(library.load("straight_line", "assisted").maneuver),
+    )
+    best = [stops[f"best_{rotation:g}"] for rotation in front_module.ROTATIONS]
+    assert best == [Stop(8.6, 0.5)] * 3 + [Stop(8.5, 30.0)]
 
 
 def test_a_front_shows_every_stop() -> None:

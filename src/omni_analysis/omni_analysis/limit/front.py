@@ -70,7 +70,7 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
     if ground.patches or len(ground.elevation.table()):
         raise ConfigurationError("--best", "needs level ground of one friction, without patches")
     optimal = OptimalStop(experiment.vehicle, ground.friction, maneuver)
-    stops = {}
+    stops, best = {}, Stop(math.nan, math.nan)
     for law, changes in _LAWS.items():
         run = run_fast_loop(load((*_IDEAL, *changes)))
         stops[law] = Stop(run.stopping_distance, run.orientation_change)
@@ -79,7 +79,9 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
         run = run_fast_loop(load((*_IDEAL, *_ALLOCATION, told)))
         stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
         plan = optimal.plan(rotation, run.history())
-        stops[f"best_{rotation:g}"] = Stop(plan.distance, plan.rotation)
+        if plan.distance < best.distance or math.isnan(best.distance):
+            best = Stop(plan.distance, plan.rotation)
+        stops[f"best_{rotation:g}"] = best  # which turns less may be shorter, or all that is found
     return stops
 
 
