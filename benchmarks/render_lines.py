@@ -60,7 +60,7 @@ def throughput(
 ) -> tuple[float, float]:
     """Return lines per second of CPU time, best of several runs, and rms error [grey levels]."""
     seed = np.random.SeedSequence(1)
-    array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed, threads=1)
+    array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed)
     poses = path(lines, heading, 0.0)
     array.render({"one": poses})
     best = math.inf
@@ -80,27 +80,23 @@ def throughput(
     return lines / best, float(np.sqrt(np.mean(np.square(errors))))
 
 
-def share_of_core(texture: GroundTexture, turn: float, threads: int) -> tuple[float, float]:
-    """Return CPU and wall time [s] per simulated second, three sensors in batches of 25 lines."""
+def share_of_core(texture: GroundTexture, turn: float) -> float:
+    """Return CPU time [s] per simulated second, three sensors in batches of 25 lines."""
     seed = np.random.SeedSequence(1)
-    array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed, threads=threads)
+    array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed)
     batches = np.split(path(200 * BATCH, 0.3, turn), 200)
     array.render(dict.fromkeys(THREE_GENERIC, batches[0]))
-    wall, cpu = time.perf_counter(), time.process_time()
+    cpu = time.process_time()
     for batch in batches:
         array.render(dict.fromkeys(THREE_GENERIC, batch))
-    simulated = len(batches) * PERIOD
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    return cpu / simulated, wall / simulated
+    return (time.process_time() - cpu) / (len(batches) * PERIOD)
 
 
 def turn_around(kind: str, names: list[str]) -> float:
     """Render a turn of 360 deg over a ground of 2400 dpi; return the process's peak memory [GB]."""
     texture = TextureCache.of_user().texture(TextureConfiguration(kind=kind, dpi=FINE_DPI))
     sensors = {name: SENSORS[name] for name in names}
-    array = LineCameraArray(
-        sensors, texture, CameraConfiguration(), np.random.SeedSequence(1), threads=1
-    )
+    array = LineCameraArray(sensors, texture, CameraConfiguration(), np.random.SeedSequence(1))
     array.render(dict.fromkeys(sensors, path(720, 0.0, math.radians(0.5) * 2500.0)))
     with open("/proc/self/status", encoding="ascii") as status:
         peak = next(line for line in status if line.startswith("VmHWM:"))
@@ -140,10 +136,7 @@ def measure(kind: str, texels: int, dpi: float) -> dict[str, dict[str, Any]]:
         case = names[0] if len(names) == 1 else "all_three"
         note(f"peak_memory.{case}", peak_memory(kind, names), "GB", limit=1.0)
     for case, turn in (("straight", 0.0), ("turning", math.radians(60.0))):
-        for threads in (1, 2):
-            cpu, wall = share_of_core(texture, turn, threads)
-            note(f"cpu_per_second.{case}_{threads}_threads", cpu, "1")
-            note(f"wall_per_second.{case}_{threads}_threads", wall, "1")
+        note(f"cpu_per_second.{case}", share_of_core(texture, turn), "1")
     return metrics
 
 

@@ -45,6 +45,7 @@ __all__ = [
 ]
 
 _UNKNOWNS = 3  # components of the twist
+_MOST_EARLY = 4  # batches of a camera that wait for the others
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
 _SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost to rounding
 
@@ -99,6 +100,18 @@ class LineScanOdometry:
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
         self._stamp_ns = 0
+        self._early: list[tuple[LineBatch, SensorReading]] = []
+
+    def match(self, name: str, batch: LineBatch) -> None:
+        """Measure by what one camera saw, before the others have come; `update` takes it then.
+
+        Args:
+            name: of the camera.
+            batch: its lines, each batch once and in turn.
+        """
+        if name in self._sensors:
+            self._early.append((batch, self._sensors[name].update(batch)))
+            del self._early[: -_MOST_EARLY * len(self._sensors)]
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Take what the sensors saw since the last update and estimate the twist.
@@ -158,7 +171,8 @@ class LineScanOdometry:
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:
         if batch is None:
             return SensorReading.unmeasured("no lines arrived")
-        reading = self._sensors[name].update(batch)
+        early = next((i for i, (taken, _) in enumerate(self._early) if taken is batch), None)
+        reading = self._sensors[name].update(batch) if early is None else self._early.pop(early)[1]
         stale = self._stale(batch)
         return SensorReading.unmeasured(stale) if stale else reading
 

@@ -113,7 +113,9 @@ class OdometryNode(Node):
             listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
 
     def _on_lines(self, sensor: str, message: Image) -> None:
-        for batches in self._collector.add(sensor, line_batch_of(message)):
+        batch = line_batch_of(message)
+        self._odometry.match(sensor, batch)
+        for batches in self._collector.add(sensor, batch):
             self._publish(self._odometry.update(batches))
 
     def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:

@@ -18,6 +18,9 @@ ODOMETRY_GROUP = "linescan_odometry.odometries"
 class Odometry(Protocol):
     """What makes a twist of lines."""
 
+    def match(self, name: str, batch: LineBatch) -> None:
+        """Take the lines of a camera as soon as they are there; `update` is told them again."""
+
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Take the lines since the last update and estimate the twist."""
 
@@ -30,6 +33,9 @@ class _OwnOdometry:
 
     def __init__(self, odometry: Any) -> None:
         self._odometry = odometry
+
+    def match(self, name: str, batch: LineBatch) -> None:
+        pass
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         twist: Twist = self._odometry.update(batches)

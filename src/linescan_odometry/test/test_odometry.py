@@ -303,6 +303,28 @@ def test_updates_repeat_to_the_last_bit(expose: Expose) -> None:
     assert first.covariance.tobytes() == second.covariance.tobytes()
 
 
+def test_cameras_that_are_matched_as_they_come_give_the_same_twist(expose: Expose) -> None:
+    settings = configuration(cover_detection=False)
+    at_once, early = LineScanOdometry(settings), LineScanOdometry(settings)
+    lines = expose(np.arange(76) * 7.3, 256, noise=2.0)
+    for newest in (25, 50, 75):
+        batches = {name: batch(lines[newest - 24 : newest + 1], newest) for name in placement()}
+        for name in ("right", "front"):  # the third is not announced
+            early.match(name, batches[name])
+        expected, estimate = at_once.update(batches), early.update(batches)
+        assert estimate.measured
+        np.testing.assert_array_equal(estimate.twist, expected.twist)
+        assert estimate.readings == expected.readings
+
+
+def test_batches_that_wait_for_others_in_vain_are_forgotten(expose: Expose) -> None:
+    odometry = LineScanOdometry(configuration())
+    lines = expose(np.arange(26) * 7.3, 256, noise=2.0)
+    for newest in range(25, 2500, 25):
+        odometry.match("front", batch(lines, newest))
+    assert len(odometry._early) <= 12
+
+
 def test_warming_up_leaves_no_trace(expose: Expose) -> None:
     lines = expose(5.0 * np.arange(26), 256)
     batches = {name: batch(lines[1:], 25) for name in placement()}

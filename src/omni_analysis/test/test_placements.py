@@ -43,7 +43,7 @@ def drive(
 ) -> list[TwistEstimate]:
     """Move along an arc and return what the odometry makes of every batch."""
     eyes = LineCameraArray(
-        configuration.sensors, ground, configuration.camera, np.random.SeedSequence(3), threads=1
+        configuration.sensors, ground, configuration.camera, np.random.SeedSequence(3)
     )
     odometry = LineScanOdometry(configuration.odometry)
     estimates = []

@@ -7,7 +7,7 @@ control period. Nothing here knows of ROS, of clocks or of who decides the enabl
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -309,7 +309,7 @@ class Simulator:
         self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
         self._imu, self._encoder = np.zeros(3), np.zeros(wheels)
         self._cameras: LineCameraArray | None = None
-        self._batches: Mapping[str, LineBatch] = {}
+        self._batches = _Batches({}, self._render)
         self._flow_sensors = FlowSensorArray(
             configuration.flow_sensors if simulation.render_lines else {},
             configuration.flow,
@@ -437,29 +437,76 @@ class Simulator:
         """
         return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
 
-    def _expose(
-        self, trajectory: FloatArray, start_ns: int, end_ns: int
-    ) -> Mapping[str, LineBatch]:
+    def _expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> _Batches:
         """Return the lines of every camera with times in (start, end]."""
-        if self._cameras is None:
-            return {}
+        self._batches.complete()
         step_ns = self.control_period_ns / self.configuration.simulation.steps_per_period
-        poses, velocities, stamps = {}, {}, {}
+        exposures = {}
         blurred = self.configuration.camera.exposure_time > 0.0
         for name, clock in self._clocks.items():
             first, last = clock.lines_in(start_ns, end_ns)
             times = clock.times_ns(first, last)
-            poses[name] = interpolate_poses(trajectory, max(start_ns, 0), step_ns, times)
+            poses = interpolate_poses(trajectory, max(start_ns, 0), step_ns, times)
+            velocities = None
             if blurred:
-                velocities[name] = interpolate_velocities(
-                    trajectory, max(start_ns, 0), step_ns, times
-                )
-            stamps[name] = clock.stamp_ns(last - 1)
-        if self._sprung or self.vehicle.uneven:
+                velocities = interpolate_velocities(trajectory, max(start_ns, 0), step_ns, times)
+            exposures[name] = _Exposure(clock.stamp_ns(last - 1), poses, velocities)
+        if self._cameras is not None and (self._sprung or self.vehicle.uneven):
             for camera in self._cameras.cameras.values():
                 camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
-        lines = self._cameras.render(poses, velocities if blurred else None)
-        return {name: LineBatch(stamps[name], lines[name]) for name in lines}
+        return _Batches(exposures, self._render)
+
+    def _render(self, name: str, exposure: _Exposure) -> LineBatch:
+        assert self._cameras is not None
+        lines = self._cameras.render_next(name, exposure.poses, exposure.velocities)
+        return LineBatch(exposure.stamp_ns, lines)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Exposure:
+    """How a camera moved while it took a batch of m lines.
+
+    Attributes:
+        stamp_ns: of the newest line [ns].
+        poses: of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
+        velocities: rates of these, None where they do not blur.
+    """
+
+    stamp_ns: int
+    poses: FloatArray
+    velocities: FloatArray | None
+
+
+class _Batches(Mapping[str, LineBatch]):
+    """Batches of the cameras, each rendered when it is first asked for.
+
+    Who sends one on has it matched elsewhere while the next is rendered.
+    """
+
+    def __init__(
+        self,
+        exposures: Mapping[str, _Exposure],
+        render: Callable[[str, _Exposure], LineBatch],
+    ) -> None:
+        self._exposures = exposures
+        self._render = render
+        self._made: dict[str, LineBatch] = {}
+
+    def __getitem__(self, name: str) -> LineBatch:
+        if name not in self._made:
+            self._made[name] = self._render(name, self._exposures[name])
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._exposures)
+
+    def __len__(self) -> int:
+        return len(self._exposures)
+
+    def complete(self) -> None:
+        """Render what nobody has asked for: the cameras count their lines."""
+        for name in self:
+            self[name]
 
 
 def _in_world(twist: FloatArray, yaw: float) -> FloatArray:

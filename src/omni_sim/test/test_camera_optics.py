@@ -31,7 +31,7 @@ def camera(
 ) -> LineCamera:
     configuration = from_mapping(CameraConfiguration, values)
     seed = np.random.SeedSequence(1)
-    return LineCameraArray({name: sensor}, texture, configuration, seed, 1).cameras[name]
+    return LineCameraArray({name: sensor}, texture, configuration, seed).cameras[name]
 
 
 def exact(sharp: LineCamera, pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -33,7 +33,6 @@ def array(
     texture: GroundTexture = CORK,
     sensors: dict[str, LineSensor] | None = None,
     seed: int = 1,
-    threads: int = 1,
     **camera: float,
 ) -> LineCameraArray:
     return LineCameraArray(
@@ -41,7 +40,6 @@ def array(
         texture,
         from_mapping(CameraConfiguration, camera),
         np.random.SeedSequence(seed),
-        threads,
     )
 
 
@@ -118,12 +116,11 @@ def test_noise_does_not_depend_on_which_other_sensors_there_are() -> None:
     np.testing.assert_array_equal(alone["front"], together["front"])
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
 @pytest.mark.parametrize("split", [[60], [1, 59], [25, 25, 10], [0, 7, 0, 53]])
-def test_lines_do_not_depend_on_batches_or_threads(split: list[int], threads: int) -> None:
+def test_lines_do_not_depend_on_batches(split: list[int]) -> None:
     poses = path(60)
     whole = array().render(dict.fromkeys(SENSORS, poses))
-    cameras = array(threads=threads)
+    cameras = array()
     parts = [
         cameras.render(dict.fromkeys(SENSORS, part))
         for part in np.split(poses, np.cumsum(split)[:-1])
@@ -132,24 +129,11 @@ def test_lines_do_not_depend_on_batches_or_threads(split: list[int], threads: in
         np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), lines)
 
 
-def test_batches_of_different_length_are_shared_among_threads() -> None:
-    poses = {"left": path(31), "right": path(0), "front": path(5)}
-    single, double = array(threads=1).render(poses), array(threads=2).render(poses)
-    assert {name: lines.shape for name, lines in double.items()} == {
-        "left": (31, 101),
-        "right": (0, 128),
-        "front": (5, 64),
-    }
-    for name, lines in single.items():
-        np.testing.assert_array_equal(double[name], lines)
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_pose_that_is_no_number_is_refused(threads: int) -> None:
+def test_a_pose_that_is_no_number_is_refused() -> None:
     poses = path(20)
     poses[19, 2] = np.nan
     with pytest.raises(ValueError, match="finite"):
-        array(threads=threads).render(dict.fromkeys(SENSORS, poses))
+        array().render(dict.fromkeys(SENSORS, poses))
 
 
 def test_coarse_pixels_use_a_coarser_level_and_look_the_same() -> None:
@@ -187,7 +171,7 @@ sensors = {
     "narrow": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025),
 }
 seed = np.random.SeedSequence(1)
-array = LineCameraArray(sensors, texture, CameraConfiguration(), seed, threads=1)
+array = LineCameraArray(sensors, texture, CameraConfiguration(), seed)
 poses = np.zeros((72, 3))
 poses[:, 2] = np.linspace(0.0, 2.0 * math.pi, 72)
 lines = array.render(dict.fromkeys(sensors, poses))

@@ -208,8 +208,7 @@ def drive_over(
     coarse = GroundTexture(grey, texture.size)
     key = np.random.SeedSequence(seed)
     faulty = {
-        name: LineCameraArray(sensors, coarse, fault.camera, key, threads=1)
-        for name, fault in faults.items()
+        name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
     }
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
     for number in drives:
@@ -262,7 +261,6 @@ def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
         _repeating(texture) if repeats else texture,
         CameraConfiguration(),
         np.random.SeedSequence(view.seed),
-        threads=1,
     )
 
 

@@ -158,7 +158,7 @@ def cameras(
     }
     configuration = CameraConfiguration(noise=float(noise))
     sequence = np.random.SeedSequence(seed)
-    array = LineCameraArray(sensors, texture, configuration, sequence, threads=1)
+    array = LineCameraArray(sensors, texture, configuration, sequence)
     return [array.cameras[name] for name in sensors]
 
 

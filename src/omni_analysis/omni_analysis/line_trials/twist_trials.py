@@ -64,7 +64,7 @@ def cameras_over(
         seed: of the noise.
     """
     configuration = CameraConfiguration(noise=noise)
-    return LineCameraArray(sensors, texture, configuration, np.random.SeedSequence(seed), threads=1)
+    return LineCameraArray(sensors, texture, configuration, np.random.SeedSequence(seed))
 
 
 def rendered(

@@ -129,7 +129,6 @@ def _look(texture: GroundTexture, seed: int) -> Look:
         texture,
         CameraConfiguration(noise=0.0),
         np.random.SeedSequence(seed),
-        threads=1,
     )
     generator = np.random.default_rng(seed)
     places = generator.uniform(0.0, texture.size, (_LINES, 2))

@@ -9,7 +9,6 @@ perfect; `camera_configuration` says what else there is.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,7 +197,7 @@ class LineCameraArray:
     """All line cameras of a vehicle, over one ground.
 
     It counts the lines of each camera: the noise of a line depends on seed, sensor name and
-    line number, and on nothing else, neither on batches nor on threads.
+    line number, and on nothing else.
 
     Attributes:
         cameras: the cameras by name.
@@ -210,7 +209,6 @@ class LineCameraArray:
         texture: GroundTexture,
         configuration: CameraConfiguration,
         seed: np.random.SeedSequence,
-        threads: int = 2,
     ) -> None:
         """Prepare the ground and place the cameras.
 
@@ -219,17 +217,11 @@ class LineCameraArray:
             texture: the ground.
             configuration: exposure of all cameras.
             seed: of the noise.
-            threads: number of threads that share the work; no influence on the result.
 
         Raises:
             ConfigurationError: a footprint is longer or wider than the period of the ground, or
                 narrower than 10 texels, or an exposure lasts longer than a line.
-            ValueError: fewer than one thread.
         """
-        if threads < 1:
-            raise ValueError(f"rendering takes at least one thread, not {threads}")
-        self._threads = threads
-        self._pool = ThreadPoolExecutor(threads - 1, "render") if threads > 1 else None
         check_exposure(sensors, configuration)
         views = {name: seen(sensor, configuration) for name, sensor in sensors.items()}
         padded = padded_levels(views, texture, configuration.most_widening)
@@ -255,48 +247,17 @@ class LineCameraArray:
         Raises:
             ValueError: a pose is not finite.
         """
-        lines = {name: self.cameras[name].blank(len(entry)) for name, entry in poses.items()}
-        parts = self._parts(poses)
-        others = [
-            self._pool.submit(self._render, part, poses, velocities, lines)
-            for part in parts[1:]
-            if self._pool is not None
-        ]
-        try:
-            self._render(parts[0], poses, velocities, lines)
-        finally:
-            wait(others)
-        for other in others:
-            other.result()
-        for name, entry in poses.items():
-            self._next_line[name] += len(entry)
+        return {
+            name: self.render_next(name, entry, None if velocities is None else velocities[name])
+            for name, entry in poses.items()
+        }
+
+    def render_next(
+        self, name: str, poses: FloatArray, velocities: FloatArray | None = None
+    ) -> LineArray:
+        """Return the next lines of one camera; see `render`."""
+        camera = self.cameras[name]
+        lines = camera.blank(len(poses))
+        camera.render(poses, self._next_line[name], lines, velocities)
+        self._next_line[name] += len(poses)
         return lines
-
-    def _parts(self, poses: Mapping[str, FloatArray]) -> list[list[tuple[str, int, int]]]:
-        """Divide all lines evenly: for each thread the (camera, start, end) of what it renders."""
-        total = sum(len(entry) for entry in poses.values())
-        bounds = [total * i // self._threads for i in range(self._threads + 1)]
-        parts: list[list[tuple[str, int, int]]] = [[] for _ in range(self._threads)]
-        before = 0
-        for name, entry in poses.items():
-            for part, low, high in zip(parts, bounds[:-1], bounds[1:], strict=True):
-                start, end = max(low - before, 0), min(high - before, len(entry))
-                if start < end:
-                    part.append((name, start, end))
-            before += len(entry)
-        return parts
-
-    def _render(
-        self,
-        part: list[tuple[str, int, int]],
-        poses: Mapping[str, FloatArray],
-        velocities: Mapping[str, FloatArray] | None,
-        lines: Mapping[str, LineArray],
-    ) -> None:
-        for name, start, end in part:
-            self.cameras[name].render(
-                poses[name][start:end],
-                self._next_line[name] + start,
-                lines[name][start:end],
-                None if velocities is None else velocities[name][start:end],
-            )
