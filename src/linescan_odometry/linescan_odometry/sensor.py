@@ -283,7 +283,7 @@ class SensorOdometry:
             if apart > _OFF**2 * (mean.variance + whole.variance):
                 return dataclasses.replace(mean, variance=mean.variance + apart)
             return mean
-        off = apart > _OFF**2 * mean.variance
+        off = apart > _OFF**2 * mean.variance or mean.variance > _MOVES**2
         if corrects and off and abs(whole.displacement) < _MOVES:
             raise Unmeasured(
                 "something stands still in the view: all lines together do, pairs of lines move by "
