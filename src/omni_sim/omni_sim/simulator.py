@@ -214,7 +214,6 @@ class Observation:
             shape (3,); no numbers without one.
         encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
         wheel_load: [N], shape (N,).
-        wheel_force: along the active directions [N], shape (N,).
         wheel_force_body: the same as vectors in the body frame [N], shape (N, 2).
         slip: of the contact patches, Eq. (20) [1], shape (N,).
         line_batches: lines since the last stamp, by camera.
@@ -234,7 +233,6 @@ class Observation:
     imu: FloatArray
     encoder_speed: FloatArray
     wheel_load: FloatArray
-    wheel_force: FloatArray
     wheel_force_body: FloatArray
     slip: FloatArray
     line_batches: Mapping[str, LineBatch]
@@ -351,7 +349,6 @@ class Simulator:
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
             wheel_load=wheels["load"],
-            wheel_force=wheels["force"],
             wheel_force_body=vehicle.wheel_force_body,
             slip=wheels["slip"],
             line_batches=self._batches,
