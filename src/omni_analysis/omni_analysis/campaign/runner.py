@@ -44,7 +44,9 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 CHUNK_TIME = 1.0
 """How long a worker should be busy with a chunk of runs [s]."""
 
-_ALONE = 2.0  # what is over in this time needs no other process [s]
+_ALONE = 2.0  # runs that take so long in all tell what the rest will take [s]
+_FIRST_RUNS = 3  # likewise, however short
+_WORTH = 4.0  # what is over in this time needs no other process [s]
 _FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
 _LARGEST_CHUNK = 1000
 _IN_FLIGHT = 3  # chunks per worker, so that none waits for the next one
@@ -193,7 +195,10 @@ def _run(
         return
     workers = options.workers or len(os.sched_getaffinity(0))
     done, spent = 0, 0.0
-    while options.scheduler is None and done < len(seeds) and (workers == 1 or spent < _ALONE):
+    while options.scheduler is None and done < len(seeds):
+        known = spent >= _ALONE or done >= _FIRST_RUNS
+        if workers > 1 and known and spent / done * (len(seeds) - done) > _WORTH:
+            break
         rows, duration = _run_chunk(work, seeds[done : done + 1])
         take(rows)
         done, spent = done + 1, spent + duration
