@@ -78,7 +78,7 @@ _PULL = 0.003  # px, to whole pixels and by uneven overlap, which does not scatt
 _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
-_APART = (3, 2)  # lines, that tell the displacement
+_APART, _LEAST_APART = 3, 2  # lines, that tell the displacement
 _FARTHEST, _CHANGED = 8, 0.2  # the same, where no more than this share of the view changes
 _BESIDE = 2.0  # px per line, by which these may differ from consecutive ones
 _PARTED = 0.25  # of the square by which they differ from consecutive ones, that they may err by
@@ -231,16 +231,16 @@ def _match(
     near, thirds = _product(spectra, 1), _product(spectra, between)
     energy = _product(spectra, 0).real.copy()
     power = _smooth(energy) + (1e-9 * rows * energy.max() + 1e-9)
-    still = thirds.real.copy()
+    still, nothing_still = thirds.real.copy(), np.zeros(len(power))
     weight, other_weight = np.zeros((2, len(power)))
-    peak = _measure(spectra, near, still, 0.0 if settled else 1.0, power, camera, weight)
+    peak = _measure(spectra, near, nothing_still if settled else still, power, camera, weight)
     if not peak.found:
         return False, nothing
     displacement, variance = peak.shift, peak.variance
     places = _spread(spectra, weight, camera)
     seen_at = displacement  # per line, by what is compared
     if not settled:
-        other = _measure(spectra, near, still, 0.0, power, camera, other_weight)
+        other = _measure(spectra, near, nothing_still, power, camera, other_weight)
         one = _may_be_one(near, thirds, power, camera.band, displacement * between)
         if not (other.found and other.lone):
             if one:
@@ -279,7 +279,6 @@ def _measure(
     spectra: _Spectra,
     near: Cross,
     still: Values,
-    taken: float,
     power: Values,
     camera: _Camera,
     weight: Values,
@@ -289,31 +288,29 @@ def _measure(
     Args:
         spectra: of the lines.
         near: cross-spectrum of consecutive ones.
-        still: spectrum of what stands still.
-        taken: share of it that is taken off, 0 or 1.
+        still: spectrum of what stands still, which is taken off.
         power: of the lines, smoothed.
         camera: that saw them.
         weight: receives W.
     """
-    peak: _Peak = _find(near - taken * still, power, camera, camera.limit, weight)
+    moving = near - still
+    peak: _Peak = _find(moving, power, camera, camera.limit, weight)
     if not peak.found:
         return peak
     first, lone, apart, reach = peak.shift, peak.lone, 1, int(_REACH * len(camera.window))
-    if _APART[0] * abs(first) < reach:
+    if _APART * abs(first) < reach:
         lone = False
         other_weight = np.zeros_like(weight)
-        farthest = _staying(spectra, near, still, taken, power, camera, first)
-        for number in range(-1, len(_APART)):  # fewer where the view changes too fast
-            between = farthest if number < 0 else _APART[number]
-            if number < 0 and between <= _APART[0]:
-                continue
-            far = _product(spectra, between) - taken * still
+        between = _staying(spectra, moving, still, power, camera, first)
+        while between >= _LEAST_APART:  # fewer where the view changes too fast
+            far = _product(spectra, between) - still
             farther = _find(far, power, camera, reach, other_weight)
-            beside = number >= 0 or abs(farther.shift / between - first) <= _BESIDE
+            beside = between <= _APART or abs(farther.shift / between - first) <= _BESIDE
             if farther.found and farther.lone and beside:
                 peak, lone, apart = farther, True, between
                 weight[:] = other_weight
                 break
+            between = min(between - 1, _APART)
     variance = max(peak.variance, _of_places(spectra, weight, peak, apart, camera))
     displacement = peak.shift / apart
     variance = max(variance / apart**2, _PULL**2) + _PARTED * (displacement - first) ** 2
@@ -323,25 +320,24 @@ def _measure(
 @njit(nogil=True, error_model="numpy")
 def _staying(
     spectra: _Spectra,
-    near: Cross,
+    moving: Cross,
     still: Values,
-    taken: float,
     power: Values,
     camera: _Camera,
     first: float,
 ) -> int:
-    """Return how far lines may be apart to show most of the same ground; see `_measure`."""
+    """Return how far lines may be apart to show most of the same ground, `_APART` at least."""
     most = min(_FARTHEST, len(spectra.real) // 3)
     most = min(most, int(_REACH * len(camera.window) / max(abs(first), 1e-3)))
-    if most <= _APART[0]:
-        return most
+    if most <= _APART:
+        return _APART
     step = 2.0 * np.pi / camera.size * first
-    moved = _likeness(_turned(near - taken * still, step), power, camera.band)
-    far = _product(spectra, most) - taken * still
+    moved = _likeness(_turned(moving, step), power, camera.band)
+    far = _product(spectra, most) - still
     kept = _likeness(_turned(far, most * step), power, camera.band) / max(moved, 1e-9)
     by, far_by = round(abs(first)), round(abs(first) * most)
     changed = 1.0 - kept * camera.overlap[by] / camera.overlap[far_by]
-    return most if changed <= _CHANGED else int(most * _CHANGED / changed)
+    return most if changed <= _CHANGED else max(int(most * _CHANGED / changed), _APART)
 
 
 @njit(nogil=True, error_model="numpy")
