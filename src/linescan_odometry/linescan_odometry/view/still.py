@@ -35,14 +35,24 @@ _IN_EACH = 0.5  # of that, in every line
 _MOST_DEFECTIVE = 0.03  # share of a line
 
 
+@kernel
 def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
     """Return how much neighbouring pixels of a difference have in common, and its square.
 
     Args:
         change: of a line, shape (n,).
     """
-    change = change - change.mean()
-    return float(change[1:] @ change[:-1]), float(change @ change)
+    mean = 0.0
+    for i in range(len(change)):
+        mean += change[i]
+    mean /= len(change)
+    structure, square, before = 0.0, 0.0, 0.0
+    for i in range(len(change)):
+        value = change[i] - mean
+        structure += value * before
+        square += value * value
+        before = value
+    return structure, square
 
 
 class StillView:
@@ -68,7 +78,7 @@ class StillView:
         Args:
             lines: that follow each other, oldest first, shape (m, n).
         """
-        structure, square = _compare(lines[-1], lines[0])
+        structure, square = structure_of(lines[-1].astype(np.float32) - lines[0])
         if structure <= STRUCTURE * square:
             return
         self._largest = max(self._largest * _FORGOTTEN, structure)
@@ -83,25 +93,6 @@ class StillView:
         scale = np.float32(_RANGE / max(float(np.abs(rest).max()), 1.0))
         moving: Lines = np.rint(rest * scale + np.float32(_MIDDLE)).astype(np.uint16)
         return moving
-
-
-@kernel
-def _compare(new: Lines, old: Lines) -> tuple[float, float]:
-    """Return `structure_of` the change from one line to another."""
-    count = len(new)
-    change = np.empty(count)
-    mean = 0.0
-    for i in range(count):
-        change[i] = float(new[i]) - float(old[i])
-        mean += change[i]
-    mean /= count
-    structure, square, before = 0.0, 0.0, 0.0
-    for i in range(count):
-        value = change[i] - mean
-        structure += value * before
-        square += value * value
-        before = value
-    return structure, square
 
 
 @kernel
