@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -142,19 +143,16 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 
 def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
-    def largest(quantity: str, engine: str) -> float:
-        return max(
-            metric.value
-            for key, metric in metrics.items()
-            if key.startswith(quantity) and key.endswith(engine)
-        )
+    def largest(quantity: str, variant: str) -> float:
+        named = re.compile(rf"{quantity}_difference\.\w+_{variant}_(single|rollers)")
+        return max(metric.value for key, metric in metrics.items() if named.fullmatch(key))
 
     sentences = [
-        f"{_LABELS[engine].capitalize()} and MuJoCo differ by at most "
-        f"{largest('swerve_difference', engine):.1f} deg of swerve and "
-        f"{100.0 * largest('distance_difference', engine):.0f} % of distance over "
-        f"{len(_CASES)} motions, unassisted and assisted"
-        for engine in ("single", "rollers")
+        f"{variant.capitalize()}, ours and MuJoCo's differ by at most "
+        f"{largest('swerve', variant):.1f} deg of swerve and "
+        f"{100.0 * largest('distance', variant):.0f} % of distance over {len(_CASES)} motions "
+        "and both wheels"
+        for variant in _VARIANTS
     ]
     swerves = {
         variant: metrics[f"orientation_change.straight_{variant}_mujoco"].value

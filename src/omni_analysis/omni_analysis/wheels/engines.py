@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 
 from omni_analysis.wheels.mujoco_vehicle import MujocoVehicle
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
+from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import Twist
+from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_sim.imu import IMU_DRAWS, ImuConfiguration, build_imu, read_imu
 from omni_sim.run_progress import (
     RUNNING,
     STOPPED,
@@ -32,6 +34,10 @@ PERIOD = 0.01
 
 _LONGEST = 10.0  # [s]
 _END = run_end(SimulationConfiguration(duration_limit=_LONGEST))
+_BEFORE = 50  # control periods for which the assistant hears the vehicle before the pedal goes down
+_IMU = ImuConfiguration(
+    misalignment_deg=0.0, gyro_bias=0.0, gyro_scale=0.0, bias_x=0.0, bias_y=0.0, scale=0.0
+)
 
 
 class Machine(Protocol):
@@ -46,6 +52,10 @@ class Machine(Protocol):
     @property
     def twist(self) -> FloatArray:
         """Of base_link in the body frame [m/s, m/s, rad/s], shape (3,)."""
+
+    @property
+    def wheel_speed(self) -> FloatArray:
+        """Wheel speeds [rad/s], shape (N,)."""
 
     def advance(self, n_steps: int, pedal: float, enable: ArrayLike, /) -> object:
         """Advance by some physics steps under constant brakes, the clutches open."""
@@ -67,6 +77,11 @@ class PlanarMachine:
     def twist(self) -> FloatArray:
         """Of base_link in the body frame [m/s, m/s, rad/s], shape (3,)."""
         return self._vehicle.twist
+
+    @property
+    def wheel_speed(self) -> FloatArray:
+        """Wheel speeds [rad/s], shape (N,)."""
+        return self._vehicle.wheels["speed"]
 
     def advance(self, n_steps: int, pedal: float, enable: ArrayLike) -> object:
         """Advance by some physics steps under constant brakes, the clutches open."""
@@ -108,25 +123,56 @@ class Stop:
         return math.hypot(*(self.path[-1, :2] - self.path[0, :2]))
 
 
+class _Informed:
+    """The brake assistant, told the truth by twist, encoders and an IMU without errors."""
+
+    def __init__(self, assistant: BrakeAssistConfiguration) -> None:
+        self._assist = BrakeAssist(assistant)
+        self._imu = build_imu(_IMU, PERIOD)
+        self._told = 0  # stamps
+
+    def enable(
+        self, pedal: float, pose: FloatArray, twist: FloatArray, wheel_speed: FloatArray
+    ) -> FloatArray:
+        """Return the shares of brake pressure at the next stamp, shape (N,)."""
+        stamp, felt = round(self._told * PERIOD * 1e9), np.empty(3)
+        motion = np.concatenate([pose, twist])
+        read_imu(self._imu, self._told, PERIOD, motion, (0.0, 0.0), np.zeros(IMU_DRAWS), felt)
+        self._told += 1
+        demand = BrakeDemand(
+            stamp,
+            pedal,
+            Twist(stamp, twist, np.eye(3) * 1e-6),
+            WheelSpeeds(stamp, wheel_speed),
+            ImuReading(stamp, float(felt[0]), felt[1:]),
+        )
+        return self._assist.update(demand).enable
+
+
 def brake_to_rest(machine: Machine, assistant: BrakeAssistConfiguration) -> Stop:
-    """Brake fully until the vehicle stands; the assistant is told the true twist.
+    """Brake fully until the vehicle stands; the assistant is told the truth.
 
     Args:
-        machine: at speed.
+        machine: at speed. Until the pedal goes down it rolls as if no force acted on it.
         assistant: which may be switched off.
     """
-    assist = BrakeAssist(assistant)
+    informed, rolling = _Informed(assistant), PlatformKinematics.of(assistant.wheels)
     steps = round(PERIOD / machine.physics_step)
+    first = machine.twist
+    for index in range(-_BEFORE, 0):
+        turned = first[2] * index * PERIOD
+        cos, sin = math.cos(turned), math.sin(turned)
+        v_x, v_y = cos * first[0] + sin * first[1], cos * first[1] - sin * first[0]
+        twist = np.array([v_x, v_y, first[2]])
+        where = machine.pose + np.array([0.0, 0.0, turned])
+        informed.enable(0.0, where, twist, rolling.wheel_speeds(twist))
     path, rest = [machine.pose], rest_memory()
-    for index in itertools.count():
-        stamp = round(index * PERIOD * 1e9)
-        twist = machine.twist
-        feedback = Twist(stamp, twist, np.eye(3) * 1e-6)
-        machine.advance(steps, 1.0, assist.update(BrakeDemand(stamp, 1.0, feedback)).enable)
+    for index in itertools.count(1):
+        enable = informed.enable(1.0, machine.pose, machine.twist, machine.wheel_speed)
+        machine.advance(steps, 1.0, enable)
         path.append(machine.pose)
-        outcome = run_outcome(
-            _END, rest, round(stamp + PERIOD * 1e9), 1.0, rim_speed(machine.twist)
-        )
+        stamp = round(index * PERIOD * 1e9)
+        outcome = run_outcome(_END, rest, stamp, 1.0, rim_speed(machine.twist))
         if outcome != RUNNING:
             break
     pose = np.array(path)
