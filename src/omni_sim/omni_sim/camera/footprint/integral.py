@@ -35,8 +35,19 @@ from omni_sim.camera.footprint.blocks import (
     add_four,
     add_four_between,
     add_four_from,
+    add_four_twice,
     add_four_until,
-    prefetch,
+)
+from omni_sim.camera.footprint.cells import (
+    LANES,
+    POINT,
+    WEIGHT_BITS,
+    add_edges,
+    add_edges_alike,
+    merge_classes,
+    read_edges,
+    sum_cells,
+    sum_classes,
 )
 from omni_sim.camera.footprint.padding import LEAST_WIDTH, PaddedTexture
 
@@ -44,21 +55,19 @@ Int8s = NDArray[np.int8]
 Int16s = NDArray[np.int16]
 Int32s = NDArray[np.int32]
 Int64s = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 _CLASSES = 4  # accumulators, one for each quarter of a texel; the code below is written for 4
 _HALF = _CLASSES // 2
-_POINT = 24  # binary places of fixed-point positions
-_ONE = 1 << _POINT
-_WEIGHT_BITS = 8  # binary places of the weights of partly covered rows
+_ONE = 1 << POINT
 _SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 255
 _MARGIN = 8  # columns and rows beyond the footprint
-_CACHE_LINE = 64  # bytes
+_GROUP = 4  # rows added at a time
 _BLOCKS = ~(BLOCK - 1)  # of a column: the first one of its block
-_PREFETCHED = 2  # cache lines of a row asked for ahead of its use
 _LEVEL = 20  # binary places that stand for infinity where rows and columns run alike
 _NARROW_ROWS = 640  # whose sums, times the weights of `_refine`, fit 32 bits
 # Places in a list as unsigned numbers, which spare the checks for negative ones.
-_1, _2, _3, _4, _5, _6, _7, _8, _9, _10, _11 = (np.uint64(i) for i in range(1, 12))
+_0, _1, _2, _3, _4, _8 = (np.uint64(i) for i in (0, 1, 2, 3, 4, 8))
 
 
 class _Ground(NamedTuple):
@@ -97,34 +106,24 @@ class _Cover(NamedTuple):
     height: int
 
 
-class _RowLists(NamedTuple):
-    """Rows of texels, by the class of their fractional shift.
+class _Rows(NamedTuple):
+    """Rows of texels under a line; behind the last one there is room for a row of no columns.
 
     Attributes:
         offsets: for each row where in the texture column 0 lies.
-        classes: of each row.
-        listed: a quarter for each class, which holds offset, first and end column of its rows.
-        end: of what each quarter holds.
+        starts: the first column that each row covers in full.
+        ends: the column behind the last one.
+        classes: of their fractional shifts.
+        listed: rows that cover any column, for each class.
+        used: how many these are.
     """
 
     offsets: Int64s
+    starts: Int64s
+    ends: Int64s
     classes: Int64s
     listed: Int64s
-    end: Int64s
-
-
-class _Integral(NamedTuple):
-    """Integral of a line along its columns.
-
-    Attributes:
-        cells: sums of quarter texels, shape (4, columns).
-        inner: sums of each column's cells to the end of each, likewise.
-        prefix: sum of all columns before each.
-    """
-
-    cells: Int32s
-    inner: Int32s
-    prefix: Int64s
+    used: Int64s
 
 
 class _Edges(NamedTuple):
@@ -195,13 +194,15 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     totals = np.empty((_CLASSES, room), np.int32)
     cells = np.empty((_CLASSES, room), np.int32)
     refined = np.empty((_CLASSES, room), np.int32)
-    inner = np.empty((_CLASSES, room), np.int32)
-    prefix = np.empty(room, np.int64)
+    integral = np.empty(_CLASSES * room)
+    values = np.empty(lines.shape[1] + 1 + LANES)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     offsets = np.empty(most_rows, np.int64)
+    starts = np.empty(most_rows, np.int64)
+    ends = np.empty(most_rows, np.int64)
     classes = np.empty(most_rows, np.int64)
-    listed = np.empty(_CLASSES * 3 * (most_rows + 3), np.int64)
-    listed_end = np.empty(_CLASSES, np.int64)
+    listed = np.empty((_CLASSES, most_rows + 3 * _GROUP), np.int64)
+    used = np.empty(_CLASSES, np.int64)
     texels = ground.texels
     for line in range(len(centres)):
         x = centres[line, 0] % texels
@@ -244,86 +245,87 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
             int(row_0), downwards, int(origin + whole),
             math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
         )  # fmt: skip
-        rows = _RowLists(offsets[:row_count], classes, listed, listed_end)
+        rows = _Rows(offsets, starts, ends, classes[:row_count], listed, used)
         _place_rows(texels, ground.stride, placement, rows)
-        _list_rows(texture, cover, count, rows)
+        _bound_rows(cover, count, rows)
+        _list_rows(count, rows)
         for cls in range(_CLASSES):
-            begin = cls * len(listed) // _CLASSES
-            used = listed_end[cls] - begin
-            _add_rows(texture, listed[begin:], used, sums, totals[cls, :count])
+            _add_rows(texture, rows, cls, sums, totals[cls, :count])
         _add_edges(texture, cover, offsets, totals[_HALF, :count])
-        _merge(totals, cells, count)
-        seen = cells
         if ground.averaged:
-            spare = 0
-            while height >> (_POINT + spare) > _NARROW_ROWS:
-                spare += 1
-            if spare > 0:
-                cells >>= spare
-            _refine(cells, refined, count - 1)
-            if spare > 0:
-                refined <<= spare
-            seen = refined
-        _sum_cells(seen, inner, prefix, count - 1)
+            _refine(totals, cells, refined, count - 1, height)
+            _sum_cells(refined, count, integral)
+        else:
+            _sum_classes(totals, count, integral)
 
         step = 2.0 * half / lines.shape[1]
         start = (-half - (origin + 0.5 - rest)) * _CLASSES
-        weight = _CLASSES * step * (height >> (_POINT - _WEIGHT_BITS))
+        weight = _CLASSES * step * (height >> (POINT - WEIGHT_BITS))
         slant = tangent * _CLASSES / math.sqrt(12.0)
         edges = _Edges(start, step * _CLASSES, slant)
-        _read_pixels(_Integral(seen, inner, prefix), edges, 1.0 / weight, lines[line])
+        _read_pixels(integral, edges, values, 1.0 / weight, lines[line])
         if backwards:
             _reverse(lines[line])
 
 
-@njit(cache=True, nogil=True)
-def _list_rows(texture: Int8s, cover: _Cover, count: int, rows: _RowLists) -> None:
-    """List by class the rows that cover any of `count` columns in full, once they are placed."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bound_rows(cover: _Cover, count: int, rows: _Rows) -> None:
+    """Set which of `count` columns each row covers in full.
+
+    Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
+    """
     low, climb, height = cover
-    offsets, classes, listed, listed_end = rows
-    for cls in range(_CLASSES):
-        listed_end[cls] = cls * len(listed) // _CLASSES
-    # Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
-    # The quotients that solve this grow from row to row by whole numbers and a carry.
+    starts, ends = rows.starts, rows.ends
     above = -low
-    shorter = (1 << _POINT) - height - 1
+    shorter = (1 << POINT) - height - 1
     divisor = climb
-    per_row = 1 << _POINT
+    per_row = 1 << POINT
     if climb == 0:  # all columns or none
         divisor = 1
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
         shorter <<= _LEVEL
-    end = above // divisor + 1
-    end_rest = above % divisor
     lead = shorter // divisor  # of the start before the end, and one more with a carry
     lead_rest = divisor - shorter % divisor
-    whole = per_row // divisor
-    part = per_row % divisor
-    for j in range(len(offsets)):
-        first = max(end + lead + (1 if end_rest >= lead_rest else 0), 0)
-        behind = min(end, count)
-        if first < behind:
-            offset = offsets[j]
-            number = np.uint64(classes[j])
-            for line in range(_PREFETCHED):
-                prefetch(texture, offset + first + line * _CACHE_LINE)
-            place = np.uint64(listed_end[number])
-            listed[place] = offset
-            listed[place + _1] = first
-            listed[place + _2] = behind
-            listed_end[number] += 3
-        end_rest += part
-        carry = 1 if end_rest >= divisor else 0
-        end_rest -= carry * divisor
-        end += whole + carry
+    for j in range(len(rows.classes)):
+        at = above + per_row * j
+        behind = math.floor(at / divisor) + 1  # exact, as these numbers have 40 bits
+        carry = 1 if at - (behind - 1) * divisor >= lead_rest else 0
+        starts[j] = max(behind + lead + carry, 0)
+        ends[j] = min(behind, count)
 
 
 @njit(cache=True, nogil=True)
-def _place_rows(texels: int, stride: int, placement: _Placement, rows: _RowLists) -> None:
+def _list_rows(count: int, rows: _Rows) -> None:
+    """List by class the rows that cover any of `count` columns in full, in whole groups.
+
+    Groups are filled up with a row of no columns, and so is one more group of each class, for
+    whoever looks ahead.
+    """
+    classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
+    list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]
+    n_0, n_1, n_2, n_3 = 0, 0, 0, 0
+    none = len(classes)
+    for j in range(none):
+        # Written to all lists, kept in one: no branch that the processor cannot foresee.
+        kind = classes[j] if starts[j] < ends[j] else _CLASSES
+        list_0[n_0] = list_1[n_1] = list_2[n_2] = list_3[n_3] = j
+        n_0 += 1 if kind == 0 else 0
+        n_1 += 1 if kind == 1 else 0
+        n_2 += 1 if kind == 2 else 0
+        n_3 += 1 if kind == 3 else 0
+    rows.offsets[none] = 0
+    starts[none] = ends[none] = count
+    for cls, used in enumerate((n_0, n_1, n_2, n_3)):
+        rows.used[cls] = used
+        listed[cls, used : used + 3 * _GROUP] = none
+
+
+@njit(cache=True, nogil=True)
+def _place_rows(texels: int, stride: int, placement: _Placement, rows: _Rows) -> None:
     """Set where in the texture column 0 of each row lies, and the class of its fractional shift."""
     row_0, downwards, origin, ahead, ahead_per_row = placement
-    offsets, classes = rows.offsets, rows.classes
+    offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
     row = row_0 % texels
     if downwards:
         row = texels - 1 - row
@@ -338,7 +340,7 @@ def _place_rows(texels: int, stride: int, placement: _Placement, rows: _RowLists
             # Half a texel too many, so that classes lie around zero. Rounding every row to the
             # nearest would shift many neighbours alike at small slopes; four rows rounded
             # differently even out.
-            quarters = (ahead + ahead_per_row * j + _rounding(at)) >> _POINT
+            quarters = (ahead + ahead_per_row * j + _rounding(at)) >> POINT
             kinds[j] = quarters & (_CLASSES - 1)
             column = origin - (quarters >> 2)
             column += texels if column < 0 else 0
@@ -354,98 +356,100 @@ def _place_rows(texels: int, stride: int, placement: _Placement, rows: _RowLists
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
     """Return 1/8, 5/8, 3/8, 7/8 in turn, as fixed point."""
-    return (1 + 4 * (row & 1) + (row & 2)) << (_POINT - 3)
+    return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
 
 @njit(cache=True, nogil=True)
-def _add_rows(texture: Int8s, rows: Int64s, used: int, sums: Int16s, totals: Int32s) -> None:
-    """Set `totals` to the sums of the listed rows, on the scale texels x 2^_WEIGHT_BITS."""
-    behind = rows[used - 1] if used > 0 else 0
-    for place in range(used, -(-used // 12) * 12, 3):  # fill up with rows of no columns
-        rows[place] = 0
-        rows[place + 1] = rows[place + 2] = behind
+def _add_rows(texture: Int8s, rows: _Rows, cls: int, sums: Int16s, totals: Int32s) -> None:
+    """Set `totals` to the sums of a class of rows, on the scale texels x 2^WEIGHT_BITS."""
+    listed, used = rows.listed[cls], rows.used[cls]
     sums[:] = 0
-    for place in range(0, min(used, 3 * _SPILL), 12):
-        _add_four_rows(texture, rows, np.uint64(place), sums)
+    for place in range(0, min(used, _SPILL), _GROUP):
+        _add_four_rows(texture, rows, listed[place:], len(totals), sums)
     for c in range(len(totals)):
-        totals[c] = np.int32(sums[c]) << _WEIGHT_BITS
-    for begin in range(3 * _SPILL, used, 3 * _SPILL):
+        totals[c] = np.int32(sums[c]) << WEIGHT_BITS
+    for begin in range(_SPILL, used, _SPILL):
         sums[:] = 0
-        for place in range(begin, min(used, begin + 3 * _SPILL), 12):
-            _add_four_rows(texture, rows, np.uint64(place), sums)
+        for place in range(begin, min(used, begin + _SPILL), _GROUP):
+            _add_four_rows(texture, rows, listed[place:], len(totals), sums)
         for c in range(len(totals)):
-            totals[c] += np.int32(sums[c]) << _WEIGHT_BITS
+            totals[c] += np.int32(sums[c]) << WEIGHT_BITS
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add_four_rows(texture: Int8s, rows: Int64s, at: int, sums: Int16s) -> None:
+def _add_four_rows(texture: Int8s, rows: _Rows, listed: Int64s, count: int, sums: Int16s) -> None:
     """Add four rows: whole blocks of what they share, their ragged ends masked."""
-    offsets = (rows[at], rows[at + _3], rows[at + _6], rows[at + _9])
-    starts = (rows[at + _1], rows[at + _4], rows[at + _7], rows[at + _10])
-    ends = (rows[at + _2], rows[at + _5], rows[at + _8], rows[at + _11])
-    # The first row lies the farthest left, the last one the farthest right.
+    offsets = _four(rows.offsets, listed, _0)
+    following = _four(rows.offsets, listed, _8)
+    starts = _four(rows.starts, listed, _0)
+    ends = _four(rows.ends, listed, _0)
+    # The first row lies the farthest left, the last one the farthest right. Always two blocks at
+    # a ragged end, though one may be enough: a loop whose length changes from row to row costs
+    # more than a block. What is added behind the last column does not count.
     first = starts[0] & _BLOCKS
-    inner = first + 2 * BLOCK
-    outer = ends[0] & _BLOCKS
-    if outer < inner or starts[3] > inner or ends[3] > outer + 2 * BLOCK:
+    ragged = starts[3] > first
+    inner = first + 2 * BLOCK if ragged else first
+    even = ends[0] >= count
+    outer = (count + BLOCK - 1 if even else ends[0]) & _BLOCKS
+    within = starts[3] < inner or not ragged
+    if outer < inner or not within or not (even or ends[3] < outer + 2 * BLOCK):
         for c in range(first, ends[3], BLOCK):
             add_four_between(sums, c, texture, offsets, starts, ends)
         return
-    # Always two blocks at an end, though one may be enough: a loop whose length changes from row
-    # to row costs more than a block.
-    add_four_from(sums, first, texture, offsets, starts)
-    add_four_from(sums, first + BLOCK, texture, offsets, starts)
-    for c in range(inner, outer, BLOCK):
-        add_four(sums, c, texture, offsets)
-    add_four_until(sums, outer, texture, offsets, ends)
-    add_four_until(sums, outer + BLOCK, texture, offsets, ends)
+    if ragged:
+        add_four_from(sums, first, texture, offsets, following, starts)
+    if (outer - inner) & BLOCK:
+        add_four(sums, inner, texture, offsets)
+        inner += BLOCK
+    for c in range(inner, outer, 2 * BLOCK):
+        add_four_twice(sums, c, texture, offsets, following)
+    if not even:
+        add_four_until(sums, outer, texture, offsets, following, ends)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _four(numbers: Int64s, listed: Int64s, at: int) -> tuple[int, int, int, int]:
+    """Return the numbers of four rows of a list."""
+    return (
+        numbers[np.uint64(listed[at])],
+        numbers[np.uint64(listed[at + _1])],
+        numbers[np.uint64(listed[at + _2])],
+        numbers[np.uint64(listed[at + _3])],
+    )
 
 
 @njit(cache=True, nogil=True)
 def _add_edges(texture: Int8s, cover: _Cover, offsets: Int64s, totals: Int32s) -> None:
-    """Add the two rows that each column covers in part, to the class without a fraction.
-
-    All weights of a column add up to `height`, whatever the rounding: a uniform ground must not
-    show where rows begin and end.
-    """
+    """Add the two rows that each column covers in part, to the class without a fraction."""
     low, climb, height = cover
-    height_weight = height >> (_POINT - _WEIGHT_BITS)
     y = low - 1
-    for c in range(len(totals)):
-        under = y >> _POINT  # the row before the first that is covered in full
-        over = (y + height + 1) >> _POINT
-        below = ((_ONE - 1) - (y & (_ONE - 1))) >> (_POINT - _WEIGHT_BITS)
-        above = height_weight - ((over - under - 1) << _WEIGHT_BITS) - below
-        # Unsigned indices spare the checks for negative ones.
-        grey_below = texture[np.uint64(offsets[np.uint64(under)] + c)]
-        grey_above = texture[np.uint64(offsets[np.uint64(over)] + c)]
-        totals[c] += np.int32(below * grey_below + above * grey_above)
-        y += climb
+    ahead = (LANES - 1) * climb
+    for column in range(0, len(totals), LANES):
+        above = y + height + 1
+        if y >> POINT == (y + ahead) >> POINT and above >> POINT == (above + ahead) >> POINT:
+            add_edges_alike(totals, column, cover, texture, offsets)
+        else:
+            add_edges(totals, column, cover, texture, offsets)
+        y += LANES * climb
 
 
 @njit(cache=True, nogil=True)
-def _merge(totals: Int32s, cells: Int32s, count: int) -> None:
-    """Merge the classes into quarter-texel cells: ``cells[q, c]`` at s = origin + c + (2 + q)/4.
-
-    Class k of column c begins at quarter k of a column that starts half a texel early, so cell q
-    sees classes up to q of its own column and the others of the column before.
-    """
-    n = count - 1
-    here_0, here_1 = totals[0, 1:count], totals[1, 1:count]
-    here_2, here_3 = totals[2, 1:count], totals[3, 1:count]
-    last_1, last_2, last_3 = totals[1, :n], totals[2, :n], totals[3, :n]
-    cell_0, cell_1, cell_2, cell_3 = cells[0, :n], cells[1, :n], cells[2, :n], cells[3, :n]
-    for c in range(n):
-        q_0 = here_0[c] + last_1[c] + last_2[c] + last_3[c]
-        q_1 = q_0 + here_1[c] - last_1[c]
-        q_2 = q_1 + here_2[c] - last_2[c]
-        q_3 = q_2 + here_3[c] - last_3[c]
-        cell_0[c], cell_1[c], cell_2[c], cell_3[c] = q_0, q_1, q_2, q_3
+def _sum_classes(totals: Int32s, count: int, integral: Floats) -> None:
+    before = 0.0
+    for column in range(0, count, LANES):
+        before = sum_classes(totals, column, before, integral)
 
 
 @njit(cache=True, nogil=True)
-def _refine(cells: Int32s, refined: Int32s, n: int) -> None:
-    """Restore what is lost within texels that are means of finer ones.
+def _sum_cells(cells: Int32s, count: int, integral: Floats) -> None:
+    before = 0.0
+    for column in range(0, count, LANES):
+        before = sum_cells(cells, column, before, integral)
+
+
+@njit(cache=True, nogil=True)
+def _refine(totals: Int32s, cells: Int32s, refined: Int32s, n: int, height: int) -> None:
+    """Merge classes into cells, and restore what is lost in texels that are means of finer ones.
 
     The integral along the line, interpolated straight between the edges of texels, lags behind
     wherever grey changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells that lie -4, -2, 0, 2, 4
@@ -453,6 +457,13 @@ def _refine(cells: Int32s, refined: Int32s, n: int) -> None:
     both averaging and steps take from a curved profile (their second moment is that of two boxes,
     negated). Sums over 655 rows times all weights fit 32 bits.
     """
+    for column in range(0, n, LANES):
+        merge_classes(totals, column, cells)
+    spare = 0
+    while height >> (POINT + spare) > _NARROW_ROWS:
+        spare += 1
+    if spare > 0:
+        cells >>= spare
     for q in range(_CLASSES):
         other = cells[(q + _HALF) % _CLASSES]
         ahead = q // _HALF
@@ -468,37 +479,13 @@ def _refine(cells: Int32s, refined: Int32s, n: int) -> None:
             total = np.int32(total + np.int32(np.int32(16) * near))
             total = np.int32(total - np.int32(np.int32(9) * far))
             into[c] = np.int32(total >> 6)
-
-
-@njit(cache=True, nogil=True)
-def _sum_cells(cells: Int32s, inner: Int32s, prefix: Int64s, n: int) -> None:
-    """Sum the cells of each column to the end of each in `inner`, all before it in `prefix`."""
-    cell_0, cell_1, cell_2, cell_3 = cells[0, :n], cells[1, :n], cells[2, :n], cells[3, :n]
-    sum_0, sum_1, sum_2, sum_3 = inner[0, :n], inner[1, :n], inner[2, :n], inner[3, :n]
-    for c in range(n):
-        q_0, q_1, q_2, q_3 = cell_0[c], cell_1[c], cell_2[c], cell_3[c]
-        sum_0[c] = q_0
-        sum_1[c] = q_0 + q_1
-        sum_2[c] = q_0 + q_1 + q_2
-        sum_3[c] = (q_0 + q_1) + (q_2 + q_3)
-    total = np.int64(0)
-    fours = n // 4 * 4
-    for c in range(0, fours, 4):  # four at a time wait for one sum only
-        one, two = np.int64(sum_3[c]), np.int64(sum_3[c + 1])
-        three, four = np.int64(sum_3[c + 2]), np.int64(sum_3[c + 3])
-        prefix[c] = total
-        prefix[c + 1] = total + one
-        prefix[c + 2] = total + (one + two)
-        prefix[c + 3] = total + (one + two + three)
-        total += (one + two) + (three + four)
-    for c in range(fours, n):
-        prefix[c] = total
-        total += np.int64(sum_3[c])
+    if spare > 0:
+        refined <<= spare
 
 
 @njit(cache=True, nogil=True)
 def _read_pixels(
-    integral: _Integral, edges: _Edges, scale: float, line: NDArray[np.float32]
+    integral: Floats, edges: _Edges, values: Floats, scale: float, line: NDArray[np.float32]
 ) -> None:
     """Set each pixel to the difference of the integral at its two edges, times `scale`.
 
@@ -506,28 +493,16 @@ def _read_pixels(
     the slant. Two readings one standard deviation either side have the same second moment.
     """
     start, step, slant = edges
-    before = math.floor((start - slant) * _ONE + 0.5)
-    behind = math.floor((start + slant) * _ONE + 0.5)
-    advance = math.floor(step * _ONE * 256.0 + 0.5)
+    places = (
+        math.floor((start - slant) * _ONE + 0.5),
+        math.floor((start + slant) * _ONE + 0.5),
+        math.floor(step * _ONE * 256.0 + 0.5),
+    )
+    for edge in range(0, len(line) + 1, LANES):
+        read_edges(integral, places, edge, len(line), values)
     scale *= 0.5
-    previous = 0.0
-    for edge in range(len(line) + 1):
-        moved = (advance * edge) >> 8
-        value = _up_to(integral, before + moved) + _up_to(integral, behind + moved)
-        if edge > 0:
-            line[edge - 1] = (value - previous) * scale
-        previous = value
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _up_to(integral: _Integral, at: int) -> float:
-    """Return the integral from the first column to a fixed-point position in cells."""
-    cell = at >> _POINT
-    fraction = (at & (_ONE - 1)) * (1.0 / _ONE)
-    column = np.uint64(cell >> 2)
-    quarter = np.uint64(cell & (_CLASSES - 1))
-    value = np.float64(integral.prefix[column] + integral.inner[quarter, column])
-    return float(value - (1.0 - fraction) * integral.cells[quarter, column])
+    for pixel in range(len(line)):
+        line[pixel] = (values[pixel + 1] - values[pixel]) * scale
 
 
 @njit(cache=True, nogil=True)
