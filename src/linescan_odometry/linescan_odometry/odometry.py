@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -100,17 +100,19 @@ class LineScanOdometry:
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
         self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
         self._stamp_ns = 0
-        self._early: list[tuple[LineBatch, SensorReading]] = []
+        self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Measure by what one camera saw, before the others have come; `update` takes it then.
+        """Begin to measure by what one camera saw, before the others have come.
+
+        `update` takes it then.
 
         Args:
             name: of the camera.
             batch: its lines, each batch once and in turn.
         """
         if name in self._sensors:
-            self._early.append((batch, self._sensors[name].update(batch)))
+            self._early.append((batch, self._sensors[name].begin(batch)))
             del self._early[: -_MOST_EARLY * len(self._sensors)]
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
@@ -139,7 +141,6 @@ class LineScanOdometry:
                 raise LineBatchError(f"{name!r} is not one of the {kind} {', '.join(known)}")
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
-        # One after the other: two threads cost more in turns at the interpreter than they share.
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
         if self._covers is None or self._grain is None:
@@ -172,7 +173,8 @@ class LineScanOdometry:
         if batch is None:
             return SensorReading.unmeasured("no lines arrived")
         early = next((i for i, (taken, _) in enumerate(self._early) if taken is batch), None)
-        reading = self._sensors[name].update(batch) if early is None else self._early.pop(early)[1]
+        begun = self._sensors[name].begin(batch) if early is None else self._early.pop(early)[1]
+        reading = begun()
         stale = self._stale(batch)
         return SensorReading.unmeasured(stale) if stale else reading
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,7 @@ from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
 from linescan_odometry.view.still import STRUCTURE, StillView, structure_of, without_defects
 from linescan_odometry.view.structures import StructureCounter
+from omni_platform.aside import aside
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 
@@ -82,6 +85,23 @@ class _Mean:
     places: float
     ends: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alone: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class _Matched:
+    """A batch of which the pairs are matched.
+
+    Attributes:
+        stamp_ns: of the newest line.
+        lines: that follow each other, oldest first, shape (m + 1, n).
+        pairs: displacements of consecutive lines.
+        whole: hands over what all lines show together; None if that was not begun.
+    """
+
+    stamp_ns: int
+    lines: Lines
+    pairs: Callable[[], PairDisplacements]
+    whole: Callable[[], Whitened | None] | None
 
 
 def _mean_of(
@@ -159,6 +179,8 @@ class SensorOdometry:
         self._seen: Lines = np.empty((0, sensor.pixels), np.uint8)  # as the camera delivered them
         self._still_refiner = SubpixelRefiner(sensor.pixels)
         self._told = True  # whether the batch before told a displacement
+        self._moving = False  # whether it showed new ground
+        self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)
         self._structures = StructureCounter(sensor.pixels)
         self._plausibility = Plausibility(
@@ -177,17 +199,39 @@ class SensorOdometry:
 
     def update(self, batch: LineBatch) -> SensorReading:
         """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
+        return self.begin(batch)()
+
+    def begin(self, batch: LineBatch) -> Callable[[], SensorReading]:
+        """Begin to measure over a batch, and return what `update` would.
+
+        What all lines show together is matched aside.
+        """
+        self._finish_last()
         try:
             seen = without_defects(self._join(batch))
             lines = self._flat_field.apply(seen)
             self._still.learn(seen)
             self._seen = seen
-            pairs = self._matcher.match(lines)
-            frozen = self._mark_frozen(lines, pairs)
-            implausible = self._plausibility.mark(batch.stamp_ns, pairs)
-            mean = self._together(lines, pairs, frozen, implausible, batch.stamp_ns)
-            self._plausibility.accept(batch.stamp_ns, len(lines) - 1, mean.displacement)
-            return self._reading(batch.stamp_ns, lines, mean)
+            pairs = aside(partial(self._matcher.match, lines))
+            whole = None
+            if self._moving:
+                whole = self._whitened.begin(lines, settled=not self._flat_field.learning)
+            matched = _Matched(batch.stamp_ns, lines, pairs, whole)
+        except Unmeasured as nothing:
+            self._keyframe.reset()
+            reading = nothing.reading
+            return lambda: reading
+        self._finish_last = cache(partial(self._finish, matched))
+        return self._finish_last
+
+    def _finish(self, matched: _Matched) -> SensorReading:
+        try:
+            pairs = matched.pairs()
+            frozen = self._mark_frozen(matched.lines, pairs)
+            implausible = self._plausibility.mark(matched.stamp_ns, pairs)
+            mean = self._together(matched, pairs, frozen, implausible)
+            self._plausibility.accept(matched.stamp_ns, len(matched.lines) - 1, mean.displacement)
+            return self._reading(matched.stamp_ns, matched.lines, mean)
         except Unmeasured as nothing:
             self._keyframe.reset()
             return nothing.reading
@@ -220,18 +264,14 @@ class SensorOdometry:
         return frozen
 
     def _together(
-        self,
-        lines: Lines,
-        pairs: PairDisplacements,
-        frozen: int,
-        implausible: int,
-        stamp_ns: int,
+        self, matched: _Matched, pairs: PairDisplacements, frozen: int, implausible: int
     ) -> _Mean:
         """Return the mean of the pairs, or that of all lines together where it tells more.
 
         Raises:
             Unmeasured: neither tells.
         """
+        stamp_ns, lines = matched.stamp_ns, matched.lines
         again, self._told = self._told, True
         try:
             mean = self._of_pairs(lines, pairs, frozen, implausible)
@@ -242,10 +282,12 @@ class SensorOdometry:
             mean = None
             doubt = doubtful
         few = len(lines) < FEWEST_LINES
-        if mean is not None and (few or frozen >= _FROZEN_PAIRS or _stays(lines, mean)):
+        stays = mean is not None and not few and _stays(lines, mean)
+        self._moving = not stays
+        if mean is not None and (few or frozen >= _FROZEN_PAIRS or stays):
             return mean
         learning = self._flat_field.learning
-        whole = self._whitened.match(lines, settled=not learning)
+        whole = (matched.whole or self._whitened.begin(lines, settled=not learning))()
         if learning:
             whole = self._whole_less_still(whole)
         sure = (

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.aside import aside
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import FlowSensor, LineSensor
@@ -475,7 +477,7 @@ class _Exposure:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, each rendered when it is first asked for.
+    """Batches of the cameras, the first rendered when it is asked for, others meanwhile.
 
     Who sends one on has it matched elsewhere while the next is rendered.
     """
@@ -485,20 +487,24 @@ class _Batches(Mapping[str, LineBatch]):
         exposures: Mapping[str, _Exposure],
         render: Callable[[str, _Exposure], LineBatch],
     ) -> None:
-        self._exposures = exposures
-        self._render = render
+        # The last one first: whoever asks in turn begins at the other end.
+        self._rendering = {
+            name: aside(partial(render, name, exposures[name]))
+            for name in reversed(tuple(exposures))
+        }
+        self._names = tuple(exposures)
         self._made: dict[str, LineBatch] = {}
 
     def __getitem__(self, name: str) -> LineBatch:
         if name not in self._made:
-            self._made[name] = self._render(name, self._exposures[name])
+            self._made[name] = self._rendering[name]()
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._exposures)
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._exposures)
+        return len(self._names)
 
     def complete(self) -> None:
         """Render what nobody has asked for: the cameras count their lines."""

@@ -132,7 +132,7 @@ def _order(lines: Lines) -> tuple[Lines, int]:
     return places.reshape(lines.shape).astype(np.uint32), len(values)  # type: ignore[return-value]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _add_up(lines: Lines, sums: NDArray[np.int64]) -> None:
     """Write the sums of the first k pixels of each line and of their squares, k = 0..n."""
     for row in range(lines.shape[0]):
@@ -145,7 +145,7 @@ def _add_up(lines: Lines, sums: NDArray[np.int64]) -> None:
         sums[0, row, lines.shape[1]], sums[1, row, lines.shape[1]] = total, squares
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _match(
     batch: _Batch,
     whole: _Range,
@@ -175,7 +175,7 @@ def _match(
         before[0], before[1] = found, 1 if r >= _CREDIBLE else 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _best(batch: _Batch, pair: int, within: _Range) -> int:
     """Return the shift of the smallest distance; the smaller motion wins a tie."""
     low, high, prior, pull = within
@@ -192,7 +192,7 @@ def _best(batch: _Batch, pair: int, within: _Range) -> int:
     return best_shift
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _distance(batch: _Batch, pair: int, s: int) -> float:
     """Return the distance of a pair at a shift, infinite where it is undefined."""
     kind, lines, codes, sums, ranks = batch
@@ -223,7 +223,7 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
     return distance
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _correlation(
     lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
 ) -> float:
@@ -241,7 +241,7 @@ def _correlation(
     return r
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _product(x: Lines, y: Lines) -> int:
     """Return the sum of products; 32 bit hold it for 8-bit lines, and make it twice as fast."""
     if x.itemsize == 1:
@@ -255,7 +255,7 @@ def _product(x: Lines, y: Lines) -> int:
     return wide  # type: ignore[return-value]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _differences(x: Lines, y: Lines) -> int:
     """Return the sum of absolute differences; 32 bit hold it for 16384 px of 16 bit."""
     total = np.int32(0)
@@ -264,7 +264,7 @@ def _differences(x: Lines, y: Lines) -> int:
     return np.int64(total)  # type: ignore[return-value]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
     """Return the correlation of ranks."""
     count = np.int64(x.shape[0])
@@ -279,7 +279,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
     return total / math.sqrt(np.float64(variance_x) * np.float64(variance_y))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
     """Write twice the centred mean rank of each level; return their sum of squares."""
     count = part.shape[0]

@@ -29,9 +29,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -74,7 +74,7 @@ _LARGEST_LEVERAGE = 0.75
 _LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return the variance of a weighted mean of displacements [px^2].
 
@@ -94,7 +94,7 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
     return variance
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return over how many blocks the slopes are spread that a displacement is matched by.
 
@@ -119,7 +119,7 @@ def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
     return total / count if count > 0 else 0.0
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     """Return the variance; `blocks` receives what the pairs add up to."""
     _add_pairs(overlaps, weight, blocks)
@@ -144,7 +144,7 @@ def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     return total / kept * freedoms / (freedoms - 2.0)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _smoothed_square(values: FloatArray, window: float) -> float:
     """Return the sum of squares and of products of neighbours, with Bartlett's weights."""
     total = 0.0
@@ -156,7 +156,7 @@ def _smoothed_square(values: FloatArray, window: float) -> float:
     return total
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _add_pairs(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> None:
     """Add S_b and h_b of every pair, and write its shares."""
     sums, length, parts, block = overlaps

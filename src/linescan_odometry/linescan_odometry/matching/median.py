@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def mark_inliers(
     displacement: NDArray[np.float64],
     usable: NDArray[np.bool_],
@@ -59,7 +59,7 @@ def mark_inliers(
             inlier[first:last] = False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def average(
     displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
 ) -> float:

@@ -81,7 +81,7 @@ class PairMatcher:
         return self._refiner.mean_variance(displacement, weight)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
     """Mark the lines that are identical with the one before; return how many are."""
     count = 0

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 
 _SIGMA = 2.0  # px
@@ -21,7 +21,7 @@ _KERNEL = np.exp(-0.5 * (np.arange(-_RADIUS, _RADIUS + 1) / _SIGMA) ** 2)
 _KERNEL /= _KERNEL.sum()
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     """Return the shift at which the smoothed lines match best.
 
@@ -41,7 +41,7 @@ def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     return best_shift
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _smooth(line: Lines) -> FloatArray:
     smooth = np.zeros(max(0, len(line) - 2 * _RADIUS))
     for k in range(len(_KERNEL)):
@@ -50,7 +50,7 @@ def _smooth(line: Lines) -> FloatArray:
     return smooth
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def correlation(old: Lines | FloatArray, new: Lines | FloatArray, shift: int) -> float:
     """Return Pearson's correlation at a shift [px]; -1 where it is not defined.
 

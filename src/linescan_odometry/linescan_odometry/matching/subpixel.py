@@ -167,7 +167,7 @@ class SubpixelRefiner:
         )  # fmt: skip
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
     """Copy lines less their means, rounded down."""
     for row in range(lines.shape[0]):
@@ -222,14 +222,14 @@ def _refine(
         _step(length, block, shift, sums, final, displacement, variance)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _block_length(length: int) -> int:
     """Return the length of a block [px]: whole vectors of the processor where it is long."""
     block = max(4, length // _FEWEST_BLOCKS)
     return block - block % 16 if block > 16 else block
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _weigh(
     centred: NDArray[np.float32],
     shift: NDArray[np.int64],
@@ -251,7 +251,7 @@ def _weigh(
     return mean_variance(overlaps, weight), effective_places(overlaps, weight)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _lay_out(
     pixels: int,
     shift: NDArray[np.int64],
@@ -282,7 +282,7 @@ def _lay_out(
         parts[pair] = 1 + max(0, length[pair] - lead[pair] + block[pair] - 1) // block[pair]
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _contrast(part: NDArray[np.float32]) -> float:
     """Return 1 over the standard deviation of part of a line, 0 where it has none.
 
@@ -298,7 +298,7 @@ def _contrast(part: NDArray[np.float32]) -> float:
     return part.shape[0] / math.sqrt(variance) if variance > 0.0 else 0.0
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _make_filters(
     contrast: NDArray[np.float64],
     shift: NDArray[np.int64],
@@ -384,7 +384,7 @@ def _filter_and_sum(
             end = min(end + block[pair], count)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _step(
     length: NDArray[np.int64],
     block: NDArray[np.int64],

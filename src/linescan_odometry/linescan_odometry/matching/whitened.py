@@ -45,6 +45,8 @@ scatter as those of the bands do. No factor in this was fitted on some grounds.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +56,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
+from omni_platform.aside import aside
 from omni_platform.kernels import kernel
 
 Cross = NDArray[np.complex128]
@@ -200,13 +203,25 @@ class WhitenedMatcher:
         """
         if len(lines) < FEWEST_LINES:
             return None
-        seen = np.empty(lines.shape, np.float32)
+        return self._match(self._faded(lines), settled, with_lasting)
+
+    def begin(self, lines: Lines, *, settled: bool) -> Callable[[], Whitened | None]:
+        """Begin to match a batch aside, and return what `match` would."""
+        if len(lines) < FEWEST_LINES:
+            return lambda: None
+        return aside(partial(self._match, self._faded(lines), settled, True))
+
+    def _faded(self, lines: Lines) -> Filtered:
+        seen: Filtered = np.empty(lines.shape, np.float32)
         _fade(lines, self._camera.window, seen)
+        return seen
+
+    def _match(self, seen: Filtered, settled: bool, with_lasting: bool) -> Whitened | None:
         found, whitened = _match(seen, self._camera, settled, with_lasting)
         return whitened if found else None
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _fade(lines: Lines, window: Filtered, seen: Filtered) -> None:
     """Write lines less their means, faded in and out."""
     for row in range(len(lines)):

@@ -23,7 +23,9 @@ tables of an earlier drive are used from the first line on, and checked by this 
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -52,8 +54,53 @@ _BLIND = 0.45  # of the temporal deviation of the other pixels
 _FADE = 32.0  # px beside a gap of blind pixels
 _MOST_BLIND = 0.6  # share of a view; beyond, there is nothing to be saved
 
-# Sums in any order; such a kernel must not be called by another one (see `subpixel`).
+# Sums in any order. Such a kernel must not be in the cache itself if another one calls it (see
+# `subpixel`): compiled with its caller alone.
 _REORDER = {"reassoc", "contract", "nsz"}
+
+
+class _Tables(NamedTuple):
+    """What a camera has learnt of each of its n pixels, see `FlatField`, and working memory.
+
+    Attributes:
+        seen: places of late, shape (r, n).
+        mean: of the places, shape (n,).
+        square: mean square, shape (n,).
+        step: mean square of the differences of neighbours, shape (n - 1,).
+        dark: dark signal of the references [grey levels], shape (n,).
+        white: gain of the references [1], shape (n,).
+        relative: working memory, shape (n,).
+        difference: likewise.
+    """
+
+    seen: Floats
+    mean: FloatArray
+    square: FloatArray
+    step: FloatArray
+    dark: FloatArray
+    white: FloatArray
+    relative: Floats
+    difference: Floats
+
+
+class _Learnt(NamedTuple):
+    """How far learning has come.
+
+    Attributes:
+        places: that the tables are made of.
+        own: of them that are not of loaded tables.
+        structure: the largest of the differences of late.
+        anew: whether it began anew.
+        taken: whether the newest line was taken.
+        undecided: whether what is corrected is to be decided again.
+    """
+
+    places: int
+    own: int
+    structure: float
+    anew: bool = False
+    taken: bool = False
+    undecided: bool = False
 
 
 class FlatField:
@@ -190,8 +237,7 @@ class FlatField:
         if self._places == 0:
             return self.correct(lines)
         every = 1 if self._count < _QUICK_PLACES else max(1, len(lines) // _LINES_PER_BATCH)
-        for line in lines[::-every][::-1]:
-            self.learn(line)
+        self._learn(lines[(len(lines) - 1) % every :: every])
         return self.correct(lines)
 
     def learn(self, line: Lines) -> bool:
@@ -203,34 +249,23 @@ class FlatField:
         Returns:
             Whether it was taken.
         """
-        relative = self._relative
-        if _level(line, self._dark, self._white, relative) <= 0.0:
-            return False
-        known = min(self._own, _REMEMBERED)
-        least, greatest, likeness, energy = _structure(
-            relative, self._seen[:known], self._difference
+        return self._learn(line[None])
+
+    def _learn(self, lines: Lines) -> bool:
+        """Learn from lines, oldest first; return whether the newest was taken."""
+        tables = _Tables(
+            self._seen, self._mean, self._square, self._step, self._dark, self._white,
+            self._relative, self._difference,
+        )  # fmt: skip
+        learnt: _Learnt = _learn(
+            lines, tables, _Learnt(self._count, self._own, self._structure), self._places
         )
-        # Pixels of a ground finer than they are share nothing either, but no line is like another.
-        unlike = known > 0 and energy > _UNLIKE
-        if known and not unlike and likeness < max(_NEIGHBOURS, _SIGMAS / self._pixels**0.5):
-            return False
-        if greatest > _GROWN * self._structure:
-            # The places so far were near each other: their mean holds the ground.
-            self._count, self._own, known, self._gain = 0, 0, 0, None
+        self._count, self._own, self._structure, anew, taken, undecided = learnt
+        if anew:
+            self._gain = None
             self._blind = np.zeros(self._pixels, np.bool_)
-        self._structure = max(self._structure, greatest)
-        if known and not unlike and least < _DECORRELATED * self._structure:
-            return False
-        self._seen[self._own % _REMEMBERED] = relative
-        self._count += 1
-        self._own += 1
-        self._structure *= 1.0 - 0.1 / _REMEMBERED
-        share = 1.0 / min(self._count, self._places)
-        _enter(relative, share, self._mean, self._square, self._step)
-        # A mean over many places changes little by one more.
-        if self._count <= _QUICK_PLACES or self._count % _DECIDED_EVERY == 0:
-            self._undecided = True
-        return True
+        self._undecided = self._undecided or undecided
+        return taken
 
     def correct(self, lines: Lines) -> Lines:
         """Return lines over the profile, as 16 bit; the lines themselves while there is none.
@@ -285,7 +320,48 @@ class FlatField:
                 self._blind = blind
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(cache=True, error_model="numpy")
+def _learn(lines: Lines, tables: _Tables, learnt: _Learnt, places: int) -> _Learnt:
+    """Take those lines into the tables, oldest first, that show another place than those before.
+
+    Args:
+        lines: as the camera delivered them, shape (m, n).
+        tables: written.
+        learnt: how far it has come.
+        places: number of places that the tables are the mean over.
+    """
+    count, own, largest = learnt.places, learnt.own, learnt.structure
+    anew, taken, undecided = False, False, False
+    relative = tables.relative
+    pixels = len(relative)
+    for row in range(len(lines)):
+        taken = False
+        if _level(lines[row], tables.dark, tables.white, relative) <= 0.0:
+            continue
+        known = min(own, _REMEMBERED)
+        least, greatest, likeness, energy = _structure(
+            relative, tables.seen[:known], tables.difference
+        )
+        # Pixels of a ground finer than they are share nothing either, but no line is like another.
+        unlike = known > 0 and energy > _UNLIKE
+        if known > 0 and not unlike and likeness < max(_NEIGHBOURS, _SIGMAS / math.sqrt(pixels)):
+            continue
+        if greatest > _GROWN * largest:
+            # The places so far were near each other: their mean holds the ground.
+            count, own, known, anew = 0, 0, 0, True
+        largest = max(largest, greatest)
+        if known > 0 and not unlike and least < _DECORRELATED * largest:
+            continue
+        tables.seen[own % _REMEMBERED] = relative
+        count, own, taken = count + 1, own + 1, True
+        largest *= 1.0 - 0.1 / _REMEMBERED
+        _enter(relative, 1.0 / min(count, places), tables.mean, tables.square, tables.step)
+        # A mean over many places changes little by one more.
+        undecided |= count <= _QUICK_PLACES or count % _DECIDED_EVERY == 0
+    return _Learnt(count, own, largest, anew, taken, undecided)
+
+
+@njit(error_model="numpy", fastmath=_REORDER)
 def _level(line: Lines, dark: FloatArray, white: FloatArray, relative: Floats) -> float:
     """Write a line less its dark signal times the gains over its mean; return the mean."""
     pixels = line.shape[0]
@@ -299,7 +375,7 @@ def _level(line: Lines, dark: FloatArray, white: FloatArray, relative: Floats) -
     return mean
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(error_model="numpy", fastmath=_REORDER)
 def _enter(
     relative: Floats, share: float, mean: FloatArray, square: FloatArray, step: FloatArray
 ) -> None:
@@ -314,7 +390,7 @@ def _enter(
         step[i] += share * (difference * difference - step[i])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _round(light: FloatArray | Lines, dark: FloatArray, gain: FloatArray, out: Lines) -> None:
     """Write lines less the dark signal times the gain, rounded to 16 bit."""
     for row in range(out.shape[0]):
@@ -324,7 +400,7 @@ def _round(light: FloatArray | Lines, dark: FloatArray, gain: FloatArray, out: L
             into[i] = np.uint16(min(max(value, 0.0), 65535.0))
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(error_model="numpy", fastmath=_REORDER)
 def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, float, float]:
     """Compare a line with others by their differences, each of which `d` receives.
 

@@ -108,7 +108,7 @@ class Keyframe:
         self._gradient = gradient
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
     """Write differences of neighbouring sums of `step` pixels, which are whole numbers."""
     ahead, behind = np.int32(0), np.int32(0)
@@ -123,7 +123,7 @@ def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
         gradient[i] = ahead - behind
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def _compare(
     lines: Lines, step: int, shift: float, displacement: float, hopeless: float, gradient: Floats
 ) -> tuple[float, float]:

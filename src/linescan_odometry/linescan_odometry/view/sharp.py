@@ -64,7 +64,7 @@ def follows(sharp: Lines, displacement: float) -> bool:
     return 2 * alike > len(sharp) - 1
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(cache=True, fastmath=_REORDER)
 def _sharpen(lines: Lines, step: int, detail: NDArray[np.float32], sharp: Lines) -> None:
     """Write the second difference of sums of `step` pixels, clipped, as 16 bit."""
     rows, pixels = detail.shape
@@ -98,7 +98,7 @@ def _sharpen(lines: Lines, step: int, detail: NDArray[np.float32], sharp: Lines)
             into[i] = np.uint16(np.int32(value_f + np.float32(_MIDDLE + 0.5)))
 
 
-@njit(cache=True, nogil=True, fastmath=_REORDER)
+@njit(cache=True, fastmath=_REORDER)
 def _count_alike(sharp: Lines, shift: int) -> int:
     """Count the pairs of consecutive lines that are alike at a shift or beside it."""
     count = 0

@@ -13,10 +13,10 @@ interpolated. At rest some grains may be taken for them, which does no harm.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]
@@ -35,7 +35,7 @@ _IN_EACH = 0.5  # of that, in every line
 _MOST_DEFECTIVE = 0.03  # share of a line
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
     """Return how much neighbouring pixels of a difference have in common, and its square.
 
@@ -95,18 +95,18 @@ class StillView:
         return moving
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _average(lines: Lines) -> Floats:
     """Return the mean of lines, shape (n,)."""
-    total = np.zeros(lines.shape[1], np.int64)
+    total = np.zeros(lines.shape[1], np.int32)
     for row in range(len(lines)):
         line = lines[row]
         for i in range(len(total)):
-            total[i] += np.int64(line[i])
+            total[i] += np.int32(line[i])
     return (total / len(lines)).astype(np.float32)
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _enter(lines: Lines, share: float, mean: Floats) -> None:
     """Take the mean of some lines, less its level, with its share into the one so far."""
     own = _average(lines)
@@ -115,23 +115,34 @@ def _enter(lines: Lines, share: float, mean: Floats) -> None:
         mean[i] += np.float32(share) * (own[i] - level - mean[i])
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _median_of_three(a: float, b: float, c: float) -> float:
     middle: float = max(min(a, b), min(max(a, b), c))
     return middle
 
 
-@kernel
-def _stand_out(lines: Lines, out: Floats) -> None:
-    """Write how far each pixel of the mean stands out from those beside it."""
+@njit(cache=True, error_model="numpy")
+def _stand_out(lines: Lines, out: Floats) -> bool:
+    """Write how far each pixel of the mean stands out from those beside it.
+
+    Returns:
+        Whether any can do so by `_OUTSTANDING` times the median: one that is not sure to lie below.
+    """
     mean = _average(lines)
     count = len(mean)
+    highest = np.float32(0.0)
     for i in range(count):  # the ends count more often
         a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
         c, d = mean[min(i + 1, count - 1)], mean[min(i + 2, count - 1)]
         low = max(min(a, b), min(c, d))
         high = min(max(a, b), max(c, d))
         out[i] = mean[i] - _median_of_three(low, high, mean[i])
+        highest = max(highest, abs(out[i]))
+    least = highest * np.float32(1.001 / _OUTSTANDING)
+    below = 0
+    for i in range(count):
+        below += abs(out[i]) <= least
+    return bool(highest > np.float32(1.0)) and below > count // 2
 
 
 def without_defects(lines: Lines) -> Lines:
@@ -144,7 +155,8 @@ def without_defects(lines: Lines) -> Lines:
         return lines
     pixels = lines.shape[1]
     out = np.empty(pixels, np.float32)
-    _stand_out(lines, out)
+    if not _stand_out(lines, out):
+        return lines
     deviation = np.abs(out)
     deviation.partition(pixels // 2)
     limit = max(_OUTSTANDING * float(deviation[pixels // 2]), 1.0)

@@ -15,12 +15,12 @@ import math
 
 import numpy as np
 import scipy  # whose fft is loaded by its first use: not where configurations are read
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import kernel_sigma
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
 
 _PAIRS = 8
 _SMOOTHED = 5  # frequencies
@@ -49,7 +49,7 @@ class StructureCounter:
         return number
 
 
-@kernel
+@njit(cache=True, error_model="numpy")
 def _count(
     lines: Lines, displacement: float, frequency: NDArray[np.float32], weight: NDArray[np.float32]
 ) -> float:
@@ -62,13 +62,15 @@ def _count(
         seen -= still / np.float32(len(lines))
     spectra = scipy.fft.rfft(seen, seen.shape[1], 1)
     bins = len(frequency)
+    product = np.zeros(bins, np.complex128)
+    for row in range(len(spectra) - 1):
+        old, new = spectra[row], spectra[row + 1]
+        for k in range(bins):
+            product[k] += new[k] * np.conj(old[k])
     power = np.zeros(bins + 2 * _SIDE)
     for k in range(1, bins):  # without the level
-        product = 0j
-        for row in range(len(spectra) - 1):
-            product += spectra[row + 1, k] * np.conj(spectra[row, k])
         angle = displacement * frequency[k]
-        power[_SIDE + k] = product.real * math.cos(angle) + product.imag * math.sin(angle)
+        power[_SIDE + k] = product[k].real * math.cos(angle) + product[k].imag * math.sin(angle)
     total, square = 0.0, 0.0
     for k in range(bins):
         value = max(power[k : k + _SMOOTHED].sum(), 0.0) * weight[k]

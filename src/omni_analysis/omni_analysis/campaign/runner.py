@@ -38,6 +38,7 @@ from pathlib import Path
 from typing import Any, Generic, TextIO, TypeVar, get_type_hints
 
 from omni_analysis.campaign.cost import timed
+from omni_platform.aside import ALONE
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
@@ -58,8 +59,12 @@ _WATCHED = {
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.worker.memory.monitor-interval": "1s",
 }
-# What workers do first: Ctrl-C reaches them too, and it is not theirs to answer.
-_PRELOAD = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+# What workers do first: Ctrl-C reaches them too, and it is not theirs to answer; nor do they need a
+# second thread where there is one of them on every core.
+_PRELOAD = f"""import os, signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+os.environ["{ALONE}"] = "1"
+"""
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 Work = Callable[[int], Row]

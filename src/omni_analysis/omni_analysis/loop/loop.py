@@ -111,10 +111,10 @@ class LineEstimator:
 
     def estimate(self, observation: Observation) -> Twist:
         """Return what the odometry makes of the lines since the last stamp."""
-        batches = {
-            name: LineBatch(batch.stamp_ns, batch.lines)
-            for name, batch in observation.line_batches.items()
-        }
+        batches = {}
+        for name, batch in observation.line_batches.items():
+            batches[name] = LineBatch(batch.stamp_ns, batch.lines)
+            self._odometry.match(name, batches[name])  # while the next is rendered
         self.last = self._odometry.update({**batches, **observation.flows})
         return Twist(self.last.stamp_ns, self.last.twist, self.last.covariance)
 

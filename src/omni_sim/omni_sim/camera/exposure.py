@@ -87,7 +87,7 @@ def _quantiles() -> NDArray[np.float32]:
     return values.astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _expose(
     greys: NDArray[np.float32],
     response: _Response,

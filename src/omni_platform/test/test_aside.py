@@ -1,0 +1,66 @@
+"""Work that a second thread does meanwhile."""
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from omni_platform import aside
+
+
+@pytest.fixture(params=["1", ""], ids=["one thread", "two threads"])
+def begin(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[Callable[[], int]], Callable[[], int]]]:
+    monkeypatch.setenv(aside.ALONE, request.param)
+    aside._queue.cache_clear()
+    yield aside.aside
+    aside._queue.cache_clear()
+
+
+Begin = Callable[[Callable[[], int]], Callable[[], int]]
+
+
+def test_each_work_hands_over_its_own_result_and_is_done_once(begin: Begin) -> None:
+    done: list[int] = []
+
+    def work(number: int) -> int:
+        done.append(number)
+        return number * number
+
+    results = [begin(lambda number=number: work(number)) for number in range(200)]  # type: ignore[misc]
+    assert [result() for result in reversed(results)] == [n * n for n in reversed(range(200))]
+    assert sorted(done) == list(range(200))
+
+
+def test_an_error_reaches_whoever_asks_and_nobody_else(begin: Begin) -> None:
+    def fail() -> int:
+        raise ValueError("no ground")
+
+    failing, sound = begin(fail), begin(lambda: 7)
+    assert sound() == 7
+    with pytest.raises(ValueError, match="no ground"):
+        failing()
+
+
+def test_whoever_waits_does_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(aside.ALONE, raising=False)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _pid: {0, 1})
+    aside._queue.cache_clear()
+    begun, let_go = threading.Event(), threading.Event()
+
+    def held() -> str:
+        begun.set()
+        let_go.wait()
+        return threading.current_thread().name
+
+    def last() -> str:
+        let_go.set()
+        return threading.current_thread().name
+
+    first = aside.aside(held)
+    begun.wait()
+    second = aside.aside(last)
+    assert first() == "aside"
+    assert second() == threading.current_thread().name
+    aside._queue.cache_clear()
