@@ -31,6 +31,7 @@ from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 from omni_ros.voices import Voices
 
+_PAUSE = 0.02  # [s] in which messages gather: to wake up for each took ten times as long
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 _QUIET = 0.2  # [s] without a message, after which nothing more is on its way
 _LONGEST_WAIT = 1.0  # [s] for that silence
@@ -160,20 +161,24 @@ def _take(node: RecorderNode, spinner: Spinner) -> None:
     # A timer of the node would queue behind the messages of a busy graph; this does not.
     due = time.monotonic() + node.flush_period
     while not spinner.stop and node.failure is None:
-        spinner.spin_once(min(_POLL, node.flush_period))
+        time.sleep(min(_PAUSE, node.flush_period))
+        _take_arrived(node, spinner, due)
         if time.monotonic() >= due:
             node.judge()
             node.writer.flush()
             due = time.monotonic() + node.flush_period
 
 
-def _drain(node: RecorderNode, spinner: Spinner) -> None:
-    """Take in what has arrived already; only then is the recording whole."""
-    deadline = time.monotonic() + _LONGEST_DRAIN
+def _take_arrived(node: RecorderNode, spinner: Spinner, deadline: float) -> None:
     before = -1
     while node.received != before and time.monotonic() < deadline:
         before = node.received
         spinner.spin_once(0.0)
+
+
+def _drain(node: RecorderNode, spinner: Spinner) -> None:
+    """Take in what has arrived already; only then is the recording whole."""
+    _take_arrived(node, spinner, time.monotonic() + _LONGEST_DRAIN)
     # The queues are empty; what is on its way comes now. Publishers that go on must not hold
     # the recorder up for long.
     deadline = time.monotonic() + _LONGEST_WAIT
