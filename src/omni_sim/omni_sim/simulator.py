@@ -322,9 +322,8 @@ class Simulator:
             self._cameras = LineCameraArray(
                 configuration.sensors, texture, configuration.camera, camera_seed
             )
-            self._clocks = {
-                name: LineClock(sensor.line_rate) for name, sensor in configuration.sensors.items()
-            }
+            rates = {sensor.line_rate for sensor in configuration.sensors.values()}
+            self._clocks = {rate: LineClock(rate) for rate in rates}
             start = np.zeros((1, 6))
             start[0, :3] = self._driver.start_pose
             start[0, 3:] = _in_world(self._driver.start_twist, start[0, 2])
@@ -440,16 +439,18 @@ class Simulator:
         """Return the lines of every camera with times in (start, end]."""
         self._batches.complete()
         step_ns = self.control_period_ns / self.configuration.simulation.steps_per_period
-        exposures = {}
         blurred = self.configuration.camera.exposure_time > 0.0
-        for name, clock in self._clocks.items():
+        taken: dict[float, _Exposure] = {}
+        for rate, clock in self._clocks.items():
             first, last = clock.lines_in(start_ns, end_ns)
             times = clock.times_ns(first, last)
             poses = interpolate_poses(trajectory, max(start_ns, 0), step_ns, times)
             velocities = None
             if blurred:
                 velocities = interpolate_velocities(trajectory, max(start_ns, 0), step_ns, times)
-            exposures[name] = _Exposure(clock.stamp_ns(last - 1), poses, velocities)
+            taken[rate] = _Exposure(clock.stamp_ns(last - 1), poses, velocities)
+        sensors = self.configuration.sensors.items()
+        exposures = {name: taken[sensor.line_rate] for name, sensor in sensors}
         if self._cameras is not None and (self._sprung or self.vehicle.uneven):
             for camera in self._cameras.cameras.values():
                 camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
