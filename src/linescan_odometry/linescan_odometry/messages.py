@@ -9,12 +9,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from linescan_odometry.measurements import LineBatch
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Flow
-from omni_ros.messages import lines_of, to_nanoseconds
+from omni_ros.messages import LineImage, lines_of, to_nanoseconds
 
 _SAME_SCALE = 0.005  # of a camera's own scale and the configured one
 
 
-def line_batch_of(message: Image) -> LineBatch:
+def line_batch_of(message: Image | LineImage) -> LineBatch:
     """Return the lines of an image; one that holds none says why, and so counts as unmeasured."""
     stamp_ns = to_nanoseconds(message.header.stamp)
     try:

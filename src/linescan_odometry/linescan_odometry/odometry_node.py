@@ -33,6 +33,7 @@ from omni_ros.messages import (
     joint_state,
     planar_odometry,
     planar_twist_with_covariance,
+    read_line_image,
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
@@ -105,15 +106,16 @@ class OdometryNode(Node):
         qos = BEST_EFFORT if inputs.best_effort_cameras else RELIABLE
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
-            listen(self, Image, f"line_scan/{name}/lines", partial(self._on_lines, name), qos)
+            topic, taken = f"line_scan/{name}/lines", partial(self._on_lines, name)
+            listen(self, Image, topic, taken, qos, raw=True)
             told = partial(self._on_camera_info, name, sensor)
             listen(self, CameraInfo, f"line_scan/{name}/camera_info", told, LATCHED)
         for name in configuration.flow_sensors:
             taken = partial(self._on_flow, name)
             listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
 
-    def _on_lines(self, sensor: str, message: Image) -> None:
-        batch = line_batch_of(message)
+    def _on_lines(self, sensor: str, wire: bytes) -> None:
+        batch = line_batch_of(read_line_image(wire))
         self._odometry.match(sensor, batch)
         for batches in self._collector.add(sensor, batch):
             self._publish(self._odometry.update(batches))

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
-import struct
 from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import SECOND_NS
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
+from omni_ros.messages import leading_stamp
 
 RELIABILITIES = ("reliable", "best_effort")
 # Topics on which any number of nodes may speak, each with stamps of its own.
 SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
-_STAMP_OFFSET = 4  # after the encapsulation header
-_LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
-_BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is told in the order of the stamps
-_SHORTEST_STAMPED = _STAMP_OFFSET + _LITTLE_ENDIAN_STAMP.size
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -108,24 +104,6 @@ class RecorderConfiguration(Configuration):
                 f"has {len(self.fixed_poses)} entries for {len(self.fixed_frames)} frames; three "
                 "each are needed",
             )
-
-
-def leading_stamp(data: bytes) -> int | None:
-    """Return the stamp [ns] at the start of a serialized message.
-
-    Args:
-        data: CDR with its encapsulation header, of a type that begins with a
-            `builtin_interfaces/Time`.
-
-    Returns:
-        The stamp, or None where it is missing or before zero, which no recording can hold.
-    """
-    if len(data) < _SHORTEST_STAMPED:
-        return None
-    # The second byte of the encapsulation header is odd for little endian, in every version.
-    layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
-    seconds, nanoseconds = layout.unpack_from(data, _STAMP_OFFSET)
-    return seconds * SECOND_NS + nanoseconds if seconds >= 0 else None
 
 
 class StampedRecording:

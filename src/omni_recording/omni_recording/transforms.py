@@ -16,8 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from omni_recording.definitions import MessageDefinition
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.plan import StampedRecording, leading_stamp
-from omni_ros.messages import BASE_FRAME
+from omni_recording.plan import StampedRecording
+from omni_ros.messages import BASE_FRAME, leading_stamp
 
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 MOVING_TOPIC = "/tf"

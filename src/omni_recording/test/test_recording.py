@@ -14,8 +14,9 @@ from rosbags.highlevel import AnyReader
 from omni_platform.configuration import ConfigurationError
 from omni_recording.definitions import find_message_definition
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.plan import RecorderConfiguration, StampedRecording, leading_stamp
+from omni_recording.plan import RecorderConfiguration, StampedRecording
 from omni_recording.write import Rosbag2Writer
+from omni_ros.messages import leading_stamp
 
 # Encapsulation headers of plain CDR and XCDR2, by byte order.
 LITTLE = (b"\0\1\0\0", b"\0\7\0\0")

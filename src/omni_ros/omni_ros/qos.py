@@ -63,8 +63,19 @@ def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> 
 
 
 def listen(
-    node: Node, kind: Any, topic: str, take: Callable[[Any], None], qos: QoSProfile = RELIABLE
+    node: Node,
+    kind: Any,
+    topic: str,
+    take: Callable[[Any], None],
+    qos: QoSProfile = RELIABLE,
+    *,
+    raw: bool = False,
 ) -> Subscription:
-    """Return a subscription whose service is a parameter likewise, ``...subscription.depth``."""
+    """Return a subscription whose service is a parameter likewise, ``...subscription.depth``.
+
+    Where `raw`, messages are taken as the bytes that come over the wire.
+    """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
-    return node.create_subscription(kind, topic, take, qos, qos_overriding_options=overridable)
+    return node.create_subscription(
+        kind, topic, take, qos, qos_overriding_options=overridable, raw=raw
+    )

@@ -20,6 +20,7 @@ from omni_ros.messages import (
     lines_of,
     planar_twist_of,
     planar_twist_with_covariance,
+    read_line_image,
     to_nanoseconds,
     to_time,
 )
@@ -33,13 +34,25 @@ def test_stamps_survive(stamp_ns: int) -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_lines_survive_the_wire(dtype: Any) -> None:
     lines = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (25, 335)).astype(dtype)
-    sent = serialize_message(line_image(123_456_789, "left", lines))
-    received = deserialize_message(sent, Image)
-    assert to_nanoseconds(received.header.stamp) == 123_456_789
-    assert received.header.frame_id == "left"
-    recovered = lines_of(received)
-    assert recovered.dtype == lines.dtype
-    np.testing.assert_array_equal(recovered, lines)
+    for frame in ("left", "rear"):  # gaps of both lengths
+        sent = line_image(123_456_789, frame, lines)
+        told = deserialize_message(sent, Image)
+        theirs = serialize_message(told)
+        assert len(sent) == len(theirs) + -len(theirs) % 4  # as it is sent
+        assert all(mine in (other, 0) for mine, other in zip(sent, theirs, strict=False))
+        for received in (told, read_line_image(sent), read_line_image(theirs)):
+            assert to_nanoseconds(received.header.stamp) == 123_456_789
+            assert received.header.frame_id == frame
+            recovered = lines_of(received)
+            assert recovered.dtype == lines.dtype
+            np.testing.assert_array_equal(recovered, lines)
+
+
+@given(st.integers(0, 62))
+def test_an_image_that_is_cut_off_is_refused_or_lacks_lines(size: int) -> None:
+    wire = line_image(1, "left", np.zeros((2, 8), dtype=np.uint8))[:size]
+    with pytest.raises((ValueError, RuntimeError)):
+        lines_of(read_line_image(wire))
 
 
 def test_big_endian_and_padded_rows_are_understood() -> None:
@@ -60,7 +73,7 @@ def test_big_endian_and_padded_rows_are_understood() -> None:
     ],
 )
 def test_an_image_that_lies_about_its_size_is_refused(change: dict[str, Any], words: str) -> None:
-    message = line_image(0, "left", np.zeros((2, 4), dtype=np.uint8))
+    message = deserialize_message(line_image(0, "left", np.zeros((2, 4), dtype=np.uint8)), Image)
     for name, value in change.items():
         setattr(message, name, value)
     with pytest.raises(ValueError, match=words):

@@ -35,6 +35,7 @@ from omni_ros.messages import (
     camera_info,
     diagnostics,
     joint_state,
+    leading_stamp,
     line_image,
     planar_twist,
     planar_twist_with_covariance,
@@ -133,7 +134,7 @@ class SimulatorNode(Node):
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
         self._enables = listen(self, JointState, "brake/enable", self._on_enable, qos)
         # Only its stamp is used: to keep step, and to tell which node is silent.
-        listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist)
+        listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
@@ -190,11 +191,12 @@ class SimulatorNode(Node):
     def publish(self, observation: Observation) -> None:
         """Publish one step; the pedal last, so that what it is answered with is under way."""
         stamp_ns = observation.stamp_ns
+        for name, batch in observation.line_batches.items():  # first: to match them takes longest
+            image = line_image(batch.stamp_ns, self._prefix + name, batch.lines)
+            self._send(self._lines[name], image)
         clock = self._clock_voice.publisher() if self._clock_voice else None
         if clock is not None:
             self._send(clock, Clock(clock=to_time(stamp_ns)))
-        for name, batch in observation.line_batches.items():
-            self._send(self._lines[name], line_image(batch.stamp_ns, name, batch.lines))
         for name, flow in observation.flows.items():
             self._send(self._flows[name], flow_message(name, flow))
         wheels = joint_state(
@@ -342,8 +344,8 @@ class SimulatorNode(Node):
         self._enable_stamp_ns = to_nanoseconds(message.header.stamp)
         self._heard["brake_assist"] = time.monotonic()
 
-    def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
-        self._twist_stamp_ns = to_nanoseconds(message.header.stamp)
+    def _on_twist(self, wire: bytes) -> None:
+        self._twist_stamp_ns = leading_stamp(wire) or 0
         self._heard["linescan_odometry"] = time.monotonic()
 
 

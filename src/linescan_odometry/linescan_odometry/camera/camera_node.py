@@ -141,10 +141,9 @@ class CameraNode(Node):
         )
 
     def _send(self, batches: list[LineBatch]) -> None:
+        frame = self._prefix + self._configuration.sensor
         for batch in batches:
-            image = line_image(batch.stamp_ns, self._configuration.sensor, batch.lines)
-            prefix_frames(image, self._prefix)
-            self._lines.publish(image)
+            self._lines.publish(line_image(batch.stamp_ns, frame, batch.lines))
 
     def _report(self, stamp_ns: int, frame: Frame) -> None:
         """Say how the camera fares: at each loss, and every second."""

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
-
-import numpy as np
 
 from linescan_odometry.measurements import LineBatch, Lines
 from linescan_odometry.messages import line_batch_of
@@ -43,9 +40,6 @@ def write_lines(
     Raises:
         RecordingError: it cannot be written.
     """
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
     messages: list[tuple[int, str, Lines]] = []
     for name, own in lines.items():
         rate = sensors[name].line_rate
@@ -61,11 +55,7 @@ def write_lines(
     )
     try:
         for stamp_ns, name, part in messages:
-            image = line_image(stamp_ns, name, part)
-            fields = {f: getattr(image, f) for f in image.get_fields_and_field_types()}
-            fields["data"] = np.frombuffer(fields["data"], np.uint8)
-            data = bytes(store.serialize_cdr(SimpleNamespace(**fields), _IMAGE))
-            writer.write(lines_topic(name), stamp_ns, data)
+            writer.write(lines_topic(name), stamp_ns, line_image(stamp_ns, name, part))
     finally:
         writer.close()
     return {name: sum(own == name for _, own, _ in messages) for name in lines}

@@ -25,8 +25,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_recording.error import BagError
 from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_vehicle
 from omni_recording.mcap import RecordedMessage
-from omni_recording.plan import leading_stamp
-from omni_ros.messages import to_time
+from omni_ros.messages import leading_stamp, to_time
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import RELIABLE
