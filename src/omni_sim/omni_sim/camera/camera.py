@@ -8,11 +8,13 @@ perfect; `camera_configuration` says what else there is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import CameraConfiguration
@@ -33,6 +35,16 @@ from omni_sim.texture.texture import GroundTexture
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
 
 LineArray = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@lean
+def _place(poses: FloatArray, x: float, y: float, heading: float, footprints: FloatArray) -> None:
+    for i in range(len(poses)):
+        yaw = poses[i, 2]
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        footprints[i, 0] = poses[i, 0] + cosine * x - sine * y
+        footprints[i, 1] = poses[i, 1] + sine * x + cosine * y
+        footprints[i, 2] = yaw + heading
 
 
 class LineCamera:
@@ -78,14 +90,9 @@ class LineCamera:
         Args:
             poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
         """
-        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        return np.column_stack(
-            (
-                poses[:, 0] + cosine * self.sensor.x - sine * self.sensor.y,
-                poses[:, 1] + sine * self.sensor.x + cosine * self.sensor.y,
-                poses[:, 2] + self.sensor.heading,
-            )
-        )
+        footprints = np.empty((len(poses), 3))
+        _place(poses, self.sensor.x, self.sensor.y, self.sensor.heading, footprints)
+        return footprints
 
     def greys(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
         """Return the mean grey level of every footprint, without noise or quantisation.

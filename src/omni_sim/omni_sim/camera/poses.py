@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _SLACK = 1e-6  # of a step: rounding of times must not count as outside
@@ -31,24 +32,37 @@ def interpolate_poses(
     Raises:
         ValueError: a time lies outside the trajectory.
     """
-    steps = len(trajectory) - 1
-    place = (np.asarray(times_ns, dtype=np.float64) - start_ns) / step_ns
-    if not ((place >= -_SLACK) & (place <= steps + _SLACK)).all():
+    poses = np.empty((len(times_ns), 3))
+    rows = np.ascontiguousarray(trajectory)
+    if not _interpolate(rows, float(start_ns), float(step_ns), times_ns, poses):
         raise ValueError(
             f"times from {times_ns.min()} ns to {times_ns.max()} ns lie outside the trajectory, "
-            f"{start_ns} ns to {start_ns + steps * step_ns} ns"
+            f"{start_ns} ns to {start_ns + (len(trajectory) - 1) * step_ns} ns"
         )
-    if steps == 0:
-        return np.repeat(trajectory[:, :3], len(place), axis=0)
-    index = np.clip(place.astype(np.int64), 0, steps - 1)
-    t = (place - index)[:, np.newaxis]
-    before, after = trajectory[index], trajectory[index + 1]
+    return poses
+
+
+@lean
+def _interpolate(
+    trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray, poses: FloatArray
+) -> bool:
+    """Set poses; return whether all times lie within the trajectory."""
+    steps = len(trajectory) - 1
     step = step_ns * 1e-9
-    # Hermite's basis: value and slope at both ends.
-    rise = t * t * (3.0 - 2.0 * t)
-    value: FloatArray = before[:, :3] + rise * (after[:, :3] - before[:, :3])
-    value += step * t * (1.0 - t) * ((1.0 - t) * before[:, 3:] - t * after[:, 3:])
-    return value
+    for i in range(len(times_ns)):
+        place = (times_ns[i] - start_ns) / step_ns
+        if not -_SLACK <= place <= steps + _SLACK:
+            return False
+        index = max(min(int(place), steps - 1), 0)
+        t = place - index
+        before, after = trajectory[index], trajectory[min(index + 1, steps)]
+        # Hermite's basis: value and slope at both ends.
+        rise = t * t * (3.0 - 2.0 * t)
+        slope = step * t * (1.0 - t)
+        for k in range(3):
+            value = before[k] + rise * (after[k] - before[k])
+            poses[i, k] = value + slope * ((1.0 - t) * before[3 + k] - t * after[3 + k])
+    return True
 
 
 def interpolate_velocities(

@@ -77,6 +77,8 @@ class _Ground(NamedTuple):
     columns: Int8s
     texels: int
     stride: int
+    texel: float
+    middle: np.float32
     averaged: bool
 
 
@@ -127,17 +129,21 @@ class _Rows(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """Edges of the pixels on the integral [cells].
+    """Edges of the pixels on the integral [cells], and what makes grey levels of it.
 
     Attributes:
         start: the first one.
         step: from one to the next.
         slant: standard deviation of each, by its slant against a row of texels.
+        scale: of a difference of the integral.
+        middle: grey level that is 0 there.
     """
 
     start: float
     step: float
     slant: float
+    scale: float
+    middle: np.float32
 
 
 def integrate_lines(
@@ -168,14 +174,13 @@ def integrate_lines(
         raise ValueError(f"the footprint of {length} m is longer than the reach {texture.reach} m")
     if width < LEAST_WIDTH * texture.texel:
         raise ValueError(f"the footprint of {width} m is narrower than {LEAST_WIDTH:g} texels")
-    scaled = np.array(centres, dtype=np.float64)  # a copy, C-contiguous
-    scaled[:, :2] /= texture.texel
-    lines = np.empty((len(scaled), pixels), dtype=np.float32)
+    lines = np.empty((len(centres), pixels), dtype=np.float32)
     ground = _Ground(
-        texture.rows, texture.columns, texture.texels, texture.stride, texture.averaged
-    )
+        texture.rows, texture.columns, texture.texels, texture.stride, texture.texel,
+        np.float32(texture.middle), texture.averaged,
+    )  # fmt: skip
+    scaled = np.ascontiguousarray(centres, dtype=np.float64)
     _integrate(ground, scaled, 0.5 * length / texture.texel, 0.5 * width / texture.texel, lines)
-    lines += np.float32(texture.middle)
     return lines
 
 
@@ -187,7 +192,7 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     half_width: float,
     lines: NDArray[np.float32],
 ) -> None:
-    """Integrate lines whose centres and half sizes are in texels, into `lines`."""
+    """Integrate lines whose half sizes are in texels, into `lines`."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room, np.int16)
@@ -205,8 +210,8 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     used = np.empty(_CLASSES, np.int64)
     texels = ground.texels
     for line in range(len(centres)):
-        x = centres[line, 0] % texels
-        y = centres[line, 1] % texels
+        x = centres[line, 0] / ground.texel % texels
+        y = centres[line, 1] / ground.texel % texels
         a_x = math.cos(centres[line, 2])
         a_y = math.sin(centres[line, 2])
         texture = ground.rows
@@ -262,8 +267,8 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         start = (-half - (origin + 0.5 - rest)) * _CLASSES
         weight = _CLASSES * step * (height >> (POINT - WEIGHT_BITS))
         slant = tangent * _CLASSES / math.sqrt(12.0)
-        edges = _Edges(start, step * _CLASSES, slant)
-        _read_pixels(integral, edges, values, 1.0 / weight, lines[line])
+        edges = _Edges(start, step * _CLASSES, slant, 1.0 / weight, ground.middle)
+        _read_pixels(integral, edges, values, lines[line])
         if backwards:
             _reverse(lines[line])
 
@@ -485,14 +490,14 @@ def _refine(totals: Int32s, cells: Int32s, refined: Int32s, n: int, height: int)
 
 @njit(cache=True, nogil=True)
 def _read_pixels(
-    integral: Floats, edges: _Edges, values: Floats, scale: float, line: NDArray[np.float32]
+    integral: Floats, edges: _Edges, values: Floats, line: NDArray[np.float32]
 ) -> None:
-    """Set each pixel to the difference of the integral at its two edges, times `scale`.
+    """Set each pixel to the difference of the integral at its two edges.
 
     An edge is slanted against a row of texels, which smooths the integral by a box as wide as
     the slant. Two readings one standard deviation either side have the same second moment.
     """
-    start, step, slant = edges
+    start, step, slant, scale, middle = edges
     places = (
         math.floor((start - slant) * _ONE + 0.5),
         math.floor((start + slant) * _ONE + 0.5),
@@ -502,7 +507,7 @@ def _read_pixels(
         read_edges(integral, places, edge, len(line), values)
     scale *= 0.5
     for pixel in range(len(line)):
-        line[pixel] = (values[pixel + 1] - values[pixel]) * scale
+        line[pixel] = np.float32((values[pixel + 1] - values[pixel]) * scale) + middle
 
 
 @njit(cache=True, nogil=True)
