@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +13,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from omni_analysis.campaign import runner
-from omni_analysis.campaign.runner import CampaignOptions, distribute, run_campaign
+from omni_analysis.campaign.runner import CampaignError, CampaignOptions, distribute, run_campaign
 from omni_platform.configuration import ConfigurationError
 
 
@@ -90,3 +93,28 @@ def test_a_campaign_goes_on_where_it_ended(tmp_path: Path) -> None:
     rows = campaign(tmp_path, runs=12, workers=1, resume=True)
     assert rows[1] == Row(6, 0.5, "")
     assert rows[2:] == [work(seed) for seed in range(7, 17)]
+
+
+def test_work_that_kills_or_fails_ends_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "_WORTH", 0.0)
+    options = CampaignOptions(workers=2)
+    parent = os.getpid()
+
+    def deadly(seed: int) -> Row:
+        if os.getpid() != parent and seed == 20:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return work(seed)
+
+    def failing(seed: int) -> Row:
+        if seed == 20:
+            raise ValueError("twenty")
+        return work(seed)
+
+    path = tmp_path / "runs.csv"
+    with pytest.raises(CampaignError, match="workers die of seeds"):
+        run_campaign(deadly, range(40), Row, options, path, "abc")
+    with pytest.raises(ValueError, match="twenty"):
+        run_campaign(failing, range(40), Row, options, path, "abc")
+    assert not multiprocessing.active_children()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
@@ -18,7 +19,12 @@ from distributed import Client, LocalCluster
 from omni_analysis.campaign import runner
 from omni_analysis.campaign.random_braking import RandomBraking, draw
 from omni_analysis.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
-from omni_analysis.campaign.runner import ResultTable, connected, distribute
+from omni_analysis.campaign.runner import (
+    CampaignOptions,
+    ResultTable,
+    connected,
+    run_campaign,
+)
 from omni_analysis.loop.compiled import run_fast_loop
 from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_analysis.studies import StudyRun, robustness
@@ -121,24 +127,26 @@ def test_without_its_cause_a_run_keeps_the_limit() -> None:
     assert violations(compare(braking, drawn)) == ()
 
 
-def test_a_killed_worker_loses_no_run_and_changes_none(braking: RandomBraking) -> None:
+def test_a_killed_worker_loses_no_run_and_changes_none(
+    braking: RandomBraking, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seeds = range(40)
     work = partial(outcome, braking)
-    expected = {seed: work(seed) for seed in seeds}
-    found: list[Outcome] = []
+    expected = [work(seed) for seed in seeds]
+    monkeypatch.setattr(runner, "_WORTH", 0.0)
     killed: list[int] = []
-    with connected(None, 2) as processes:
 
-        def take(results: list[Outcome]) -> None:
-            found.extend(results)
-            if not killed:
-                killed.extend(processes.run(os.getpid).values())
-                os.kill(killed[0], signal.SIGKILL)
+    def report(share: float, _words: str) -> None:
+        team = [process.pid for process in multiprocessing.active_children()]
+        if not killed and share > 0.2:
+            killed.extend(pid for pid in team if pid is not None)
+            os.kill(killed[0], signal.SIGKILL)
 
-        distribute(processes, work, seeds, take)
+    options = CampaignOptions(workers=2)
+    path = tmp_path / "runs.csv"
+    assert run_campaign(work, seeds, Outcome, options, path, "abc", report) == expected
     assert len(killed) == 2
-    assert sorted(result.seed for result in found) == list(seeds)
-    assert {result.seed: result for result in found} == expected
+    assert not multiprocessing.active_children()
 
 
 def test_what_is_not_drawn_can_be_changed(tmp_path: Path) -> None:
@@ -218,5 +226,5 @@ def test_a_table_that_was_cut_off_loses_its_last_line_only(tmp_path: Path) -> No
 
 def test_a_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "_CONNECT_TIME", 0.2)
-    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9", 1):
+    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9"):
         pass

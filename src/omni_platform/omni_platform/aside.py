@@ -70,6 +70,9 @@ def _queue() -> SimpleQueue[_Work[Any]] | None:
     return queue
 
 
+os.register_at_fork(after_in_child=_queue.cache_clear)  # a fork does not have the thread
+
+
 def aside(work: Callable[[], _T]) -> Callable[[], _T]:
     """Begin a work, and return what hands over its result; called once.
 

@@ -31,14 +31,13 @@ import math
 import os
 import re
 import signal
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TextIO, TypeVar, get_type_hints
 
 from omni_analysis.campaign.cost import timed
-from omni_platform.aside import ALONE
+from omni_analysis.campaign.processes import WorkerDiedError, share
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
@@ -47,24 +46,11 @@ CHUNK_TIME = 1.0
 
 _ALONE = 2.0  # runs that take so long in all tell what the rest will take [s]
 _FIRST_RUNS = 3  # likewise, however short
-_WORTH = 4.0  # what is over in this time needs no other process [s]
+_WORTH = 1.0  # what is over in this time needs no other process [s]
 _FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
 _LARGEST_CHUNK = 1000
-_IN_FLIGHT = 3  # chunks per worker, so that none waits for the next one
+_IN_FLIGHT = 3  # chunks per worker of a cluster, so that none waits for the next one
 _CONNECT_TIME = 10.0  # [s]
-_SILENT = 50  # level of log messages that distributed keeps to itself
-# Watching workers on this machine closely takes a tenth of a core.
-_WATCHED = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.system-monitor.interval": "10s",
-    "distributed.worker.memory.monitor-interval": "1s",
-}
-# What workers do first: Ctrl-C reaches them too, and it is not theirs to answer; nor do they need a
-# second thread where there is one of them on every core.
-_PRELOAD = f"""import os, signal
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-os.environ["{ALONE}"] = "1"
-"""
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 Work = Callable[[int], Row]
@@ -207,18 +193,52 @@ def _run(
         rows, duration = _run_chunk(work, seeds[done : done + 1])
         take(rows)
         done, spent = done + 1, spent + duration
-    if done < len(seeds):
-        with connected(options.scheduler, workers) as client:
+    if done == len(seeds):
+        return
+    if options.scheduler is not None:
+        with connected(options.scheduler) as client:
             distribute(client, work, seeds[done:], take)
+        return
+    chunks = _Chunks(seeds[done:], workers)
+    try:
+        share(functools.partial(_run_chunk, work), chunks.next, workers, chunks.taking(take))
+    except WorkerDiedError as error:
+        raise CampaignError(str(error)) from None
+
+
+class _Chunks:
+    """Seeds in parts that each keep a worker busy for a while; the last ones end together."""
+
+    def __init__(self, seeds: Sequence[int], lanes: int) -> None:
+        self._left = list(reversed(seeds))
+        self._lanes = lanes
+        self._size = _FIRST_CHUNK
+
+    def next(self) -> list[int]:
+        """Return the next part, empty once there is none."""
+        return [self._left.pop() for _ in range(min(self._size, len(self._left)))]
+
+    def taking(
+        self, take: Callable[[list[Row]], None]
+    ) -> Callable[[tuple[list[Row], float]], None]:
+        """Return what takes the answer of a worker: hand its rows on, learn from its duration."""
+
+        def learn(answer: tuple[list[Row], float]) -> None:
+            rows, duration = answer
+            take(rows)
+            fair = math.ceil(len(self._left) / (_IN_FLIGHT * self._lanes))
+            apt = round(CHUNK_TIME / max(duration / len(rows), 1e-6))
+            self._size = max(1, min(apt, fair, 4 * self._size, _LARGEST_CHUNK))
+
+        return learn
 
 
 @contextmanager
-def connected(scheduler: str | None, workers: int) -> Iterator[Any]:
+def connected(scheduler: str) -> Iterator[Any]:
     """Connect to a cluster.
 
     Args:
-        scheduler: address of an existing one; None starts one on this machine and ends it again.
-        workers: processes of the latter.
+        scheduler: its address.
 
     Yields:
         Its `distributed.Client`.
@@ -226,29 +246,14 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Any]:
     Raises:
         ConfigurationError: nobody answers at the address.
     """
-    import dask
-    from distributed import Client, LocalCluster  # takes a second to import
+    from distributed import Client  # takes a second to import
 
-    with ExitStack() as stack:
-        target: Any = scheduler
-        if scheduler is None:
-            stack.enter_context(dask.config.set(_WATCHED))
-            scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="omni_campaign_"))
-            target = stack.enter_context(
-                LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    dashboard_address=":0",
-                    local_directory=scratch,
-                    silence_logs=_SILENT,
-                    preload=_PRELOAD,
-                )
-            )
-        try:
-            client = Client(target, timeout=_CONNECT_TIME)
-        except (OSError, ValueError) as error:
-            raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
-        yield stack.enter_context(client)
+    try:
+        client = Client(scheduler, timeout=_CONNECT_TIME)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
+    with client:
+        yield client
 
 
 def distribute(
@@ -269,28 +274,23 @@ def distribute(
     from distributed.scheduler import KilledWorker
 
     chunk = functools.partial(_run_chunk, work)
-    left = list(reversed(seeds))
     lanes = max(1, sum(client.nthreads().values()))
-    size = _FIRST_CHUNK
+    chunks = _Chunks(seeds, lanes)
+    learn = chunks.taking(take)
 
-    def submit() -> Any:
-        taken = [left.pop() for _ in range(min(size, len(left)))]
-        # Sent with every chunk: what lay on one worker only would die with it.
-        return client.submit(chunk, taken, pure=False)
+    def submit() -> Iterator[Any]:
+        if part := chunks.next():
+            # Sent with every chunk: what lay on one worker only would die with it.
+            yield client.submit(chunk, part, pure=False)
 
-    flying = {submit() for _ in range(_IN_FLIGHT * lanes) if left}
+    flying = {future for _ in range(_IN_FLIGHT * lanes) for future in submit()}
     completed = as_completed(flying, with_results=True)
     try:
-        for future, (rows, duration) in completed:
+        for future, answer in completed:
             flying.discard(future)
-            take(rows)
-            fair = math.ceil(
-                len(left) / (_IN_FLIGHT * lanes)
-            )  # towards the end, all finish at once
-            apt = round(CHUNK_TIME / max(duration / len(rows), 1e-6))
-            size = max(1, min(apt, fair, 4 * size, _LARGEST_CHUNK))
-            if left:
-                flying.add(following := submit())
+            learn(answer)
+            for following in submit():
+                flying.add(following)
                 completed.add(following)
     except KilledWorker as error:
         raise CampaignError(f"workers die of these runs: {error}") from None
