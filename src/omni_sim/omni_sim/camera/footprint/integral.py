@@ -88,7 +88,7 @@ class _Placement(NamedTuple):
     Attributes:
         first: the first row, in the texture or in its mirror image.
         downwards: whether it is the mirror image.
-        column: that the columns count from.
+        column: that the columns count from, within the period.
         ahead: by which the first row lies ahead of the middle one [quarter texels, fixed point].
         ahead_per_row: by which each row lies ahead of the one before.
     """
@@ -195,7 +195,8 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
     """Integrate lines whose half sizes are in texels, into `lines`."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
-    sums = np.empty(room, np.int16)
+    sums = np.empty(room + BLOCK, np.int16)
+    sums = sums[-sums.ctypes.data % (2 * BLOCK) // 2 :][:room]  # from a cache line on
     totals = np.empty((_CLASSES, room), np.int32)
     cells = np.empty((_CLASSES, room), np.int32)
     refined = np.empty((_CLASSES, room), np.int32)
@@ -242,12 +243,22 @@ def _integrate(  # noqa: PLR0915, its steps share too many arrays to be called a
         # Rows counted from row_0.
         low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * _ONE + 0.5)
         height = math.floor(2.0 * reach * _ONE + 0.5)
-        cover = _Cover(low, math.floor(slope * _ONE + 0.5), height)
+        climb = math.floor(slope * _ONE + 0.5)
+
+        column = int(origin + whole) % texels
+        if tangent * (row_count + 2 * BLOCK) < 1.0:
+            # Most rows lie alike: start at a column from which a block loads of one cache line.
+            spare = column % BLOCK
+            column -= spare
+            origin -= spare
+            count += spare
+            low -= climb * spare
+        cover = _Cover(low, climb, height)
 
         # Quarter texels by which the texels of row_0 lie ahead of those of the middle row.
         ahead = (row_0 - middle) * tangent * _CLASSES + _HALF
         placement = _Placement(
-            int(row_0), downwards, int(origin + whole),
+            int(row_0), downwards, column,
             math.floor(ahead * _ONE), math.floor(tangent * _CLASSES * _ONE + 0.5),
         )  # fmt: skip
         rows = _Rows(offsets, starts, ends, classes[:row_count], listed, used)
@@ -335,7 +346,6 @@ def _place_rows(texels: int, stride: int, placement: _Placement, rows: _Rows) ->
     if downwards:
         row = texels - 1 - row
     step = -1 if downwards else 1
-    origin %= texels
     begin = 0
     while begin < len(offsets):  # up to where the texture begins anew
         stop = min(len(offsets), begin + (row + 1 if downwards else texels - row))

@@ -78,13 +78,13 @@ class PaddedTexture:
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
         grey = texture.grey
         middle = min(max(round(float(grey.mean())), int(grey.max()) - 127), int(grey.min()) + 128)
-        rows = np.empty((texels, stride), np.int8)
+        rows = _room(texels, stride)
         if texels == len(grey):
             # Modulo 256, as two's complement.
             np.subtract(grey, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
         else:
             average_texels(grey, middle, rows)
-        turned = np.empty((texels, stride), np.int8)
+        turned = _room(texels, stride)
         for first in range(0, texels, _BAND):
             band = rows[:, first : min(first + _BAND, texels)]
             turned[first : first + _BAND, :texels] = band.T
@@ -107,6 +107,13 @@ class PaddedTexture:
     def nbytes(self) -> int:
         """Memory held [bytes]."""
         return self.rows.nbytes + self.columns.nbytes
+
+
+def _room(texels: int, stride: int) -> NDArray[np.int8]:
+    """Return room for padded rows, each of which begins with a cache line."""
+    room = np.empty(texels * stride + _CACHE_LINE, np.int8)
+    first = -room.ctypes.data % _CACHE_LINE
+    return room[first : first + texels * stride].reshape(texels, stride)
 
 
 def padded_levels(
