@@ -122,13 +122,12 @@ def _median_of_three(a: float, b: float, c: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _stand_out(lines: Lines, out: Floats) -> bool:
+def _stand_out(mean: Floats, out: Floats) -> bool:
     """Write how far each pixel of the mean stands out from those beside it.
 
     Returns:
         Whether any can do so by `_OUTSTANDING` times the median: one that is not sure to lie below.
     """
-    mean = _average(lines)
     count = len(mean)
     highest = np.float32(0.0)
     for i in range(count):  # the ends count more often
@@ -145,6 +144,35 @@ def _stand_out(lines: Lines, out: Floats) -> bool:
     return bool(highest > np.float32(1.0)) and below > count // 2
 
 
+@njit(cache=True, error_model="numpy")
+def _defects(lines: Lines) -> NDArray[np.int64]:
+    """Return the pixels that stand out from their neighbours, in the mean and in every line."""
+    pixels = lines.shape[1]
+    none = np.empty(0, np.int64)
+    out = np.empty(pixels, np.float32)
+    if not _stand_out(_average(lines), out):
+        return none
+    deviation = np.abs(out)
+    middle = float(np.partition(deviation, pixels // 2)[pixels // 2])
+    limit = max(_OUTSTANDING * middle, 1.0)
+    found = np.flatnonzero(deviation > np.float32(limit))
+    if not 0 < len(found) <= _MOST_DEFECTIVE * pixels:
+        return none
+    defective = np.zeros(len(found), np.bool_)
+    near = np.empty(2 * _SIDE + 1)
+    for k in range(len(found)):
+        i = found[k]
+        sign = 1.0 if out[i] > np.float32(0.0) else -1.0
+        least = np.inf
+        for row in range(len(lines)):
+            for j in range(len(near)):
+                near[j] = lines[row, min(max(i + j - _SIDE, 0), pixels - 1)]
+            near.sort()
+            least = min(least, (float(lines[row, i]) - near[_SIDE]) * sign)
+        defective[k] = least > _IN_EACH * limit
+    return found[defective]
+
+
 def without_defects(lines: Lines) -> Lines:
     """Return lines whose defective pixels are interpolated, the same lines if there are none.
 
@@ -154,19 +182,7 @@ def without_defects(lines: Lines) -> Lines:
     if len(lines) < _FEWEST_LINES:
         return lines
     pixels = lines.shape[1]
-    out = np.empty(pixels, np.float32)
-    if not _stand_out(lines, out):
-        return lines
-    deviation = np.abs(out)
-    deviation.partition(pixels // 2)
-    limit = max(_OUTSTANDING * float(deviation[pixels // 2]), 1.0)
-    found = np.flatnonzero(np.abs(out) > limit)
-    if not 0 < len(found) <= _MOST_DEFECTIVE * pixels:
-        return lines
-    near = (found + np.arange(-_SIDE, _SIDE + 1)[:, None]).clip(0, pixels - 1)
-    beside = np.median([lines[:, places] for places in near], axis=0)
-    above = (lines[:, found] - beside) * np.sign(out[found])
-    defective = found[above.min(axis=0) > _IN_EACH * limit]
+    defective = _defects(lines)
     if len(defective) == 0:
         return lines
     sound = np.setdiff1d(np.arange(pixels), defective, assume_unique=True)
