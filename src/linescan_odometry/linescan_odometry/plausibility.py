@@ -8,6 +8,7 @@ itself wrong, or a shock, shuts the sensor out for a while only.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.pairs import PairDisplacements
@@ -52,12 +53,32 @@ class Plausibility:
         """
         if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
             return np.ones(len(displacement), np.bool_)
-        ends = stamp_ns - self._period_ns * np.arange(len(displacement) - 1, -1, -1)
-        reach = self._tolerance + self._rate * np.abs(ends - self._stamp_ns)
-        plausible: NDArray[np.bool_] = np.abs(displacement - self._displacement) <= reach
+        plausible = np.empty(len(displacement), np.bool_)
+        _judge(
+            displacement, float(stamp_ns), self._period_ns, self._stamp_ns, self._displacement,
+            (self._tolerance, self._rate), plausible,
+        )  # fmt: skip
         return plausible
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
         """Take a mean over the last `lines` displacements [px] as measured."""
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
+
+
+@njit(cache=True)
+def _judge(
+    displacement: NDArray[np.float64],
+    newest_ns: float,
+    period_ns: float,
+    measured_ns: float,
+    expected: float,
+    reach: tuple[float, float],
+    plausible: NDArray[np.bool_],
+) -> None:
+    """Mark the displacements within reach of the one expected: in px, and more of it per ns."""
+    tolerance, rate = reach
+    for i in range(len(displacement)):
+        end_ns = newest_ns - period_ns * (len(displacement) - 1 - i)
+        allowed = tolerance + rate * abs(end_ns - measured_ns)
+        plausible[i] = abs(displacement[i] - expected) <= allowed

@@ -129,7 +129,9 @@ class FlatField:
         self._referenced = False
         self._own = 0  # places learnt since tables were loaded
         self._gain: FloatArray | None = None
+        self._whole_gain: FloatArray | None = None  # with that of the references, made when used
         self._blind: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
+        self._any_blind = False
         self._relative = np.empty(pixels, np.float32)  # working memory
         self._difference = np.empty(pixels, np.float32)
 
@@ -199,7 +201,8 @@ class FlatField:
             self._dead = relative < 1.0 / _STRONGEST
             self._white = 1.0 / np.maximum(relative, 1.0 / _STRONGEST)
         self._referenced = True
-        self._count, self._own, self._structure, self._gain = 0, 0, 0.0, None
+        self._count, self._own, self._structure = 0, 0, 0.0
+        self._gain = self._whole_gain = None
 
     def save(self, path: Path) -> None:
         """Write references and learnt tables to a file of numpy (.npz)."""
@@ -230,14 +233,14 @@ class FlatField:
         self._mean, self._square, self._dark, self._white, self._dead, self._step = rows
         self._count, self._structure, self._referenced = count, structure, referenced
         self._own = 0
-        self._undecided = True
+        self._undecided, self._whole_gain = True, None
 
     def apply(self, lines: Lines) -> Lines:
         """Learn from some lines, oldest first, and return them over the profile."""
         if self._places == 0:
             return self.correct(lines)
         every = 1 if self._count < _QUICK_PLACES else max(1, len(lines) // _LINES_PER_BATCH)
-        self._learn(lines[(len(lines) - 1) % every :: every])
+        self._learn(lines, every)
         return self.correct(lines)
 
     def learn(self, line: Lines) -> bool:
@@ -249,20 +252,20 @@ class FlatField:
         Returns:
             Whether it was taken.
         """
-        return self._learn(line[None])
+        return self._learn(line[None], 1)
 
-    def _learn(self, lines: Lines) -> bool:
-        """Learn from lines, oldest first; return whether the newest was taken."""
+    def _learn(self, lines: Lines, every: int) -> bool:
+        """Learn from every so many lines, oldest first; return whether the newest was taken."""
         tables = _Tables(
             self._seen, self._mean, self._square, self._step, self._dark, self._white,
             self._relative, self._difference,
         )  # fmt: skip
         learnt: _Learnt = _learn(
-            lines, tables, _Learnt(self._count, self._own, self._structure), self._places
+            lines, every, tables, _Learnt(self._count, self._own, self._structure), self._places
         )
         self._count, self._own, self._structure, anew, taken, undecided = learnt
         if anew:
-            self._gain = None
+            self._gain = self._whole_gain = None
             self._blind = np.zeros(self._pixels, np.bool_)
         self._undecided = self._undecided or undecided
         return taken
@@ -279,13 +282,15 @@ class FlatField:
             self._decide()
         if not self.corrects:
             return lines
-        gain = self._white if self._gain is None else self._white * self._gain
-        blind = self._blind | self._dead
+        if self._whole_gain is None:
+            self._whole_gain = self._white if self._gain is None else self._white * self._gain
+            self._any_blind = bool(self.blind.any())
+        gain = self._whole_gain
         scale = 64.0 if lines.dtype == np.uint8 else 0.25
         corrected: Lines = np.empty(lines.shape, np.uint16)
-        if blind.any():
+        if self._any_blind:
             light = (lines - self._dark) * (scale * gain)
-            _fill(light, blind)
+            _fill(light, self.blind)
             _round(light, np.zeros(self._pixels), np.ones(self._pixels), corrected)
         else:
             _round(lines, self._dark, scale * gain, corrected)
@@ -312,6 +317,7 @@ class FlatField:
         real = max(0.0, 1.0 - texture / max(level, 1e-12), 1.0 - edge / max(gradient, 1e-12))
         smooth = 1.0 + real * (profile - 1.0)
         self._gain = 1.0 / np.maximum(smooth, 1.0 / _STRONGEST)
+        self._whole_gain = None
         if self._count >= _FEWEST_ACTIVE:
             activity = np.sqrt(spread) * self._gain
             blind = activity < _BLIND * float(np.median(activity))
@@ -321,11 +327,12 @@ class FlatField:
 
 
 @njit(cache=True, error_model="numpy")
-def _learn(lines: Lines, tables: _Tables, learnt: _Learnt, places: int) -> _Learnt:
+def _learn(lines: Lines, every: int, tables: _Tables, learnt: _Learnt, places: int) -> _Learnt:
     """Take those lines into the tables, oldest first, that show another place than those before.
 
     Args:
         lines: as the camera delivered them, shape (m, n).
+        every: which lines are looked at, the newest among them.
         tables: written.
         learnt: how far it has come.
         places: number of places that the tables are the mean over.
@@ -334,7 +341,7 @@ def _learn(lines: Lines, tables: _Tables, learnt: _Learnt, places: int) -> _Lear
     anew, taken, undecided = False, False, False
     relative = tables.relative
     pixels = len(relative)
-    for row in range(len(lines)):
+    for row in range((len(lines) - 1) % every, len(lines), every):
         taken = False
         if _level(lines[row], tables.dark, tables.white, relative) <= 0.0:
             continue
