@@ -120,15 +120,22 @@ class SubpixelRefiner:
             self._make_room(pairs)
         self._shift = shift.copy()
         _centre(lines, self._centred)
-        self._refine(0, pairs, displacement, variance)
-        if self._recovery == 0:
+        lost = _refine(
+            self._centred, self._shift, self._sigma, self._filters, self._sums, displacement,
+            variance,
+        )  # fmt: skip
+        if self._recovery == 0 or lost == 0:
             return
         for pair in np.flatnonzero(np.isinf(variance)).tolist():
             old, new = lines[pair], lines[pair + 1]
             peak = smoothed_peak(old, new, int(shift[pair]), self._recovery)
             if peak != shift[pair]:
                 self._shift[pair] = peak
-                self._refine(pair, pair + 1, displacement, variance)
+                one = slice(pair, pair + 1)
+                _refine(
+                    self._centred[pair : pair + 2], self._shift[one], self._sigma,
+                    self._filters[one], self._sums[one], displacement[one], variance[one],
+                )  # fmt: skip
 
     def mean_variance(
         self, displacement: NDArray[np.float64], weight: NDArray[np.float64]
@@ -151,20 +158,6 @@ class SubpixelRefiner:
         self._filters = np.empty((pairs, 4, _TAPS), np.float32)
         parts = max(self._pixels // self._ground_block, 2 * _FEWEST_BLOCKS)
         self._sums = np.empty((pairs, parts + 2, 4))
-
-    def _refine(
-        self,
-        first: int,
-        end: int,
-        displacement: NDArray[np.float64],
-        variance: NDArray[np.float64],
-    ) -> None:
-        """Take the steps of some consecutive pairs."""
-        _refine(
-            self._centred[first : end + 1], self._shift[first:end], self._sigma,
-            self._filters[first:end], self._sums[first:end], displacement[first:end],
-            variance[first:end],
-        )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
@@ -190,14 +183,14 @@ def _refine(
     sums: NDArray[np.float64],
     displacement: NDArray[np.float64],
     variance: NDArray[np.float64],
-) -> None:
-    """Take the steps of consecutive pairs.
+) -> int:
+    """Take the steps of consecutive pairs; return how many have left their peak.
 
     Args:
         centred: lines, shape (m + 1, n) or more.
         shift: integer shifts [px], shape (m,).
         sigma: of the smoothing [px].
-        filters: receives those of the last step, shape (m, 4, taps).
+        filters: receives those of the last step, shape (m, 4, taps) or more.
         sums: working memory, see `Overlaps`.
         displacement: receives the shifts with their fractions [px], shape (m,).
         variance: receives theirs [px^2], shape (m,).
@@ -220,6 +213,10 @@ def _refine(
         _make_filters(contrast, shift, displacement, sigma, filters)
         _filter_and_sum(centred, shift, filters, block, block, sums)
         _step(length, block, shift, sums, final, displacement, variance)
+    lost = 0
+    for pair in range(pairs):
+        lost += variance[pair] == math.inf
+    return lost
 
 
 @njit(cache=True, error_model="numpy")
