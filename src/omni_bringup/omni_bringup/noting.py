@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from omni_analysis.loop.experiment import ExperimentConfiguration
     from omni_analysis.vehicles.plausibility import RemarkingLibrary
 
 
@@ -19,7 +21,16 @@ def noting_library(workspace: Path, program: str) -> RemarkingLibrary:
     """
     from omni_analysis.vehicles.plausibility import RemarkingLibrary
 
-    def say(remark: str) -> None:
-        print(f"{program}: note: {remark}", file=sys.stderr)
+    return RemarkingLibrary(workspace / "config", lambda remark: _say(program, remark))
 
-    return RemarkingLibrary(workspace / "config", say)
+
+def say_notes(experiments: Iterable[ExperimentConfiguration], program: str) -> None:
+    """Say what does not fit together in experiments, each remark once."""
+    from omni_analysis.vehicles.plausibility import remarks
+
+    for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):
+        _say(program, remark)
+
+
+def _say(program: str, remark: str) -> None:
+    print(f"{program}: note: {remark}", file=sys.stderr)

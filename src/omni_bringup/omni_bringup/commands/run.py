@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omni_analysis.loop.options import LoopOptions
 from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.interruption import clean_up_on_signals
-from omni_bringup.noting import noting_library
+from omni_bringup.noting import say_notes
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import ConfigurationError, did_you_mean, parameter
 
@@ -95,6 +96,7 @@ class Options(LoopOptions):
 
 def run(options: Options, workspace: Path) -> int:
     """Run an experiment as the command line asks and return the exit code."""
+    from omni_analysis.loop.experiment import ExperimentLibrary
     from omni_analysis.loop.sweep import is_swept
     from omni_bringup.sweep import run_sweep
 
@@ -108,9 +110,8 @@ def run(options: Options, workspace: Path) -> int:
     from omni_bringup.graph.run_variant import RunError, run_variant
 
     clean_up_on_signals()
-    library = noting_library(workspace, "omni run")
     try:
-        configurations = _compose(library, options)
+        configurations = _compose(ExperimentLibrary(workspace / "config"), options)
         with reserved_domain():
             pass  # better refused before there is a folder; each run reserves its own
         folder = _result_folder(options, workspace)
@@ -118,6 +119,8 @@ def run(options: Options, workspace: Path) -> int:
         print(f"omni run: {error}", file=sys.stderr)
         return EXIT_REFUSED
     results = []
+    # Said once the first run is under way, which would begin a sixth of a second later.
+    note = cache(lambda: say_notes(configurations.values(), "omni run"))
     try:
         for variant, configuration in configurations.items():
             with _progress(variant) as on_progress:
@@ -126,13 +129,14 @@ def run(options: Options, workspace: Path) -> int:
                     variant,
                     folder / variant,
                     lockstep=not options.real_time,
-                    on_progress=on_progress,
+                    on_progress=_both(on_progress, note),
                     recording=RecordingOptions(options.compression, options.fsync),
                     external=options.external,
                 )
             write_summary(_document(options.experiment, [result]), result.folder)
             results.append(result)
     except (RunError, ProcessError, NoFreeDomainError, BagError) as error:
+        note()
         print(f"omni run: {error}", file=sys.stderr)
         print(f"omni run: what was recorded is in {folder}", file=sys.stderr)
         for path in unfinished_recordings(folder):
@@ -165,6 +169,14 @@ def run(options: Options, workspace: Path) -> int:
     else:
         _print_results(results, pictures, folder)
     return _verdict(results)
+
+
+def _both(on_progress: Progress, note: Callable[[], None]) -> Progress:
+    def follow(report: Mapping[str, float]) -> None:
+        on_progress(report)
+        note()
+
+    return follow
 
 
 def _verdict(results: list[VariantResult]) -> int:
