@@ -6,8 +6,8 @@ vectors of LLVM, which become whatever instructions the processor has. Whole num
 sums on all of them.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
-for 0 <= i < 32, or < 64 where it adds two blocks; these ask for the cache lines of the four rows
-that follow. The texture must be readable up to the end of a block. Offsets and bounds of the rows
+for 0 <= i < 32, or < 64 where it adds two blocks. Most ask for the cache lines of four rows that
+follow. The texture must be readable up to the end of a block. Offsets and bounds of the rows
 are tuples of four whole numbers.
 """
 
@@ -30,26 +30,30 @@ BLOCK = 32
 _ROWS = 4
 _INT8, _INT16, _INT32, _INT64 = (ir.IntType(bits) for bits in (8, 16, 32, 64))
 _COLUMNS = ir.VectorType(_INT16, BLOCK)
+_NUMBERS = ir.Constant(_COLUMNS, list(range(BLOCK)))
+_UNDEFINED = ir.Constant(_COLUMNS, ir.Undefined)
+_FIRST_LANE = ir.Constant(ir.VectorType(_INT32, BLOCK), None)
 _CHOSEN = ir.VectorType(ir.IntType(1), BLOCK)
 _NONE = ir.Constant(_COLUMNS, None)
 
 # What numba asks an intrinsic for: its signature, and a function that writes its instructions.
 Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
-_Mask = Callable[[Any, Any, list[Any]], Any]
+# Writes masks by block and row, from a column and bounds.
+_Choice = Callable[[Any, Any, Any], list[list[Any]]]
 
 
 @intrinsic
 def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> Intrinsic:
     """Add a whole block of four rows."""
-    return _adding(sums, texture, [offsets], None)
+    return _adding(sums, texture, [offsets], 1, None)
 
 
 @intrinsic
 def add_four_between(
-    _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, starts: Any, ends: Any
+    _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, following: Any, bounds: Any
 ) -> Intrinsic:
-    """Add of each row what lies in columns ``starts[r]`` to ``ends[r] - 1``."""
-    return _adding(sums, texture, [offsets, starts, ends], _between)
+    """Add of a block what lies in columns ``bounds[0][r]`` to ``bounds[1][r] - 1``."""
+    return _adding(sums, texture, [offsets, following, bounds], 1, _between)
 
 
 @intrinsic
@@ -57,7 +61,7 @@ def add_four_twice(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, following: Any
 ) -> Intrinsic:
     """Add two whole blocks."""
-    return _adding_two(sums, texture, [offsets, following], None)
+    return _adding(sums, texture, [offsets, following], 2, None)
 
 
 @intrinsic
@@ -65,7 +69,7 @@ def add_four_from(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, following: Any, starts: Any
 ) -> Intrinsic:
     """Add of two blocks what lies in columns ``starts[r]`` and beyond, fewer than 64 on."""
-    return _adding_two(sums, texture, [offsets, following, starts], _bits_from)
+    return _adding(sums, texture, [offsets, following, starts], 2, _from)
 
 
 @intrinsic
@@ -73,58 +77,41 @@ def add_four_until(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, following: Any, ends: Any
 ) -> Intrinsic:
     """Add of two blocks what lies before column ``ends[r]``, fewer than 64 on."""
-    return _adding_two(sums, texture, [offsets, following, ends], _bits_until)
+    return _adding(sums, texture, [offsets, following, ends], 2, _until)
 
 
-def _adding(sums: Any, texture: Any, tuples: list[Any], mask: _Mask | None) -> Intrinsic:
-    """Return signature and instructions, the first of the tuples being the offsets."""
+def _adding(
+    sums: Any, texture: Any, tuples: list[Any], blocks: int, choose: _Choice | None
+) -> Intrinsic:
+    """Return signature and instructions; tuples: offsets, then what follows, then the bounds."""
     signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        column, numbers = arguments[1], arguments[3:]
-        bounds = [
-            [builder.extract_value(each, row) for each in numbers[1:]] for row in range(_ROWS)
-        ]
-        masks = [mask and mask(builder, column, each) for each in bounds]
-        _add(context, builder, signature.args, arguments, 0, masks)
+        into, column, source, offsets, *more = arguments
+        masks = choose(builder, column, more[1]) if choose else [[None] * _ROWS] * blocks
+        for block, chosen in enumerate(masks):
+            at = builder.add(column, _INT64(block * BLOCK))
+            _add(context, builder, signature.args, (into, at, source, offsets), chosen)
+        if more:
+            _ask(context, builder, signature.args[2], source, more[0], column)
         return context.get_dummy_value()
 
     return signature, generate
 
 
-def _adding_two(sums: Any, texture: Any, tuples: list[Any], bits: _Mask | None) -> Intrinsic:
-    """Do the same for two blocks, the second of the tuples being the offsets of what follows."""
-    signature = types.void(sums, types.intp, texture, *tuples)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, column, source, _, following, *bounds = arguments
-        chosen = [
-            bits and bits(builder, column, [builder.extract_value(bounds[0], row)])
-            for row in range(_ROWS)
-        ]
-        for block in range(2):
-            masks = [
-                each and _mask(builder, builder.lshr(each, _INT64(block * BLOCK)))
-                for each in chosen
-            ]
-            _add(context, builder, signature.args, arguments, block * BLOCK, masks)
-        for row in range(_ROWS):
-            at = builder.add(builder.extract_value(following, row), column)
-            pointer = address(context, builder, signature.args[2], source, at, _INT8)
-            kind = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
-            function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-            # To read, to keep, of data.
-            builder.call(function, [pointer, _INT32(0), _INT32(3), _INT32(1)])
-        return context.get_dummy_value()
-
-    return signature, generate
+def _ask(context: Any, builder: Any, kind: Any, texture: Any, offsets: Any, column: Any) -> None:
+    """Ask for the cache lines of four rows."""
+    for row in range(_ROWS):
+        at = builder.add(builder.extract_value(offsets, row), column)
+        pointer = address(context, builder, kind, texture, at, _INT8)
+        prefetch = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
+        function = cgutils.get_or_insert_function(builder.module, prefetch, "llvm.prefetch.p0")
+        # To read, to keep, of data.
+        builder.call(function, [pointer, _INT32(0), _INT32(3), _INT32(1)])
 
 
-def _add(
-    context: Any, builder: Any, kinds: Any, arguments: Any, ahead: int, masks: list[Any]
-) -> None:
-    into, column, source, offsets = arguments[:4]
-    column = builder.add(column, _INT64(ahead))
+def _add(context: Any, builder: Any, kinds: Any, place: Any, masks: list[Any]) -> None:
+    into, column, source, offsets = place
     total = None
     for row, mask in enumerate(masks):
         at = builder.add(builder.extract_value(offsets, row), column)
@@ -137,29 +124,42 @@ def _add(
     builder.store(builder.add(builder.load(pointer, align=2), total), pointer, align=2)
 
 
-def _bits_from(builder: Any, column: Any, bounds: list[Any]) -> Any:
-    """Return a bit for each of 64 columns, set from a bound on."""
-    return builder.shl(_INT64(-1), builder.sub(bounds[0], column))
+def _from(builder: Any, column: Any, starts: Any) -> list[list[Any]]:
+    return _of_two_blocks(builder, column, starts, lambda bits: bits)
 
 
-def _bits_until(builder: Any, column: Any, bounds: list[Any]) -> Any:
-    return builder.not_(_bits_from(builder, column, bounds))
+def _until(builder: Any, column: Any, ends: Any) -> list[list[Any]]:
+    return _of_two_blocks(builder, column, ends, builder.not_)
 
 
-def _mask(builder: Any, bits: Any) -> Any:
-    return builder.bitcast(builder.trunc(bits, _INT32), _CHOSEN)
+def _of_two_blocks(builder: Any, column: Any, bounds: Any, turn: Any) -> list[list[Any]]:
+    """Return masks by block and row, from a bound on in 64 columns, or what `turn` makes of it."""
+    masks: list[list[Any]] = [[], []]
+    for row in range(_ROWS):
+        place = builder.sub(builder.extract_value(bounds, row), column)
+        bits = turn(builder.shl(_INT64(-1), place))
+        for block, chosen in enumerate(masks):
+            part = builder.trunc(builder.lshr(bits, _INT64(block * BLOCK)), _INT32)
+            chosen.append(builder.bitcast(part, _CHOSEN))
+    return masks
 
 
-def _between(builder: Any, column: Any, bounds: list[Any]) -> Any:
-    starts, ends = (_bits_from(builder, column, [_within(builder, b, column)]) for b in bounds)
-    return _mask(builder, builder.and_(starts, builder.not_(ends)))
+def _between(builder: Any, column: Any, bounds: Any) -> list[list[Any]]:
+    starts, ends = (builder.extract_value(bounds, i) for i in range(2))
+    columns = builder.add(_NUMBERS, _spread(builder, column))
+    masks = []
+    for row in range(_ROWS):
+        start, end = (builder.extract_value(each, row) for each in (starts, ends))
+        since = builder.sub(columns, _spread(builder, start))
+        # What lies before the start counts as huge.
+        length = _spread(builder, builder.sub(end, start))
+        masks.append(builder.icmp_unsigned("<", since, length))
+    return [masks]
 
 
-def _within(builder: Any, bound: Any, column: Any) -> Any:
-    """Return a bound, or the nearest end of a block that it lies outside of."""
-    last = builder.add(column, _INT64(BLOCK))
-    bound = builder.select(builder.icmp_signed(">", bound, column), bound, column)
-    return builder.select(builder.icmp_signed("<", bound, last), bound, last)
+def _spread(builder: Any, number: Any) -> Any:
+    one = builder.insert_element(_UNDEFINED, builder.trunc(number, _INT16), _INT32(0))
+    return builder.shuffle_vector(one, _UNDEFINED, _FIRST_LANE)
 
 
 def address(context: Any, builder: Any, kind: Any, array: Any, at: Any, content: Any) -> Any:

@@ -409,7 +409,7 @@ def _add_four_rows(texture: Int8s, rows: _Rows, listed: Int64s, count: int, sums
     within = starts[3] < inner or not ragged
     if outer < inner or not within or not (even or ends[3] < outer + 2 * BLOCK):
         for c in range(first, ends[3], BLOCK):
-            add_four_between(sums, c, texture, offsets, starts, ends)
+            add_four_between(sums, c, texture, offsets, following, (starts, ends))
         return
     if ragged:
         add_four_from(sums, first, texture, offsets, following, starts)
