@@ -133,17 +133,17 @@ def test_a_load_that_overhangs_or_a_wheel_beyond_its_tire_is_not_sound(bases: Ba
     assert cost(bases, inside, sound=True) == cost(bases, inside)
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_sound_vehicle_gives_table_2_as_well(bases: Bases, which: int) -> None:
     """Those of docs/identification.md, all ten numbers within their tolerance."""
     table = PAGE.split("with their load over the wheels")[1].split("Front left")[0]
-    cells = re.findall(r"`(\w+)` \| (-?[\d.]+)[^|]*\| (-?[\d.]+)", table)
-    values = {name: float(pair[which]) for name, *pair in cells}
+    cells = re.findall(r"`(\w+)`" + 3 * r" \| (-?[\d.]+)[^|]*", table)
+    values = {name: float(found[which]) for name, *found in cells}
     found = rounded([values[quantity.name] for quantity in QUANTITIES])
     variants = {case: configure(base, found) for case, base in bases.items()}
     assert unsound(variants["k7"].vehicle) == 0.0
     for name, value in measure(variants).items():
-        assert abs(value - table_2.REFERENCES[name]) < 0.8 * table_2.tolerance(name)
+        assert abs(value - table_2.REFERENCES[name]) < 0.85 * table_2.tolerance(name)
 
 
 def test_the_page_tells_what_other_assumptions_come_to(
