@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
 from omni_analysis.loop.experiment import ExperimentLibrary
@@ -137,3 +138,11 @@ def test_an_image_without_lines_is_told_in_the_same_step(cameras: Cameras) -> No
     assert measured(cameras.step())
     assert not measured(cameras.step(left=half))
     cameras.wait(lambda: "needs at least" in cameras.reasons["left"])
+
+
+def test_what_is_no_image_is_left_out(cameras: Cameras) -> None:
+    cameras.step()
+    whole = serialize_message(cameras.image())
+    for wire in (b"\0\1\0\0", whole[:40], b"\0\0" + whole[2:], b"\0\3" + whole[2:100]):
+        cameras.publishers["left"].publish(wire)
+    assert measured(cameras.step())

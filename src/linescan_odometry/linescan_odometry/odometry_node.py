@@ -115,7 +115,14 @@ class OdometryNode(Node):
             listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
 
     def _on_lines(self, sensor: str, wire: bytes) -> None:
-        batch = line_batch_of(read_line_image(wire))
+        try:
+            batch = line_batch_of(read_line_image(wire))
+        except (ValueError, RuntimeError) as error:
+            self.get_logger().warning(
+                f"line_scan/{sensor}/lines: left out what is no image: {error}",
+                throttle_duration_sec=1.0,
+            )
+            return
         self._odometry.match(sensor, batch)
         for batches in self._collector.add(sensor, batch):
             self._publish(self._odometry.update(batches))
