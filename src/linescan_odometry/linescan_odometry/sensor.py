@@ -22,7 +22,7 @@ from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher, cou
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.smoothed_peak import correlation
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS, SubpixelRefiner
-from linescan_odometry.matching.whitened import FEWEST_LINES, Whitened, WhitenedMatcher
+from linescan_odometry.matching.whitened import FEWEST_LINES, LONG, Whitened, WhitenedMatcher
 from linescan_odometry.measurements import LineBatch, Lines, SensorReading, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
@@ -212,7 +212,7 @@ class SensorOdometry:
             lines = self._flat_field.apply(seen)
             self._still.learn(seen)
             self._seen = seen
-            pairs = aside(partial(self._matcher.match, lines))
+            pairs = aside(partial(self._matcher.match, lines), worth=lines.size >= LONG)
             whole = None
             if self._moving:
                 whole = self._whitened.begin(lines, settled=not self._flat_field.learning)

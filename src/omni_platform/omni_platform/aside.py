@@ -73,12 +73,16 @@ def _queue() -> SimpleQueue[_Work[Any]] | None:
 os.register_at_fork(after_in_child=_queue.cache_clear)  # a fork does not have the thread
 
 
-def aside(work: Callable[[], _T]) -> Callable[[], _T]:
+def aside(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
     """Begin a work, and return what hands over its result; called once.
 
     What nobody has begun by then is done by whoever asks.
+
+    Args:
+        work: mostly one long kernel.
+        worth: whether it takes some tenths of a millisecond.
     """
-    queue = _queue()
+    queue = _queue() if worth else None
     if queue is None:
         return work
     begun = _Work(work, queue)

@@ -64,3 +64,8 @@ def test_whoever_waits_does_what_is_left(monkeypatch: pytest.MonkeyPatch) -> Non
     assert first() == "aside"
     assert second() == threading.current_thread().name
     aside._queue.cache_clear()
+
+
+def test_what_is_not_worth_it_stays_here() -> None:
+    work = aside.aside(threading.current_thread, worth=False)
+    assert work is threading.current_thread

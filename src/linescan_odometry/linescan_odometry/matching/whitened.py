@@ -65,6 +65,7 @@ Filtered = NDArray[np.float32]
 
 _TAPER = 16  # part of a line that fades in and out
 FEWEST_LINES = 12
+LONG = 16_384  # pixels of a batch, from which it is worth another thread
 _SMOOTHED = 9  # frequencies of twice the line
 _SIDE = _SMOOTHED // 2
 _BAND = 4
@@ -209,7 +210,8 @@ class WhitenedMatcher:
         """Begin to match a batch aside, and return what `match` would."""
         if len(lines) < FEWEST_LINES:
             return lambda: None
-        return aside(partial(self._match, self._faded(lines), settled, True))
+        work = partial(self._match, self._faded(lines), settled, True)
+        return aside(work, worth=lines.size >= LONG)
 
     def _faded(self, lines: Lines) -> Filtered:
         seen: Filtered = np.empty(lines.shape, np.float32)
