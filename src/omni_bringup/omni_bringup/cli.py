@@ -22,7 +22,7 @@ from omni_bringup.interruption import leave_at_once_on_signals
 from omni_bringup.progress_bar import at_work
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError, did_you_mean
-from omni_ros.start import without_coverage
+from omni_ros.start import start_lightly
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
 _OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
@@ -31,7 +31,7 @@ _OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code."""
     leave_at_once_on_signals()
-    without_coverage()
+    start_lightly()
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
