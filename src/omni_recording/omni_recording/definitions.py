@@ -18,7 +18,9 @@ from typing import Any
 
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 _SEPARATOR = "=" * 80
-_NESTED_TYPE = 1  # type_description_interfaces/msg/FieldType; arrays of it have other numbers
+# type_description_interfaces/msg/FieldType
+_NESTED_TYPE = 1
+_LIST_OF_NESTED = 145  # unbounded
 _TIME = "builtin_interfaces/msg/Time"
 
 
@@ -36,12 +38,14 @@ class MessageDefinition:
             after a line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
         type_hash: official hash of the type, ``RIHS01_...``.
         stamped: whether every message begins with a time stamp, as in a leading header.
+        of_stamped: whether it begins with a list of messages that do.
     """
 
     type_name: str
     text: str
     type_hash: str
     stamped: bool
+    of_stamped: bool = False
 
 
 def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
@@ -74,16 +78,19 @@ def find_message_definition(
     for dependency in sorted(hashes.keys() - {type_name}):
         package, _, name = dependency.split("/")
         texts.append(f"{_SEPARATOR}\nMSG: {package}/{name}\n{_read_text(dependency, folders)}")
-    return MessageDefinition(
-        type_name, "".join(texts), hashes[type_name], _begins_with_time(description)
-    )
-
-
-def _begins_with_time(description: Mapping[str, Any]) -> bool:
-    """Follow the first fields down: are a message's first bytes a `builtin_interfaces/Time`?"""
     whole = description["type_description_msg"]
     nested = {entry["type_name"]: entry for entry in whole["referenced_type_descriptions"]}
-    current = whole["type_description"]
+    outer = whole["type_description"]
+    first = outer["fields"][0]["type"]
+    of_stamped = first["type_id"] == _LIST_OF_NESTED and _begins_with_time(
+        nested[first["nested_type_name"]], nested
+    )
+    stamped = _begins_with_time(outer, nested)
+    return MessageDefinition(type_name, "".join(texts), hashes[type_name], stamped, of_stamped)
+
+
+def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> bool:
+    """Follow the first fields down: are a message's first bytes a `builtin_interfaces/Time`?"""
     while current["type_name"] != _TIME:
         first = current["fields"][0]["type"]
         if first["type_id"] != _NESTED_TYPE:

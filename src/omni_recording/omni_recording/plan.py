@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import SECOND_NS
+from omni_recording.definitions import MessageDefinition
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp
 
@@ -109,17 +110,19 @@ class RecorderConfiguration(Configuration):
 class StampedRecording:
     """Writes messages under their own stamps, so that a recording does not depend on timing.
 
-    A message without a stamp of its own gets the latest one seen on any topic. Those of a shared
-    topic wait for a second of stamps, so that their order depends on no node's speed either.
+    A list of stamped messages has the stamp of the first, if that is of this time. A message
+    without a stamp of its own gets the latest one seen on any topic. Those of a shared topic wait
+    for a second of stamps, so that their order depends on no node's speed either.
 
     Args:
         writer: the recording.
-        stamped: for each topic, whether its messages begin with a stamp.
+        definitions: of each topic's messages.
     """
 
-    def __init__(self, writer: Rosbag2Writer, stamped: Mapping[str, bool]) -> None:
+    def __init__(self, writer: Rosbag2Writer, definitions: Mapping[str, MessageDefinition]) -> None:
         self._writer = writer
-        self._stamped = dict(stamped)
+        self._stamped = {topic for topic, told in definitions.items() if told.stamped}
+        self._of_stamped = {topic for topic, told in definitions.items() if told.of_stamped}
         self._latest_ns = 0
         self._newest_ns: dict[str, int] = {}
         self._held: list[tuple[int, str, bytes]] = []  # a heap
@@ -136,12 +139,16 @@ class StampedRecording:
         Raises:
             RecordingError: the file cannot be written any more.
         """
-        if stamp_ns is None and self._stamped.get(topic, False):
+        if stamp_ns is None and topic in self._stamped:
             stamp_ns = leading_stamp(data)
             if topic in SHARED_TOPICS and stamp_ns is not None:
                 heapq.heappush(self._held, (stamp_ns, topic, data))
                 return
             self._judge(topic, stamp_ns)
+        elif stamp_ns is None and topic in self._of_stamped:
+            first_ns = leading_stamp(data, of_list=True)
+            if first_ns is not None and abs(first_ns - self._latest_ns) <= _HELD_BACK_NS:
+                stamp_ns = first_ns
         if stamp_ns is None:
             stamp_ns = self._latest_ns
         elif stamp_ns > self._latest_ns:

@@ -72,7 +72,7 @@ class RecorderNode(Node):
         except RecordingError as error:
             raise NodeError(str(error)) from error
         self._recording = StampedRecording(
-            self.writer, {topic.name: topic.definition.stamped for topic in topics}
+            self.writer, {topic.name: topic.definition for topic in topics}
         )
         self._begin()
         heard = []

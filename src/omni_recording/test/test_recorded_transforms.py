@@ -56,7 +56,7 @@ def bag(tmp_path: Path) -> Path:
     transforms = RecordedTransforms(TRUTH, ["front", "left"], [0.65, 0.0, 0.5, 0.0, 0.5, -1.0])
     topics = [RecordedTopic(TRUTH, find_message_definition(ODOMETRY), RecordedQos(10))]
     writer = Rosbag2Writer(tmp_path / "bag", [*topics, *transforms.topics])
-    recording = StampedRecording(writer, {TRUTH: True})
+    recording = StampedRecording(writer, {TRUTH: find_message_definition(ODOMETRY)})
     transforms.begin(recording)
     for data in (
         odometry(20_000_000, (3.0, -4.0, 0.25), 2.0),

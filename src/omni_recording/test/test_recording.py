@@ -46,11 +46,11 @@ def test_a_message_without_a_stamp_gets_the_latest_seen(tmp_path: Path) -> None:
         RecordedTopic(name, find_message_definition(kind), RecordedQos(10))
         for name, kind in (
             ("/stamped", "rosgraph_msgs/msg/Clock"),
-            ("/plain", "visualization_msgs/msg/MarkerArray"),
+            ("/plain", "std_msgs/msg/String"),
         )
     ]
     writer = Rosbag2Writer(tmp_path / "run", topics)
-    recording = StampedRecording(writer, {t.name: t.definition.stamped for t in topics})
+    recording = StampedRecording(writer, {t.name: t.definition for t in topics})
     looks_stamped = cdr(99, 0)
     recording.add("/plain", looks_stamped)  # nothing seen yet
     recording.add("/stamped", cdr(2, 5))
@@ -70,6 +70,25 @@ def test_a_message_without_a_stamp_gets_the_latest_seen(tmp_path: Path) -> None:
     ]
 
 
+def test_a_list_has_the_stamp_of_its_first_message(tmp_path: Path) -> None:
+    kinds = {"/clock": "rosgraph_msgs/msg/Clock", "/markers": "visualization_msgs/msg/MarkerArray"}
+    topics = [
+        RecordedTopic(name, find_message_definition(kind), RecordedQos(10))
+        for name, kind in kinds.items()
+    ]
+    writer = Rosbag2Writer(tmp_path / "run", topics)
+    recording = StampedRecording(writer, {t.name: t.definition for t in topics})
+    recording.add("/clock", cdr(0, 230_000_000))
+    for seconds in (0, 5):  # came late; of another time
+        recording.add("/markers", b"\0\1\0\0" + struct.pack("<IiI", 1, seconds, 7))
+    recording.add("/markers", b"\0\1\0\0" + struct.pack("<I", 0))
+    writer.close()
+    with AnyReader([tmp_path / "run"]) as reader:
+        stamps = [stamp for link, stamp, _ in reader.messages() if link.topic == "/markers"]
+    assert sorted(stamps) == [7, 230_000_000, 230_000_000]
+    assert recording.problem is None
+
+
 CLOCK, SHARED = "/clock", "/diagnostics"
 
 
@@ -80,7 +99,7 @@ def clocked(folder: Path) -> tuple[Rosbag2Writer, StampedRecording]:
         for name, kind in kinds.items()
     ]
     writer = Rosbag2Writer(folder, topics)
-    return writer, StampedRecording(writer, {t.name: t.definition.stamped for t in topics})
+    return writer, StampedRecording(writer, {t.name: t.definition for t in topics})
 
 
 @pytest.mark.parametrize(

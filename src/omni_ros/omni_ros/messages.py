@@ -37,7 +37,7 @@ _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.d
 _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
-_SHORTEST_STAMPED = _STAMP_OFFSET + _LITTLE_ENDIAN_STAMP.size
+_LENGTH = struct.Struct("<I")  # of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
@@ -53,21 +53,24 @@ def to_nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
-def leading_stamp(data: bytes) -> int | None:
+def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     """Return the stamp [ns] at the start of a serialized message.
 
     Args:
         data: CDR with its encapsulation header, of a type that begins with a
             `builtin_interfaces/Time`.
+        of_list: whether it begins with a list of messages of such a type instead, the first of
+            which tells.
 
     Returns:
         The stamp, or None where it is missing or before zero, which no recording can hold.
     """
-    if len(data) < _SHORTEST_STAMPED:
+    offset = _STAMP_OFFSET + (_LENGTH.size if of_list else 0)
+    if len(data) < offset + _LITTLE_ENDIAN_STAMP.size:
         return None
     # The second byte of the encapsulation header is odd for little endian, in every version.
     layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
-    seconds, nanoseconds = layout.unpack_from(data, _STAMP_OFFSET)
+    seconds, nanoseconds = layout.unpack_from(data, offset)
     return seconds * SECOND_NS + nanoseconds if seconds >= 0 else None
 
 

@@ -231,8 +231,9 @@ def _end_with_parent() -> None:
 def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
-    A retransmission may take 3 s; a reader that has died never acknowledges. From here the two
-    look alike: whoever knows that no reader is left sends SIGTERM once more.
+    A retransmission takes 3 s with the middleware's defaults; a reader that has died never
+    acknowledges. From here the two look alike: whoever knows that no reader is left sends SIGTERM
+    once more.
     """
     longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH
     deadline = time.monotonic() + longest
