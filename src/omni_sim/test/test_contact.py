@@ -49,7 +49,8 @@ def test_plane_of_a_plane_is_that_plane(
     plane = road_plane(lambda x, y: 0.3 + along_x * x + along_y * y, 2.0, -1.0, heading, distance)
     normal = np.array([-along_x, -along_y, 1.0])
     np.testing.assert_allclose(plane.normal, normal / np.linalg.norm(normal), atol=1e-12)
-    np.testing.assert_allclose(plane.point, [2.0, -1.0, 0.3 + 2.0 * along_x - along_y])
+    expected = [2.0, -1.0, 0.3 + 2.0 * along_x - along_y]
+    np.testing.assert_allclose(plane.point, expected, rtol=1e-7, atol=1e-12)
 
 
 @given(ANGLES)
