@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -118,3 +120,26 @@ def test_work_that_kills_or_fails_ends_the_campaign(
     with pytest.raises(ValueError, match="twenty"):
         run_campaign(failing, range(40), Row, options, path, "abc")
     assert not multiprocessing.active_children()
+
+
+ORPHANS = """
+import os, sys, time
+from omni_analysis.campaign.processes import share
+
+def run(seeds):
+    print(os.getpid(), flush=True)
+    return seeds
+
+share(run, lambda: [0], 2, lambda _: time.sleep(0.05))
+"""
+
+
+def test_workers_end_with_the_process_that_started_them() -> None:
+    starter = subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, text=True)
+    assert starter.stdout is not None
+    workers: set[int] = set()
+    while len(workers) < 2:
+        workers.add(int(starter.stdout.readline()))
+    starter.kill()
+    # Their output ends with the last of them; the time only ends a test that hangs.
+    starter.communicate(timeout=60.0)

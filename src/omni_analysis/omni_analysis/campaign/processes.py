@@ -1,7 +1,7 @@
 """Processes of this machine that share a campaign.
 
 They are forks of the one that has made the first run: what that took to import and to load they
-have, and begin at once. Each holds the other end of a pipe that ends with whoever holds the other.
+have, and begin at once. Each gets its work through a pipe and ends with whoever started it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 
 from omni_platform.aside import ALONE
 
+_PATIENCE = 1.0  # [s] after which a worker that has nothing to do looks for who started it
 _MOST_DEATHS = 3  # of workers, one after the other, over the same work
 
 Run = Callable[[Sequence[int]], Any]
@@ -109,8 +110,13 @@ def _serve(run: Run, connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.environ[ALONE] = "1"
+    parent = os.getppid()
     while True:
         try:
+            # Its pipe does not end with that process: the other workers hold it, too.
+            while not connection.poll(_PATIENCE):
+                if os.getppid() != parent:
+                    return
             seeds = connection.recv()
         except EOFError:
             return
