@@ -17,7 +17,7 @@ DEAR = frozenset(
     """
     allocation bag_command bag_reader bag_tools camera_faults camera_optics closed_loop
     combined_slip design_sensors direct_search dissertation_claims experiment fail_safe
-    fast_loop figures fit_tire flat_field footprint_integral ground_texture honesty
+    fast_loop figures fit_tire flat_field footprint_integral ground_texture integrity
     identification lies limit line_camera line_studies mean_variance odometry_accuracy
     optical_study passive_losses placement_search pose process process_group replay robustness
     roller_vehicle rosbag2_writer sideslip_study spin_translate texture_studies tire_fit

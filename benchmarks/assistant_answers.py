@@ -23,11 +23,11 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 
-from omni_analysis.loop.compiled import FastRun, run_fast_loop
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.quantities import FloatArray
 from omni_ros.environment import node_environment
 from omni_ros.messages import (

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.loop.compiled import run_fast_loop
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 CONFIG = Path(__file__).parents[1] / "config"
 BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
@@ -41,9 +41,9 @@ def main() -> None:
                 demand = BrakeDemand(
                     stamp_ns,
                     float(pedal),
-                    Twist(stamp_ns, run.twist[k], covariance),
-                    WheelSpeeds(stamp_ns, run.record.wheel_speed[k]),
-                    ImuReading(stamp_ns, float(run.twist[k, 2]), force[k]),
+                    TwistSample(stamp_ns, run.twist[k], covariance),
+                    WheelSample(stamp_ns, run.record.wheel_speed[k]),
+                    ImuSample(stamp_ns, float(run.twist[k, 2]), force[k]),
                 )
                 before, spent = time.perf_counter_ns(), time.thread_time_ns()
                 assist.update(demand)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from omni_analysis.loop.compiled import run_fast_loop
-from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 REPEATS = 30

@@ -26,17 +26,16 @@ from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
-from omni_analysis.line_trials.trials import ground
-from omni_analysis.line_trials.twist_trials import cameras_over, poses_at, rendered
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials.rig import Rig, ground, poses_at
 
 GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
 SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # [m/s]
 ANGLES = (0.0, 45.0)  # of the motion from the axis [deg]
 EYE = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
 OTHERS = {"a": replace(EYE, y=0.5), "b": replace(EYE, x=0.6, heading_deg=90.0)}
-LINES, BATCHES = 25, 3  # of the batches the last one counts
+BATCHES = 3  # of which the last one counts
 PIXELS, FRAMES = 64, 7
 FRAME_RATE = EYE.pixels * EYE.line_rate / PIXELS**2
 NOISE = 1.0  # grey levels
@@ -51,12 +50,11 @@ def line_error(texture: GroundTexture, velocity: Any, seed: int) -> float:
     """Return the error of one batch [m/s]; NaN where the camera does not call it measured."""
     generator = np.random.default_rng(seed)
     start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
-    cameras = cameras_over(texture, {"eye": EYE}, NOISE, seed)
+    rig = Rig({"eye": EYE}, texture, NOISE, seed)
     odometry = SensorOdometry(EYE, OdometryConfiguration(sensors={"eye": EYE, **OTHERS}))
     twist = np.append(velocity, 0.0)
-    for batch in range(BATCHES):
-        numbers = np.arange(LINES * batch, LINES * (batch + 1))
-        reading = odometry.update(rendered(cameras, start, twist, {"eye": numbers})["eye"])
+    for batch in rig.drive(start, twist, BATCHES):
+        reading = odometry.update(batch["eye"])
     return reading.velocity - float(velocity[0]) if reading.measured else math.nan
 
 

@@ -13,10 +13,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.loop.loop import run_closed_loop
-from omni_bringup.cli import workspace
 from omni_bringup.graph.run_variant import run_variant
+from omni_bringup.workspace import workspace_folder
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.loop import run_closed_loop
 from omni_sim.simulator import Simulator
 
 
@@ -40,7 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5, help="runs of each kind")
     repeats = parser.parse_args().repeats
-    library = ExperimentLibrary(workspace() / "config")
+    library = ExperimentLibrary(workspace_folder() / "config")
     for variant in library.variants("straight_line"):
         configuration = library.load("straight_line", variant)
         process_factor(configuration)  # loads the kernels

@@ -21,8 +21,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_analysis.loop.metrics import run_metrics
-from omni_analysis.loop.recorded_run import BagError, read_run
+from omni_loop.metrics import run_metrics
+from omni_loop.recorded_run import BagError, read_run
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 EXPERIMENT = "small_stop"

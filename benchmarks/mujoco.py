@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.wheels.engines import ENGINES
-from omni_analysis.wheels.mujoco_vehicle import load_mujoco
+from omni_loop.experiment import ExperimentLibrary
+from omni_studies.wheels.engines import ENGINES
+from omni_studies.wheels.mujoco_vehicle import load_mujoco
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 DURATION, REPEATS = 1.0, 5  # [s] simulated, while the vehicle still moves; [1]

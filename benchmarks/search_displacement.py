@@ -33,8 +33,9 @@ from scipy.spatial.distance import pdist
 
 from linescan_odometry.matching.search import METRICS, make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch
 
 cv2: Any
 try:

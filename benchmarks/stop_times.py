@@ -20,10 +20,10 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, find_executable
+from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"

@@ -11,6 +11,7 @@ import json
 import os
 import posixpath
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,10 @@ def on_files(files: Files, config: Any) -> Files:
     for notebook in sorted((_ROOT / "docs").rglob("*.ipynb")):
         uri = notebook.relative_to(_ROOT / "docs").with_suffix(".md").as_posix()
         files.append(File.generated(config, uri, content=_as_page(notebook)))
+    for place in _places(config["nav"]):
+        files.append(_brought(_ROOT / place, config))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
+    waiting += [_ROOT / place for place in _places(config["nav"])]
     seen: set[Path] = set(waiting)
     while waiting:
         page = waiting.pop()
@@ -40,6 +44,16 @@ def on_files(files: Files, config: Any) -> Files:
             if target.suffix == ".md":
                 waiting.append(target)
     return files
+
+
+def _places(nav: Any) -> Iterator[str]:
+    """Yield the files outside of ``docs/`` that the navigation names."""
+    if isinstance(nav, str):
+        if nav.startswith(f"{_SOURCE}/"):
+            yield nav.removeprefix(f"{_SOURCE}/")
+        return
+    for part in nav.values() if isinstance(nav, dict) else nav:
+        yield from _places(part)
 
 
 def _as_page(notebook: Path) -> str:
@@ -62,7 +76,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         if ":" not in link and (place.parent / link).is_dir() and _target(place, link) is None:
             return words  # a folder, which a site has no page for
         target = _target(place, link)
-        if target is None or (_within_docs(target) and not uri.startswith(_SOURCE)):
+        if target is None:
             return match.group(0)
         return f"[{words}]({posixpath.relpath(_uri(target), posixpath.dirname(uri))}{anchor})"
 

@@ -47,6 +47,7 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
                 "start again."
             )
         shutil.rmtree(workspace.venv)
+    shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled by other packages
     check_space(workspace.root, DISK_SPACE)
     say(
         f"setting up in {workspace.venv} (about 1 GB, once, one to two minutes; "
@@ -69,7 +70,7 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
     libraries = [str(path) for path in sorted(site.glob("ros_*.libs"))]
     libraries = [str(workspace.venv / "lib"), *libraries]
     check = "import rclpy, numba, sensor_msgs.msg, matplotlib.font_manager"
-    ready = final_environment(workspace, libraries, "check")
+    ready = final_environment(workspace, libraries)
     code, output = steps.run([workspace.python, "-c", check], ready)
     if code:
         raise SetupError(

@@ -72,11 +72,8 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
     if not within:
         lock = open_lock(workspace)
         make_ready(workspace, lock)
-    environment = final_environment(
-        workspace,
-        read_stamp(workspace.venv).get("libraries", []),
-        read_stamp(workspace.install).get("kernels", ""),
-    )
+    libraries = read_stamp(workspace.venv).get("libraries", [])
+    environment = final_environment(workspace, libraries)
     if within or words[0] != "exec":
         environment["OMNI_RUNNING"] = str(root)
     return hand_over(workspace, environment, words, lock)

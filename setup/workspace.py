@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from setup.failures import SetupError
 from setup.pythons import SUPPORTED
 
 STAMP_FORMAT = 1
+OWN_FOLDERS = ("src", "build", "install")
 SOURCED_DISTRO = "jazzy"
 # What another environment's Python, ROS or pip configuration would bring into this one.
 FOREIGN_VARIABLES = (
@@ -44,12 +45,8 @@ class Workspace:
         self.lock_file = root / "requirements" / ("sourced-ros.lock" if ros else "wheels.lock")
         self.install = root / "install"
         self.cache = root / ".cache"
+        self.kernels = self.cache / "numba"
         self.log = self.cache / "setup.log"
-
-    @property
-    def libraries(self) -> list[Path]:
-        """The folders of the built packages' modules, in colcon's own layout of `install`."""
-        return sorted(self.install.glob("*/lib/python3.*/site-packages"))
 
 
 def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | None:
@@ -125,7 +122,7 @@ def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
     Packages of another Python or ROS do not fit this one: what is below its prefix, and any folder
     of site-packages.
     """
-    foreign = [str(workspace.venv), str(workspace.install), str(workspace.root / "build")]
+    foreign = [str(workspace.venv), *(f"{workspace.root}/{name}" for name in OWN_FOLDERS)]
     foreign += environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     foreign.append(environ.get("VIRTUAL_ENV", ""))
     entries = without(environ.get("PYTHONPATH", ""), [folder for folder in foreign if folder])
@@ -162,19 +159,19 @@ def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str
     return environment
 
 
-def final_environment(
-    workspace: Workspace, libraries: Sequence[str], kernels: str
-) -> dict[str, str]:
+def final_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str, str]:
     """Return the variables for what is handed over to, with the built packages on the paths."""
     environment = venv_environment(workspace, libraries)
-    prefixes = [library.parents[2] for library in workspace.libraries]
-    prepend(environment, "AMENT_PREFIX_PATH", *prefixes)
+    installed = sorted(workspace.install.glob("*/lib/python3.*/site-packages"))
+    prepend(environment, "AMENT_PREFIX_PATH", *(library.parents[2] for library in installed))
     if not workspace.ros:  # whose base has it already
         prepend(environment, "PYTHONPATH", *own_modules(os.environ, workspace))
-    prepend(environment, "PYTHONPATH", *workspace.libraries)
+    # Modules from src, so that an edit needs no build; entry points are listed in install.
+    modules = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
+    prepend(environment, "PYTHONPATH", *modules, *installed)
     environment["OMNI_WORKSPACE"] = str(workspace.root)
     environment["OMNI_CACHE_DIR"] = str(workspace.cache)
-    environment["NUMBA_CACHE_DIR"] = str(workspace.cache / "numba" / kernels)
+    environment["NUMBA_CACHE_DIR"] = str(workspace.kernels)
     environment["MPLCONFIGDIR"] = str(workspace.cache / "matplotlib")
     return environment
 
@@ -184,43 +181,31 @@ def file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def source_files(root: Path) -> Iterator[Path]:
-    """Yield every file below src that a build may read, in a fixed order."""
-    source = root / "src"
-    for folder, folders, names in os.walk(source, followlinks=True):
-        depth = len(Path(folder).relative_to(source).parts)
-        folders[:] = sorted(
-            name
-            for name in folders
-            if not name.startswith((".", "__pycache__"))
-            and not name.endswith(".egg-info")
-            # src/<package>/test is not installed; pip builds in build.
-            and not (depth == 1 and name in ("test", "build"))
-        )
+def build_inputs(root: Path) -> Iterator[Path]:
+    """Yield the files that a build reads, in a fixed order.
+
+    Modules are imported from src, and tests are not installed.
+    """
+    for folder, folders, names in os.walk(root / "src", followlinks=True):
+        place = Path(folder).relative_to(root / "src").parts
+        if len(place) == 1:  # a package: neither modules nor tests nor what pip has built
+            folders[:] = [name for name in folders if name not in (place[0], "test", "build")]
+        folders[:] = sorted(name for name in folders if not name.endswith((".egg-info", "cache__")))
         for name in sorted(names):
             if not name.startswith((".", "#")) and not name.endswith(("~", ".pyc")):
                 yield Path(folder, name)
 
 
-def source_state(root: Path) -> str:
-    """Return a digest of path, size and times of the sources: it changes with every edit."""
+def files_state(files: Iterable[Path]) -> str:
+    """Return a digest of path, size and times of files: it changes with every edit."""
     digest = hashlib.sha256()
-    for path in source_files(root):
+    for path in files:
         with contextlib.suppress(FileNotFoundError):  # an editor's short-lived file
             status = path.stat()
             # ctime also sees an edit that keeps size and modification time.
             entry = (str(path), status.st_size, status.st_mtime_ns, status.st_ctime_ns)
             digest.update(repr(entry).encode())
     return digest.hexdigest()
-
-
-def processor() -> str:
-    """Return what tells one kind of processor from another: kernels are compiled for one."""
-    try:
-        with open("/proc/cpuinfo") as file:
-            return "".join(re.findall(r"(?m)^(?:model name|flags)\s*:.*$", file.read(6000))[:2])
-    except OSError:
-        return ""
 
 
 def environment_identity(workspace: Workspace) -> dict[str, object]:
@@ -235,8 +220,8 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return what a finished build must have been made with, the sources apart."""
-    return {"format": STAMP_FORMAT, "environment": environment.get("made"), "cpu": processor()}
+    """Return what a finished build must have been made with, its inputs apart."""
+    return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 
 def read_stamp(folder: Path) -> dict[str, Any]:
@@ -267,7 +252,9 @@ def environment_ready(workspace: Workspace) -> bool:
 
 
 def build_ready(workspace: Workspace) -> bool:
-    """Tell whether the build is complete and of the sources as they are now."""
+    """Tell whether the build is complete and its inputs are as they were."""
     stamp = read_stamp(workspace.install)
     identity = build_identity(read_stamp(workspace.venv))
-    return holds(stamp, identity) and stamp.get("state") == source_state(workspace.root)
+    return holds(stamp, identity) and stamp.get("state") == files_state(
+        build_inputs(workspace.root)
+    )

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +16,7 @@ from typing import Any
 import pytest
 from omni_process import WORKSPACE, omni
 
-from omni_analysis.loop.experiment import ExperimentLibrary
+from omni_loop.experiment import ExperimentLibrary
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +36,19 @@ class FinishedRun:
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 RunExperiment = Callable[..., FinishedRun]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels() -> None:
+    """Compile what has changed, in one process: the tests wait for nodes, but not for compilers."""
+    cache = Path(os.environ["NUMBA_CACHE_DIR"])
+    modules = WORKSPACE.glob("src/*/*/**/*.py")
+    changed = max(module.stat().st_ctime for module in modules)
+    with (cache / "compiled").open("a") as stamp:
+        fcntl.flock(stamp, fcntl.LOCK_EX)
+        if not stamp.tell() or os.fstat(stamp.fileno()).st_mtime < changed:
+            subprocess.run([sys.executable, "-m", "omni_bringup.warm_up"], check=True)
+            stamp.write("\n")
 
 
 @pytest.fixture(scope="session")

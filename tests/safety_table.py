@@ -31,7 +31,7 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     """Return the rows of all tests, those of a hazard together."""
-    files = [*WORKSPACE.glob("src/*/test/test_*.py"), *WORKSPACE.glob("tests/test_*.py")]
+    files = [*WORKSPACE.glob("src/*/test/**/test_*.py"), *WORKSPACE.glob("tests/test_*.py")]
     files.sort(key=lambda file: ("omni_brake_assist" not in file.parts, file))
     found = [row for file in files for row in _rows_of(file)]
     hazards = list(dict.fromkeys(row.hazard for row in found))

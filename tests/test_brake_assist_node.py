@@ -18,10 +18,10 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.qos import RELIABLE
@@ -176,7 +176,7 @@ def test_it_speaks_before_it_hears_and_brakes_when_it_hears_two(vehicle: Vehicle
         vehicle.wait(
             lambda: (
                 all_on(vehicle.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0)))
-                and vehicle.states[-1] == "second_voice"
+                and vehicle.states[-1] == "second_publisher"
             )
         )
         vehicle.node.destroy_publisher(rival)

@@ -17,10 +17,10 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 from sensor_msgs.msg import CameraInfo
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import to_mapping
 from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_ros.environment import node_environment

@@ -283,6 +283,21 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     assert (recording / "configuration.yaml").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--port", "80000"], "at most 65535"),
+        (["--host", "0.0.0.0"], "every address"),
+        (["--host", "nowhere"], "no IP address"),
+    ],
+)
+def test_a_place_that_cannot_be_served_is_refused(words: list[str], problem: str) -> None:
+    finished = omni(["drive", *words])
+    assert finished.returncode == 2
+    assert problem in finished.stderr
+    assert len(finished.stderr.splitlines()) == 1
+
+
 def test_what_cannot_be_driven_is_refused() -> None:
     finished = omni(["drive", "--vehicle", "mecanum_forklif"])
     assert finished.returncode == 2

@@ -16,10 +16,10 @@ from nav_msgs.msg import Odometry
 from omni_process import WORKSPACE
 from std_srvs.srv import SetBool, Trigger
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds
 from omni_ros.qos import RELIABLE

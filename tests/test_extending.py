@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from omni_process import RUN_TIMEOUT, WORKSPACE, omni_environment
+from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
 
 # What ./omni does once its environment is there.
 LAUNCHER = f"""#!/bin/sh
@@ -105,3 +105,39 @@ def test_a_node_from_outside_answers(followed: Path) -> None:
     run = followed / "external/assisted"
     assert value(run, "brake_switchings.assisted") == 0
     assert value(run, "stopping_time.assisted") > 0.5
+
+
+def test_output_and_faults_of_a_law_reach_the_screen(tmp_path: Path) -> None:
+    (tmp_path / "noisy.py").write_text(
+        "class Noisy:\n"
+        "    def __init__(self, configuration, geometry):\n"
+        "        print('a law is made')\n"
+        "    def step(self, motion, error, enable):\n"
+        "        print('a step is taken')\n"
+        "        raise RuntimeError('lost count')\n"
+    )
+    short = ["maneuver.brake_time=0.1", "simulation.duration_limit=0.5"]
+    plain = ["feedback=velocity_sensor", "simulation.render_lines=false", "maneuver.speed=2"]
+    finished = subprocess.run(
+        omni_command(
+            ["run", "straight_line", "--law", "noisy:Noisy", "--out", "bag", "--json"]
+            + [word for value in (*short, *plain) for word in ("--set", value)]
+        ),
+        cwd=tmp_path,
+        env=omni_environment(),
+        capture_output=True,
+        text=True,
+        timeout=RUN_TIMEOUT,
+        check=False,
+    )
+    assert "a step is taken" in finished.stderr
+    assert finished.stderr.count("all brakes are on (shown once)") == 2  # once a variant
+    assert "RuntimeError: lost count" in finished.stderr
+    assert f'{tmp_path / "noisy.py"}", line 6' in finished.stderr
+    # The command makes the law once to check it, so its output may come before the document.
+    document = json.loads(finished.stdout[finished.stdout.index("{") :])
+    assert {path.name for path in (tmp_path / "bag").iterdir() if path.is_dir()} == {
+        "unassisted",
+        "assisted",
+    }
+    assert document["name"] == "straight_line"

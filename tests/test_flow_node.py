@@ -12,10 +12,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from omni_process import WORKSPACE
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.sensors import FlowSensor, sensor_matrix
 from omni_platform.signals import Flow
 from omni_ros.environment import node_environment

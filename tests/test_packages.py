@@ -74,6 +74,44 @@ def test_every_import_is_declared_once(package: Path) -> None:
     assert {key for key in entries if key.startswith("python3-")} <= needed, "declared in vain"
 
 
+def names_of_messages(tree: ast.Module) -> dict[str, str]:
+    """Return the package of every message type that a module imports, by the type's name."""
+    imported = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    return {
+        alias.name: str(node.module).partition(".")[0]
+        for node in imported
+        if (node.module or "").endswith("_msgs.msg")
+        for alias in node.names
+    }
+
+
+def messages_through_omni_ros(package: Path) -> set[str]:
+    """Return the message packages of what a package takes from `omni_ros` by name."""
+    shared = WORKSPACE / "src/omni_ros"
+    needed: set[str] = set()
+    for file in (package / package.name).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or not node.module:
+                continue
+            module = shared / (node.module.replace(".", "/") + ".py")
+            if not node.module.startswith("omni_ros.") or not module.is_file():
+                continue
+            tree = ast.parse(module.read_text(encoding="utf-8"))
+            types = names_of_messages(tree)
+            taken = {alias.name for alias in node.names}
+            for part in tree.body:
+                if getattr(part, "name", None) in taken:
+                    used = {name.id for name in ast.walk(part) if isinstance(name, ast.Name)}
+                    needed |= {types[name] for name in used & types.keys()}
+    return needed
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_messages_sent_through_shared_code_are_declared(package: Path) -> None:
+    missing = messages_through_omni_ros(package) - set(declared(package, "exec_depend"))
+    assert not missing, f"not declared: {sorted(missing)}"
+
+
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_every_python_package_has_a_key(package: Path) -> None:
     rules = yaml.safe_load((WORKSPACE / "rosdep.yaml").read_text(encoding="utf-8"))

@@ -44,18 +44,20 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "study laws": "minutes: test_laws.py has the parts",
     "study robustness": "minutes: test_robustness.py has fewer runs",
     "study bounds": "an hour: test_beside_limit.py has fewer",
-    "study faults": "minutes: test_lies.py has fewer",
+    "study faults": "minutes: test_sensor_faults.py has fewer",
     "study tuning": "minutes: test_tuning.py has fewer situations",
     "study optical": "minutes of rendered lines: test_optical_study.py",
     "study accuracy": "minutes of rendered lines: test_odometry_accuracy.py",
     "study covariance": "minutes of rendered lines: test_twist_trials.py",
-    "study honesty": "minutes of rendered lines: test_honesty.py",
+    "study integrity": "minutes of rendered lines: test_integrity.py",
     "study sensor_presets": "minutes of rendered lines: test_line_studies.py",
     "study sideslip": "rendered lines: test_sideslip_study.py",
     "study mujoco": "an optional engine: test_engines.py where it is installed",
     "study table2": "test_studies.py",
     "study tires": "test_tire_study.py",
     "study wheels": "CPU times, repeated: test_wheels.py has the wheels",
+    "study feedback": "minutes: test_feedback.py has fewer stops",
+    "check-vehicle": "the reader's recording: test_mistakes.py drives some vehicles",
     "study straight_line --law": "a law of the reader's: test_extending.py writes one",
 }
 
@@ -138,7 +140,7 @@ def test_a_quick_command_of_a_page_does_what_it_says(
 def test_why_a_command_is_not_run_is_still_so() -> None:
     lines = [line for _, line in ALL]
     assert all(any(line.startswith(known) for line in lines) for known in _NOT_HERE)
-    tests = {path.name for path in WORKSPACE.glob("src/*/test/test_*.py")}
+    tests = {path.name for path in WORKSPACE.glob("src/*/test/**/test_*.py")}
     tests |= {path.name for path in WORKSPACE.glob("tests/test_*.py")}
     named = " ".join((*_ELSEWHERE.values(), *_NOT_HERE.values()))
     assert set(re.findall(r"test_\w+\.py", named)) <= tests

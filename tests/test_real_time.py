@@ -21,8 +21,8 @@ from omni_process import (
     wait_until,
 )
 
-from omni_analysis.loop.metrics import run_metrics
-from omni_analysis.loop.recorded_run import read_run
+from omni_loop.metrics import run_metrics
+from omni_loop.recorded_run import read_run
 
 REAL_TIME = ["run", "--variant", "assisted", "--real-time", "--json"]
 
@@ -64,7 +64,7 @@ def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
         process.wait()
     assert process.returncode == 1
     # Whoever notices first: the group that started it, or the simulator that hears nothing.
-    assert re.search("brake_assist (was halted by a signal|said nothing for)", complaint)
+    assert re.search("brake_assist (was halted by a signal|published nothing for)", complaint)
     history = read_run(folder / "assisted")
     metrics = run_metrics(history)
     assert metrics["twist_rmse"].value < 0.1  # the others go on

@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -22,7 +23,9 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
 from omni_bringup.graph.process_group import find_executable
+from omni_platform.configuration import ConfigurationError
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance
 from omni_ros.qos import RELIABLE
@@ -90,14 +93,16 @@ def parameters(tmp_path: Path) -> Path:
 @pytest.fixture
 def vehicle(parameters: Path) -> Iterator[StandIn]:
     """The vehicle, with the assistant that the page starts, in a namespace nobody thought of."""
-    (start,) = [words for words in commands() if "run" in words]
-    assert start[:6] == ["./omni", "exec", "ros2", "run", "omni_brake_assist", "brake_assist"]
-    given = [str(parameters.parent / w) if w.startswith("my_vehicle/") else w for w in start[6:]]
+    (start,) = [words for words in commands() if "-m" in words]
+    # Without `ros2`, which the wheels of ROS do not have.
+    module = "omni_brake_assist.brake_assist_node"
+    assert start[:5] == ["./omni", "exec", "python", "-m", module]
+    given = [str(parameters.parent / w) if w.startswith("my_vehicle/") else w for w in start[5:]]
     wheels = yaml.safe_load((parameters / "brake_assist.yaml").read_text())["/**"]
     names = tuple(wheels["ros__parameters"]["wheels.names"])
     with reserved_domain() as domain:
         process = subprocess.Popen(
-            [str(find_executable("omni_brake_assist", "brake_assist")), *given],
+            [sys.executable, "-m", module, *given],
             env=node_environment(domain),
             stdin=subprocess.DEVNULL,
         )
@@ -129,11 +134,50 @@ def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
 def test_the_launch_file_has_the_arguments_of_the_page() -> None:
     (launch,) = [words for words in commands() if "launch" in words]
     assert launch[:3] == ["ros2", "launch", "omni_bringup"]
-    file = WORKSPACE / "src/omni_bringup/launch" / launch[3]
-    declared = re.findall(r'^    "(\w+)": \(', file.read_text(encoding="utf-8"), re.MULTILINE)
-    assert {word.partition(":=")[0] for word in launch[4:]} <= set(declared)
-    for argument in re.findall(r"`(\w+):=[^`]*`", PAGE.read_text(encoding="utf-8")):
-        assert argument in declared
+    assert (WORKSPACE / "src/omni_bringup/launch" / launch[3]).is_file()
+    page = re.findall(r"`(\w+:=[^`]*)`", PAGE.read_text(encoding="utf-8"))
+    arguments = launch_arguments(*launch[4:], *page)
+    assert arguments.keys() == ARGUMENTS.keys()
+
+
+def launch_arguments(*words: str) -> dict[str, str]:
+    defaults = {name: default or "" for name, (default, _) in ARGUMENTS.items()}
+    return defaults | {name: value for name, _, value in (word.partition(":=") for word in words)}
+
+
+def test_a_launch_releases_no_brake_unless_it_is_asked_to(parameters: Path) -> None:
+    given = f"parameters:={parameters}"
+    (node,) = hardware_nodes(launch_arguments(given))
+    assert [path.stem for path in node.files] == ["brake_assist", "log_only"]
+    last = yaml.safe_load(node.files[-1].read_text())["/**"]["ros__parameters"]
+    assert last == {"enabled": False}
+    (node,) = hardware_nodes(launch_arguments(given, "log_only:=false"))
+    assert [path.stem for path in node.files] == ["brake_assist"]
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["log_onyl:=true"], "did you mean 'log_only'"),
+        (["log_only:=yes"], "must be true or false"),
+        (["parameters:=nowhere"], "nowhere has no brake_assist.yaml"),
+    ],
+)
+def test_a_wrong_launch_argument_is_refused(
+    words: list[str], problem: str, parameters: Path
+) -> None:
+    given = launch_arguments(f"parameters:={parameters}", *words)
+    with pytest.raises(ConfigurationError, match=problem):
+        hardware_nodes(given, words)
+
+
+def test_a_node_that_died_starts_again_and_a_refused_one_does_not() -> None:
+    given = launch_arguments()
+    assert starts_again(1, given)
+    assert starts_again(-9, given)
+    assert not starts_again(2, given)  # its configuration is as wrong the next time
+    assert not starts_again(0, given)
+    assert not starts_again(1, launch_arguments("respawn:=false"))
 
 
 @pytest.mark.parametrize("example", sorted((WORKSPACE / "config/hardware").glob("*.yaml")), ids=str)
@@ -187,3 +231,17 @@ def test_what_does_not_describe_a_vehicle_is_refused_by_name(
     assert words in finished.stderr
     assert len(finished.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_wrong_roller_sign_is_refused_unless_forced(tmp_path: Path) -> None:
+    file, out = tmp_path / "vehicle.yaml", tmp_path / "out"
+    text = (WORKSPACE / "config/hardware/mecanum_agv.yaml").read_text()
+    file.write_text(
+        text.replace("y: -0.35, roller_angle_deg: -45", "y: -0.35, roller_angle_deg: 45")
+    )
+    finished = omni(["ros-params", str(file), "--out", str(out)])
+    assert finished.returncode == 2
+    assert "wheels.rear_right.roller_angle_deg" in finished.stderr
+    assert not out.exists()
+    assert omni(["ros-params", str(file), "--out", str(out), "--force"]).returncode == 0
+    assert (out / "brake_assist.yaml").exists()

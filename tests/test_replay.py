@@ -21,7 +21,7 @@ from omni_process import (
 )
 from rosbags.highlevel import AnyReader
 
-from omni_analysis.loop.recorded_run import read_run
+from omni_loop.recorded_run import read_run
 from omni_recording.actions.compare import compare_topics
 
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"

@@ -14,12 +14,12 @@ import pytest
 from chromium import Chromium, chromium
 from omni_process import WORKSPACE, omni
 
-from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.metrics import run_metrics
-from omni_analysis.report.page import report_page
-from omni_analysis.report.recording import ReportedRun, read_reported_run
 from omni_bringup.cli import main
+from omni_loop.history import RunHistory
+from omni_loop.metrics import run_metrics
 from omni_sim.vehicle.loads import MassProperties
+from omni_tools.report.page import report_page
+from omni_tools.report.recording import ReportedRun, read_reported_run
 
 SAMPLE = WORKSPACE / "bags" / "small_stop" / "assisted"
 MARKUP = "</script><script>hit = 1</script><img src=x onerror='hit = 1'>"

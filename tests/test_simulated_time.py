@@ -12,10 +12,10 @@ from omni_process import WORKSPACE
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_recording.folder import bag_summary, open_bag
 from omni_ros.environment import node_environment
 from omni_ros.qos import RELIABLE
@@ -49,7 +49,7 @@ def test_nodes_speak_and_record_without_a_clock(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     processes = [
         # Stamps of two clocks may be recorded, and nobody is awaited.
-        (graph.recorder(configuration, folder, tmp_path, topics=DIAGNOSTICS), "strict:=false"),
+        (graph.recorder(configuration, folder, tmp_path, chosen=DIAGNOSTICS), "strict:=false"),
         (graph.odometry(configuration, tmp_path, lockstep=False), "subscribers:=0"),
         (graph.brake_assist(configuration, tmp_path, lockstep=False), "subscribers:=0"),
     ]

@@ -20,10 +20,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import RunningProcess, process_group
+from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state
 from omni_ros.qos import RELIABLE

@@ -13,8 +13,8 @@ import pytest
 from omni_process import RUN_TIMEOUT, WORKSPACE, omni_command, omni_environment
 from PIL import Image
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.cli import main
+from omni_loop.experiment import ExperimentLibrary
 
 TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
 

@@ -15,7 +15,7 @@ setup(
     packages=find_packages(exclude=["test"]),
     python_requires=">=3.10",
     # the nodes need ROS too
-    install_requires=["numba", "numpy", "omni_platform", "rocket-fft", "scipy"],
+    install_requires=["numpy", "omni_platform", "rocket-fft", "scipy"],
     package_data={name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

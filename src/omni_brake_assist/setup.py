@@ -14,7 +14,7 @@ setup(
     license=package.findtext("license"),
     packages=find_packages(exclude=["test"]),
     python_requires=">=3.10",
-    install_requires=["numba", "numpy", "omni_platform"],  # the nodes need ROS too
+    install_requires=["numpy", "omni_platform"],  # the nodes need ROS too
     package_data={name: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{name}"]),

@@ -13,6 +13,9 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
+METHODS = ("checked_pairs", "pairs", "joint")
+"""Estimators of displacements by name."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OdometryConfiguration(Configuration):
@@ -25,6 +28,14 @@ class OdometryConfiguration(Configuration):
     flow_sensors: Mapping[str, FlowSensor] = section(
         dict,
         description="Optical-flow sensors on the platform, each of which counts as two cameras",
+    )
+    method: str = parameter(
+        "checked_pairs",
+        description="Estimator of displacements: `pairs`, pairs of lines and the median of section "
+        "4.4 alone; `checked_pairs`, the same with checks for fixed patterns, light and oblique "
+        "texture; `joint`, the likelihood of whole batches, more accurate and less well guarded "
+        "against moving shadows",
+        choices=METHODS,
     )
     metric: str = parameter(
         "pearson",
@@ -112,6 +123,22 @@ class OdometryConfiguration(Configuration):
         unit="px",
         minimum=0.0,
         maximum=10.0,
+    )
+    maximum_speed: float = parameter(
+        20.0,
+        description="Of the vehicle, by which the covariance of the pose grows while the twist is "
+        "not measured",
+        unit="m/s",
+        above=0.0,
+        maximum=1000.0,
+    )
+    maximum_yaw_rate: float = parameter(
+        10.0,
+        description="Of the vehicle, by which the variance of the yaw grows while the twist is not "
+        "measured",
+        unit="rad/s",
+        above=0.0,
+        maximum=1000.0,
     )
     cover_detection: bool = parameter(
         True,

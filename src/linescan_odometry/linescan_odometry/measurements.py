@@ -5,50 +5,43 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import LineBatch, LineBatchError, Lines
 
-Lines = NDArray[np.uint8] | NDArray[np.uint16]
+__all__ = [
+    "UNMEASURED_VARIANCE",
+    "Displacement",
+    "FlowReading",
+    "LineBatch",
+    "LineBatchError",
+    "Lines",
+    "SensorReading",
+    "TwistEstimate",
+    "Unmeasured",
+]
 
 UNMEASURED_VARIANCE = 1e6
 """Variance of a velocity that was not measured, (1 km/s)^2: nobody can take it for a value."""
 
 
-class LineBatchError(ValueError):
-    """A batch of lines that is no batch of lines; the message says what is wrong."""
-
-
-@dataclasses.dataclass(frozen=True)
-class LineBatch:
-    """Consecutive lines of one sensor.
+class Displacement(NamedTuple):
+    """Displacement of the lines of a batch.
 
     Attributes:
-        stamp_ns: exposure of the newest line [ns].
-        lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
-        fault: why the lines cannot be used, such as a format that is none; empty if they can.
-
-    Raises:
-        LineBatchError: the lines have another type or shape.
+        value: mean per line, along the camera's +axis [px].
+        variance: of it [px^2].
+        correlation: coherence of neighbouring lines, or mean similarity of pairs, 1 is perfect.
+        share: of the pairs of lines that entered, 0..1.
     """
 
-    stamp_ns: int
-    lines: Lines
-    fault: str = ""
-
-    @classmethod
-    def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
-        """Make a batch that says why there are no lines."""
-        return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
-
-    def __post_init__(self) -> None:
-        if self.lines.ndim != 2 or self.lines.dtype not in (np.uint8, np.uint16):
-            raise LineBatchError(
-                "lines must be an array of uint8 or uint16 with one row per line, "
-                f"not of {self.lines.dtype} with shape {self.lines.shape}"
-            )
+    value: float
+    variance: float
+    correlation: float
+    share: float
 
 
 @dataclasses.dataclass(frozen=True)

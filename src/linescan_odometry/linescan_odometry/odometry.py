@@ -24,6 +24,7 @@ from linescan_odometry.measurements import (
     SensorReading,
     TwistEstimate,
 )
+from linescan_odometry.method_sensor import MethodOdometry
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import monitors
 from linescan_odometry.twist.least_squares import TwistSolver
@@ -85,9 +86,12 @@ class LineScanOdometry:
                 field cannot be used.
         """
         self._configuration = configuration
+        kind: type[SensorOdometry | MethodOdometry] = (
+            SensorOdometry if configuration.method == "checked_pairs" else MethodOdometry
+        )
         try:
             self._sensors = {
-                name: SensorOdometry(sensor, configuration, _tables(configuration, name))
+                name: kind(sensor, configuration, _tables(configuration, name))
                 for name, sensor in configuration.sensors.items()
             }
         except LineBatchError as error:

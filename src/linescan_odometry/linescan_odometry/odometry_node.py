@@ -87,7 +87,7 @@ class OdometryNode(Node):
         self._collector = BatchCollector.of(configuration)
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
         self._odom = advertise(self, Odometry, "odom")
-        self._pose = PoseIntegrator()
+        self._pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
         self._transforms = None
         if inputs.publish_tf:
             self._transforms = self._make_transforms(configuration.all_sensors)

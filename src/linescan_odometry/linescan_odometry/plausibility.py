@@ -8,10 +8,10 @@ itself wrong, or a shock, shuts the sensor out for a while only.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.pairs import PairDisplacements
+from omni_platform.kernels import njit
 from omni_platform.sensors import LineSensor
 
 

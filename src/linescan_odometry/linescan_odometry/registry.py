@@ -9,7 +9,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
 from omni_platform.plugins import load_class, make_part
-from omni_platform.signals import Flow, Twist
+from omni_platform.signals import Flow, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Entry points under which an installed package offers its odometries by name."""
@@ -38,7 +38,7 @@ class _OwnOdometry:
         pass
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        twist: Twist = self._odometry.update(batches)
+        twist: TwistSample = self._odometry.update(batches)
         return TwistEstimate(twist.stamp_ns, twist.value, twist.covariance, True, {})
 
     def warm_up(self) -> None:

@@ -46,6 +46,7 @@ _ALIKE = 0.3  # correlation of the detail of lines that show the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
 _QUICK = 6.0  # px per line, beyond which the peak at zero is apart from that of the motion
+_NOISE_SIGMAS = 3.5  # standard deviations of a correlation of noise
 _STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
 _SAME_CHANGE = 0.6  # correlation of what changes in the two halves of a batch
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
@@ -528,7 +529,9 @@ class SensorOdometry:
         change = moving[-third:].mean(axis=0) - moving[:third].mean(axis=0)
         structure, square = structure_of(moving[-1] - moving[0])
         faint, faint_square = structure_of(change)
-        if square == 0.0 or (structure < STRUCTURE * square and faint < STRUCTURE * faint_square):
+        # Noise alone correlates neighbouring pixels by 1 / sqrt(n).
+        least = max(STRUCTURE, _NOISE_SIGMAS / math.sqrt(lines.shape[1]))
+        if square == 0.0 or (structure < least * square and faint < least * faint_square):
             return mean
         scale = _MOVING_RANGE / max(float(np.abs(moving).max()), 1.0)
         pairs = self._moving_matcher.match(np.rint(32768.0 + scale * moving).astype(np.uint16))

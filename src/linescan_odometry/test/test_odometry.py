@@ -365,3 +365,12 @@ def test_unusable_configurations_are_refused_by_name(changes: dict[str, Any], ke
     with pytest.raises(ConfigurationError) as caught:
         OdometryConfiguration(**settings)
     assert caught.value.key == key
+
+
+def test_a_coarse_camera_at_rest_is_always_measured(expose: Expose) -> None:
+    camera = one_sensor(128)
+    for number in range(120):
+        lines = expose(np.zeros(25), 128, noise=2.0, grain=4.0, noise_seed=number)
+        reading = camera.update(batch(lines, 25 * number))
+        assert reading.measured, f"batch {number}: {reading.reason}"
+        assert abs(reading.velocity) < 5.0 * math.sqrt(reading.variance)

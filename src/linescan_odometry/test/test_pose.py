@@ -32,11 +32,15 @@ def test_a_constant_twist_is_an_arc_whatever_the_step(steps: int) -> None:
     assert math.remainder(pose.value[2] - angle, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_what_is_not_measured_moves_nothing_and_is_not_known() -> None:
-    integrator = drive(np.array([1.0, 0.0, 0.0]), 10)
-    pose = integrator.update(16 * PERIOD_NS, np.full(3, np.nan), 1e6 * np.eye(3))
+def test_a_gap_adds_what_the_vehicle_can_move_in_it() -> None:
+    integrator = PoseIntegrator(maximum_speed=3.0, maximum_yaw_rate=2.0)
+    for step in range(11):
+        integrator.update((5 + step) * PERIOD_NS, np.array([1.0, 0.0, 0.0]), EXACT)
+    for step in range(1000):
+        pose = integrator.update((16 + step) * PERIOD_NS, np.full(3, np.nan), 1e6 * np.eye(3))
     assert pose.value == pytest.approx([0.1, 0.0, 0.0])
-    assert pose.covariance[0, 0] == pytest.approx(100.0)
+    # 10 s at 3 m/s and 2 rad/s, whichever way.
+    assert np.diag(pose.covariance) == pytest.approx([30.0**2, 30.0**2, 20.0**2])
 
 
 def test_the_covariance_is_that_of_many_noisy_drives() -> None:

@@ -20,22 +20,24 @@ from omni_brake_assist.braking_line import (
     perpendicular,
     store_line,
 )
-from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.fail_safe import (
+from omni_brake_assist.conditions import (
+    ASSISTING,
+    CONTRADICTED,
+    DEAD_BRAKE,
+    DEAD_RECKONING,
+    DEMAND_BACK,
+    DISABLED,
     GOOD,
+    INACTIVE,
     INTERNAL_ERROR,
-    INVALID_STAMP,
     LAW_ERROR,
-    SILENCE,
-    UNSTEADY,
-    Heard,
-    Limits,
-    distrust,
-    judge,
-    make_limits,
-    new_trust,
-    since,
+    NO_BRAKE_HELPS,
+    NO_EFFECT,
+    SLOW,
+    SPEED_STEP,
 )
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.fail_safe import Limits, distrust, judge, make_limits, new_trust, since
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.built_in import (
     LawConstants,
@@ -43,7 +45,7 @@ from omni_brake_assist.laws.built_in import (
     law_constants,
     law_memory,
 )
-from omni_brake_assist.laws.law import ASSIST, FAILED, NO_HELP, Motion
+from omni_brake_assist.laws.law import ASSIST, FAILED, HELD, NO_HELP, Motion
 from omni_brake_assist.monitors.brake_monitor import (
     NO_WHEEL,
     BrakeConstants,
@@ -54,6 +56,7 @@ from omni_brake_assist.monitors.brake_monitor import (
 )
 from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
+    EffectStep,
     effect_constants,
     effect_memory,
     watch_effect,
@@ -77,15 +80,11 @@ from omni_brake_assist.valve_dwell import new_valves, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import kernel, lean, lean_inline
 from omni_platform.quantities import SECOND_NS, FloatArray
-
-# What a step comes to. In all but ASSISTING every brake is on.
-INACTIVE, ASSISTING, DEAD_RECKONING, NO_BRAKE_HELPS, SLOW, DISABLED, FAULTY = range(7)
+from omni_platform.signals import VALID, ImuSample, TwistSample, WheelSample
 
 # Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
 # vehicle rolling, and in the last of its speed there is next to no energy [1].
 _RECKONED_SHARE = 0.15
-# How often trust may be lost in a stop and return: brakes that come and go stop nobody.
-_RETURNS = 3
 
 _STEP = np.dtype(
     [
@@ -95,13 +94,13 @@ _STEP = np.dtype(
         ("reckoned", "?"),  # whether the motion is known without the twist
         ("contradicted", "?"),  # whether nobody knows it, or the effect is missing
         ("no_effect", "?"),
-        ("faulty", "?"),  # whether the last step was FAULTY
+        ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
+        ("faulty", "?"),  # whether a fault had all brakes on in the last step
         ("start_speed", "f8"),  # when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # whether the law has been asked since the pedal went down
         ("line_doubted", "?"),  # whether the line was stored while somebody was contradicted
-        ("helped", "?"),  # whether the last step released brakes
-        ("falls", "i8"),  # how often trust was lost since the pedal went down
+        ("answer", "i8"),  # of the law when it was asked last
         ("dead", "i8"),  # number of the wheel whose brake has been found dead, from 1; 0: none
     ]
 )
@@ -161,6 +160,7 @@ class Memory(NamedTuple):
         answer: the motion of now as the observer sees it, shape (3,).
         speeds: of the wheels that the observer is told [rad/s], shape (N,).
         desk: what else it is told: reading of the IMU, variance of the twist, shape (2, 3).
+        held: error and enable that the law wrote last, shape (2, N).
     """
 
     trust: NDArray[np.void]
@@ -177,34 +177,7 @@ class Memory(NamedTuple):
     answer: FloatArray
     speeds: FloatArray
     desk: FloatArray
-
-
-class HeardWheels(NamedTuple):
-    """Speeds of the wheels as they have come.
-
-    Attributes:
-        problem: GOOD if there are any to look at, else ABSENT or UNREADABLE.
-        stamp_ns: time of validity [ns].
-        speed: about their axes [rad/s], NaN without any, shape (N,).
-    """
-
-    problem: int
-    stamp_ns: int
-    speed: FloatArray
-
-
-class HeardImu(NamedTuple):
-    """A reading of the inertial sensor as it has come.
-
-    Attributes:
-        problem: GOOD if there is one to look at, else ABSENT or UNREADABLE.
-        stamp_ns: time of validity [ns].
-        value: yaw rate [rad/s] and specific force along x, y [m/s^2], shape (3,).
-    """
-
-    problem: int
-    stamp_ns: int
-    value: FloatArray
+    held: FloatArray
 
 
 _Course = tuple[bool, float, float, float, float, float, float]
@@ -217,7 +190,7 @@ class Inputs(NamedTuple):
         now_ns: stamp of the demand [ns].
         pedal: the driver's brake demand, 0 to 1; 1 where nobody can read it.
         enabled: whether brakes may be released.
-        outside: what else forbids that, INVALID_DEMAND or UNKNOWN_WHEEL; GOOD if nothing does.
+        outside: condition found outside the kernel, INVALID_DEMAND or UNKNOWN_WHEEL, else GOOD.
         feedback: latest twist.
         wheels: latest speeds of the wheels.
         imu: latest reading of the inertial sensor.
@@ -227,9 +200,9 @@ class Inputs(NamedTuple):
     pedal: float
     enabled: bool
     outside: int
-    feedback: Heard
-    wheels: HeardWheels
-    imu: HeardImu
+    feedback: TwistSample
+    wheels: WheelSample
+    imu: ImuSample
 
 
 class Asked(NamedTuple):
@@ -238,7 +211,7 @@ class Asked(NamedTuple):
     Attributes:
         ready: whether it has been asked at all.
         motion: what it has been asked with.
-        answer: ASSIST, NO_HELP or FAILED.
+        answer: ASSIST, NO_HELP, FAILED or HELD.
     """
 
     ready: bool
@@ -286,6 +259,7 @@ def new_memory(wheels: int) -> Memory:
         np.zeros(3),
         np.zeros(wheels),
         np.zeros((2, 3)),
+        np.zeros((2, wheels)),
     )
 
 
@@ -303,8 +277,7 @@ def assist_step(
         enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
 
     Returns:
-        INACTIVE, ASSISTING, NO_BRAKE_HELPS, SLOW, DISABLED or FAULTY; with the last the cause is
-        ``inputs.outside``, or else ``memory.trust[0].cause``.
+        The number of the condition that holds, a row of `conditions.CONDITIONS`.
     """
     error[:] = 0.0
     ready, course = _listen(constants, memory, inputs)
@@ -341,7 +314,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     weighed = constants.second_opinion and _is_felt(constants, inputs)
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
     trusted = memory.trust[0].cause == GOOD
-    stamp_ns, twist = feedback.stamp_ns, feedback.twist
+    stamp_ns, twist = feedback.stamp_ns, feedback.value
     elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
     if constants.second_opinion:
         chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
@@ -415,7 +388,7 @@ def _watch(
 def _is_felt(constants: Constants, inputs: Inputs) -> bool:
     """Return whether there is an inertial reading of now."""
     imu, timeout = inputs.imu, constants.limits.timeout_ns
-    return bool(imu.problem == GOOD and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
+    return bool(imu.validity == VALID and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
 
 
 @lean_inline
@@ -427,20 +400,26 @@ def _ask_observer(
     now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
     speeds, inertial, variance = memory.speeds, memory.desk[0], memory.desk[1]
     wheels, imu = inputs.wheels, inputs.imu
-    known = wheels.problem == GOOD and abs(since(now_ns, wheels.stamp_ns)) <= timeout
+    known = wheels.validity == VALID and abs(since(now_ns, wheels.stamp_ns)) <= timeout
     released = False
     for i in range(speeds.size):
         speeds[i] = wheels.speed[i] if known else math.nan
         released = released or memory.told[i] < 1.0
     known = _is_felt(constants, inputs)
     for j in range(3):
-        inertial[j] = imu.value[j] if known else math.nan
+        value = imu.yaw_rate if j == 0 else imu.acceleration[j - 1]
+        inertial[j] = value if known else math.nan
         variance[j] = feedback.covariance[j, j] if heard else 0.0
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
     pedal = inputs.pedal if braking else 0.0
+    jumped = memory.trust[0].cause == SPEED_STEP
     step.no_effect = watch_effect(
-        constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
+        constants.effect,
+        memory.effect,
+        EffectStep(dt, pedal, released, jumped),
+        speeds,
+        inertial[1:],
     )
     return int(
         observe(
@@ -448,7 +427,7 @@ def _ask_observer(
             memory.observer,
             now_ns,
             Brakes(braking, memory.told),
-            PassedTwist(heard, feedback.stamp_ns, feedback.twist, variance),
+            PassedTwist(heard, feedback.stamp_ns, feedback.value, variance),
             Sensed(inertial, speeds),
             memory.answer,
         )
@@ -479,12 +458,7 @@ def act(
     """
     outcome = _outcome(constants, memory, inputs, asked, error, enable)
     step = memory.step[0]
-    step.faulty = outcome == FAULTY
-    if outcome in (INACTIVE, DISABLED):
-        step.falls = 0
-    elif outcome == FAULTY and step.helped:
-        step.falls += 1
-    step.helped = outcome in (ASSISTING, DEAD_RECKONING)
+    step.faulty = INACTIVE < outcome < SLOW
     elapsed = float(max(since(inputs.now_ns, step.switched_ns), 0))
     step.switched_ns = inputs.now_ns
     if outcome in (ASSISTING, DEAD_RECKONING):
@@ -507,6 +481,8 @@ def _outcome(
     enable: FloatArray,
 ) -> int:
     ready, motion, answer = asked
+    if ready:
+        answer = _hold(memory, answer, error, enable)
     slow = ready and _is_slow(constants, memory.step[0], motion)
     helps = ready and answer == ASSIST
     if answer == FAILED:
@@ -517,23 +493,44 @@ def _outcome(
             distrust(memory.trust[0], LAW_ERROR, 0.0, 0.0, 0.0)
             error[:] = 0.0
         helps = _is_any_on(enable)  # the vehicle never rolls unbraked
+    step = memory.step[0]
+    step.fault = _first_fault(step, memory.trust[0].cause, inputs.outside)
     if not inputs.enabled:
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return INACTIVE
-    step = memory.step[0]
-    # What must be earned anew by good twists, whatever the second opinion knows.
-    lost = memory.trust[0].cause in (LAW_ERROR, INTERNAL_ERROR, INVALID_STAMP, SILENCE)
-    if step.falls > _RETURNS:
-        distrust(memory.trust[0], UNSTEADY, step.falls, _RETURNS, 0.0)
-        lost = True
-    if inputs.outside != GOOD or lost or step.no_effect or step.dead != 0 or not ready:
-        return FAULTY
+    # The observer replaces a twist that the gate refuses; nothing replaces what comes before.
+    if step.fault < DEMAND_BACK or not ready:
+        return int(min(step.fault, CONTRADICTED))
     if slow:
         return SLOW
     if not helps:
         return NO_BRAKE_HELPS
     return DEAD_RECKONING if step.reckoned else ASSISTING
+
+
+@lean
+def _first_fault(step: Any, cause: int, outside: int) -> int:
+    """Return the first fault of the table that is present, GOOD if none is."""
+    fault = min(outside, cause)
+    if step.no_effect:
+        fault = min(fault, NO_EFFECT)
+    if step.dead != 0:
+        fault = min(fault, DEAD_BRAKE)
+    return int(min(fault, CONTRADICTED) if step.contradicted else fault)
+
+
+@lean
+def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
+    """Keep what a law has answered, or return to it if it was not asked again."""
+    step, held = memory.step[0], memory.held
+    if answer != HELD:
+        step.answer = answer
+    for i in range(enable.size):
+        if answer != HELD:
+            held[0, i], held[1, i] = error[i], enable[i]
+        error[i], enable[i] = held[0, i], held[1, i]
+    return int(step.answer)
 
 
 @lean

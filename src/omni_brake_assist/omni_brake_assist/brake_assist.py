@@ -25,15 +25,7 @@ from typing import Any
 import numpy as np
 
 from omni_brake_assist.assist_step import (
-    ASSISTING,
-    DEAD_RECKONING,
-    DISABLED,
-    FAULTY,
-    INACTIVE,
-    SLOW,
     Asked,
-    HeardImu,
-    HeardWheels,
     Inputs,
     act,
     assist_step,
@@ -41,35 +33,39 @@ from omni_brake_assist.assist_step import (
     make_constants,
     new_memory,
 )
-from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import AssistState, BrakeDemand, Decision, Fault
-from omni_brake_assist.fail_safe import (
-    ABSENT,
-    CHECKS,
-    CONTRADICTED,
-    DEAD_BRAKE,
+from omni_brake_assist.conditions import (
+    ASSISTING,
+    CONDITIONS,
+    DEAD_RECKONING,
     GOOD,
+    INACTIVE,
     INTERNAL_ERROR,
     INVALID_DEMAND,
     INVALID_STAMP,
-    NO_EFFECT,
+    NO_DEMAND,
+    SECOND_PUBLISHER,
     SILENCE,
+    SLOW,
     UNKNOWN_WHEEL,
     UNREADABLE,
-    Heard,
+    AssistState,
+)
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.decision import BrakeDemand, Decision, Fault
+from omni_brake_assist.fail_safe import (
     checked_stamp,
     distrust,
-    fault_in_words,
     real_array,
 )
 from omni_brake_assist.laws.law import NO_HELP, ask
 from omni_brake_assist.laws.registry import own_law
 from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.sources import Source, sources
 from omni_brake_assist.valve_dwell import open_valves
 from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
 
 __all__ = [
     "AssistState",
@@ -99,10 +95,10 @@ class BrakeAssist:
         self._constants = make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None for one of the built-in laws
         self._memory = new_memory(self._wheels)
-        self._said: dict[int, Fault] = {}  # words of faults that only their finder has
+        self._said: dict[int, Fault] = {}  # words of the conditions that have none in the table
         self._stamp_ns = 0
         # Loads the kernel: the first real step is as fast as the others.
-        self._step(Inputs(0, 0.0, True, GOOD, *self._heard(BrakeDemand(0, 0.0, None))))
+        self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
@@ -123,10 +119,18 @@ class BrakeAssist:
 
         Args:
             stamp_ns: time of the decision [ns].
-            silence: NO_DEMAND, NO_FEEDBACK or STALE_FEEDBACK, and what has not come for how long.
+            silence: NO_DEMAND, NO_FEEDBACK, STALE_FEEDBACK or SECOND_PUBLISHER with its reason.
         """
         self._stamp_ns = stamp_ns
-        return self._all_on(SILENCE, silence)
+        codes = {
+            AssistState.NO_DEMAND: NO_DEMAND,
+            AssistState.SECOND_PUBLISHER: SECOND_PUBLISHER,
+        }
+        return self._all_on(codes.get(silence.state, SILENCE), silence)
+
+    def sources(self) -> tuple[Source, ...]:
+        """Return test ratio and state of every measurement source after the last decision."""
+        return sources(self._memory, self.geometry.names)
 
     def switch(self, *, enabled: bool) -> None:
         """Let the assistant release brakes from the next decision on, or no longer."""
@@ -178,11 +182,14 @@ class BrakeAssist:
         pedal = self._read_pedal(demand.pedal)
         outside = next((c for c in (INVALID_DEMAND, UNKNOWN_WHEEL) if c in self._said), GOOD)
         enabled = self.configuration.enabled
-        inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._heard(demand))
+        inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._samples(demand))
         outcome, enable, error = self._step(inputs)
-        fault_now = self._fault(outside)
-        state, reason = self._state(outcome, fault_now)
-        return Decision(self._stamp_ns, enable, error, state, reason, fault_now)
+        code = int(self._memory.step["fault"][0])
+        present = self._fault_in_words(code) if code != GOOD else None
+        state, reason = CONDITIONS[outcome].state, self._reason(outcome, present)
+        if present is not None and INACTIVE < outcome < SLOW:
+            state = present.state
+        return Decision(self._stamp_ns, enable, error, state, reason, present)
 
     def _step(self, inputs: Inputs) -> tuple[int, FloatArray, FloatArray]:
         """Take a step; return its outcome, the enables and the errors."""
@@ -197,40 +204,39 @@ class BrakeAssist:
         outcome = act(constants, memory, inputs, Asked(ready, motion, answer), error, enable)
         return outcome, enable, error
 
-    def _heard(self, demand: BrakeDemand) -> tuple[Heard, HeardWheels, HeardImu]:
-        """Return what has come in the form of the kernel."""
-        problem, stamp_ns, (twist, covariance) = self._read(
+    def _samples(self, demand: BrakeDemand) -> tuple[TwistSample, WheelSample, ImuSample]:
+        """Return the checked samples of a demand."""
+        twist = self._read(
             demand.feedback, {"value": (3,), "covariance": (3, 3)}, {"value": "twist"}
         )
-        heard = Heard(problem, stamp_ns, twist, covariance)
         wheels = self._read(demand.wheels, {"speed": (self._wheels,)}, {})
         imu = self._read(demand.imu, {"yaw_rate": (), "acceleration": (2,)}, {})
         return (
-            heard,
-            HeardWheels(wheels[0], wheels[1], wheels[2][0]),
-            HeardImu(imu[0], imu[1], np.append(*imu[2])),
+            TwistSample(twist[1], twist[2][0], twist[2][1], twist[0]),
+            WheelSample(wheels[1], wheels[2][0], wheels[0]),
+            ImuSample(imu[1], float(imu[2][0]), imu[2][1], imu[0]),
         )
 
     def _read(
         self,
-        signal: Twist | WheelSpeeds | ImuReading | None,
+        signal: TwistSample | WheelSample | ImuSample | None,
         shapes: dict[str, tuple[int, ...]],
         words: dict[str, str],
     ) -> tuple[int, int, list[FloatArray]]:
-        """Return what is wrong with a signal at first sight, its stamp [ns] and its arrays."""
+        """Return the validity of a sample, its stamp [ns] and copies of its arrays."""
         missing = [np.full(shape, np.nan) for shape in shapes.values()]
         if signal is None:
-            return ABSENT, 0, missing
+            return MISSING, 0, missing
         try:
             arrays = [
                 real_array(getattr(signal, name), shape, words.get(name, name))
                 for name, shape in shapes.items()
             ]
-            return GOOD, checked_stamp(signal.stamp_ns), arrays
+            return VALID, checked_stamp(signal.stamp_ns), arrays
         except ValueError as problem:
-            if isinstance(signal, Twist):
+            if isinstance(signal, TwistSample):
                 self._said[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
-            return UNREADABLE, 0, missing
+            return INVALID, 0, missing
 
     def _read_pedal(self, pedal: Any) -> float:
         """Return the demand; one that nobody can read is taken for a full braking request."""
@@ -245,49 +251,30 @@ class BrakeAssist:
         self._said[INVALID_DEMAND] = Fault(AssistState.INVALID_DEMAND, problem)
         return 1.0
 
-    def _fault(self, outside: int) -> Fault | None:
-        """Return what is wrong: from outside, or else with the feedback."""
-        if outside != GOOD:
-            return self._said[outside]
-        trust, step = self._memory.trust[0], self._memory.step[0]
-        cause = int(trust["cause"])
-        if step["no_effect"]:
-            return Fault(*CHECKS[NO_EFFECT])
-        if step["dead"]:
-            state, words = CHECKS[DEAD_BRAKE]
-            return Fault(state, words.format(wheel=self.geometry.names[int(step["dead"]) - 1]))
-        if cause == GOOD:
-            return Fault(*CHECKS[CONTRADICTED]) if step["contradicted"] else None
-        fault = self._said.get(cause) or fault_in_words(trust)
-        if trust["good"] == 0:
+    def _fault_in_words(self, code: int) -> Fault:
+        """Return the fault of a condition, with the progress of recovery."""
+        trust, wheel = self._memory.trust[0], int(self._memory.step[0]["dead"]) - 1
+        row = CONDITIONS[code]
+        values = {name: float(trust[name]) for name in ("value", "limit", "within")}
+        fault = self._said.get(code) or Fault(
+            row.state, row.words.format(wheel=self.geometry.names[wheel], **values)
+        )
+        if code != trust["cause"] or trust["good"] == 0:
             return fault
         progress = f"{trust['good']} of {self.configuration.recovery_count} good feedbacks since"
         return Fault(fault.state, f"{progress}: {fault.reason}")
 
-    def _state(self, outcome: int, fault: Fault | None) -> tuple[AssistState, str]:
+    def _reason(self, outcome: int, fault: Fault | None) -> str:
+        """Return the words of a condition."""
+        if fault is not None and INACTIVE < outcome < SLOW:
+            return fault.reason
         configuration = self.configuration
-        if outcome == DISABLED:
-            return AssistState.DISABLED, "assistant is switched off"
-        if outcome == INACTIVE:
-            return AssistState.INACTIVE, f"pedal below {configuration.pedal_threshold:g}"
-        if outcome == FAULTY and fault is not None:
-            return fault.state, fault.reason
-        if outcome == SLOW:
-            return (
-                AssistState.BELOW_SPEED_THRESHOLD,
-                f"wheel speed fell below {configuration.speed_threshold:g} m/s",
-            )
+        limit = configuration.speed_threshold if outcome == SLOW else configuration.pedal_threshold
+        words = CONDITIONS[outcome].words.format(limit=limit)
         dwell = configuration.minimum_dwell_time
-        words = "brakes with a negative error are on"
-        if dwell > 0.0:
+        if outcome in (ASSISTING, DEAD_RECKONING) and dwell > 0.0:
             words += f", switched at most every {dwell:g} s"
-        return {
-            ASSISTING: (AssistState.ASSISTING, words),
-            DEAD_RECKONING: (
-                AssistState.DEAD_RECKONING,
-                f"without the twist, by IMU and wheels: {words}",
-            ),
-        }.get(outcome, (AssistState.ALL_ERRORS_POSITIVE, "no error is negative"))  # section 3.3
+        return words
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
         """Put all brakes on for a fault; trust is to be earned anew."""
@@ -297,7 +284,6 @@ class BrakeAssist:
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.told[:] = 1.0
-        memory.step["helped"] = False  # silence and second voices are no trust that wavers
         open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

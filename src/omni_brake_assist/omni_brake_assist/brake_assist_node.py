@@ -12,6 +12,7 @@ import sys
 import time
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -29,14 +30,14 @@ from omni_brake_assist.brake_assist import (
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
+from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, RELIABLE, advertise, listen
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
-from omni_ros.voices import Voices
 
 _SWITCH = "enabled"  # may be changed at any time
 # May be changed while nobody brakes.
@@ -109,9 +110,9 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: Twist | None = None
-        self._wheel_speeds: WheelSpeeds | None = None
-        self._imu: ImuReading | None = None
+        self._feedback: TwistSample | None = None
+        self._wheel_speeds: WheelSample | None = None
+        self._imu: ImuSample | None = None
         self._imu_heard = -math.inf
         self._second_opinion = configuration.second_opinion
         self._pairing = StepPairing(
@@ -122,6 +123,7 @@ class BrakeAssistNode(Node):
         self._pedal_heard = self._twist_heard = time.monotonic()
         self._enable = advertise(self, JointState, "brake/enable")
         self._error = advertise(self, JointState, "brake_assist/error")
+        self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
@@ -136,7 +138,7 @@ class BrakeAssistNode(Node):
             listen(self, JointState, "wheel_states", self._on_wheel_states, qos),
             listen(self, Imu, "imu", self._on_imu, qos),
         )
-        self._voices = Voices(self, heard, (self._enable,))
+        self._guard = PublisherGuard(self, heard, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
             shorter = min(self._demand_timeout, self._feedback_timeout)
@@ -177,7 +179,7 @@ class BrakeAssistNode(Node):
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         twist, covariance = planar_twist_of(message)
-        self._feedback = Twist(to_nanoseconds(message.header.stamp), twist, covariance)
+        self._feedback = TwistSample(to_nanoseconds(message.header.stamp), twist, covariance)
         self._twist_heard = time.monotonic()
         if self._lockstep:
             self._pairing.take_feedback(self._feedback)
@@ -210,7 +212,7 @@ class BrakeAssistNode(Node):
         demand = self._pairing.next_demand()
         if demand is None:
             return
-        fault = self._second_voice()
+        fault = self._second_publisher()
         if fault is not None:
             self._publish(self._assist.timeout(demand.stamp_ns, fault))
         else:
@@ -218,14 +220,14 @@ class BrakeAssistNode(Node):
 
     def _watch(self) -> bool:
         """Answer in place of inputs that are silent or have two voices; tell whether some are."""
-        fault = self._second_voice() or self._silence()
+        fault = self._second_publisher() or self._silence()
         if fault is not None and self._demand is not None:
             self._publish(self._assist.timeout(self._newest_ns(), fault))
         return fault is not None
 
-    def _second_voice(self) -> Fault | None:
-        rival = self._voices.second()
-        return Fault(AssistState.SECOND_VOICE, rival) if rival is not None else None
+    def _second_publisher(self) -> Fault | None:
+        rival = self._guard.second()
+        return Fault(AssistState.SECOND_PUBLISHER, rival) if rival is not None else None
 
     def _silence(self) -> Fault | None:
         now = time.monotonic()
@@ -268,6 +270,8 @@ class BrakeAssistNode(Node):
         stamp_ns = decision.stamp_ns
         self._enable.publish(joint_state(stamp_ns, self._wheels, effort=decision.enable))
         self._error.publish(joint_state(stamp_ns, self._wheels, velocity=decision.error))
+        names, ratios, *_ = zip(*self._assist.sources(), strict=True)
+        self._test_ratios.publish(joint_state(stamp_ns, names, position=np.array(ratios)))
         self._report(decision)
 
     def _report(self, decision: Decision) -> None:
@@ -275,7 +279,14 @@ class BrakeAssistNode(Node):
         status = Status(
             decision.state.level,
             decision.reason,
-            {"state": decision.state.value, "fault": fault.value if fault else ""},
+            {
+                "state": decision.state.value,
+                "fault": fault.value if fault else "",
+                **{
+                    f"test_ratio.{source.name}": f"{source.test_ratio:.3g} {source.words}"
+                    for source in self._assist.sources()
+                },
+            },
         )
         self._status.update(decision.stamp_ns, (decision.state, fault), status)
 

@@ -1,91 +1,20 @@
-"""What goes into the brake assistant and what comes out, and every state it can be in."""
+"""Input and output of the brake assistant."""
 
 from __future__ import annotations
 
 import dataclasses
-import enum
 
+from omni_brake_assist.conditions import AssistState
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
-
-
-class AssistState(enum.Enum):
-    """What the assistant is doing. In every state but `ASSISTING` all brakes are on.
-
-    The value is the word for messages and logs.
-    """
-
-    INACTIVE = "inactive"  # pedal up
-    ASSISTING = "assisting"
-    DEAD_RECKONING = "dead_reckoning"  # likewise, on IMU and wheels without the twist
-    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no brake would help: the rule of section 3.3
-    BELOW_SPEED_THRESHOLD = "below_speed_threshold"
-    DISABLED = "disabled"
-    # Faults
-    INVALID_DEMAND = "invalid_demand"
-    NO_DEMAND = "no_demand"
-    UNKNOWN_WHEEL = "unknown_wheel"
-    SECOND_VOICE = "second_voice"  # two publishers where one alone may speak
-    TIME_JUMP = "time_jump"
-    NO_FEEDBACK = "no_feedback"
-    STALE_FEEDBACK = "stale_feedback"
-    NON_FINITE_FEEDBACK = "non_finite_feedback"
-    LOW_CONFIDENCE = "low_confidence"
-    IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
-    CONTRADICTED_FEEDBACK = "contradicted_feedback"
-    NO_EFFECT = "no_effect"
-    DEAD_BRAKE = "dead_brake"  # a wheel rolls free though its brake should act
-    UNSTEADY = "unsteady"  # trust lost too often in one stop
-    INTERNAL_ERROR = "internal_error"
-
-    @property
-    def is_fault(self) -> bool:
-        """Whether something is wrong, as opposed to a state of normal operation."""
-        return self not in _NORMAL_STATES
-
-    @property
-    def level(self) -> int:
-        """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
-
-        A bad feedback may pass by itself, so it is a warning; silence and the rest need somebody
-        to act.
-        """
-        if not self.is_fault:
-            return 0
-        return 2 if self in _ERROR_STATES else 1
-
-
-_NORMAL_STATES = frozenset(
-    {
-        AssistState.INACTIVE,
-        AssistState.ASSISTING,
-        AssistState.DEAD_RECKONING,
-        AssistState.ALL_ERRORS_POSITIVE,
-        AssistState.BELOW_SPEED_THRESHOLD,
-        AssistState.DISABLED,
-    }
-)
-_ERROR_STATES = frozenset(
-    {
-        AssistState.INVALID_DEMAND,
-        AssistState.NO_DEMAND,
-        AssistState.UNKNOWN_WHEEL,
-        AssistState.SECOND_VOICE,
-        AssistState.NO_FEEDBACK,
-        AssistState.STALE_FEEDBACK,
-        AssistState.NO_EFFECT,
-        AssistState.DEAD_BRAKE,
-        AssistState.INTERNAL_ERROR,
-    }
-)
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """Something that keeps the assistant from trusting what it is told.
+    """A condition with its words.
 
     Attributes:
-        state: the kind, one for which `AssistState.is_fault` holds.
+        state: one for which `AssistState.is_fault` holds.
         reason: one line for people, with the value and the limit.
     """
 
@@ -108,9 +37,9 @@ class BrakeDemand:
 
     stamp_ns: int
     pedal: float
-    feedback: Twist | None
-    wheels: WheelSpeeds | None = None
-    imu: ImuReading | None = None
+    feedback: TwistSample | None
+    wheels: WheelSample | None = None
+    imu: ImuSample | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,14 +1,13 @@
-"""Whether the feedback can be trusted; where it cannot, all brakes are on.
+"""Gate of the twist: without a valid one all brakes are on.
 
-Trust is earned by a number of good feedbacks in a row, at the start and after every fault, and
-lost by a single bad one. A feedback is good if it is there, finite, fresh, confident and
-physically plausible after the last good one. What is bad never becomes the one to compare with;
-as the permitted change grows with time, the comparison can never lock out good data for long.
-Where an observer weighs the feedback with other sensors by its variance, it may be unsure.
+A twist is valid if it is present, finite, fresh, confident and physically plausible after the last
+valid one. A single invalid one closes the gate; a number of valid ones in a row opens it, at the
+start and after every fault. An invalid twist is never compared with; as the permitted change grows
+with time, valid data are not rejected for long. Where the observer weights the twist by its
+variance, the limits of the standard deviation do not apply.
 
-The rules are one compiled kernel, `judge`, which remembers what was wrong by its number in
-`CHECKS`; `fault` puts that into words. Node, simulation in one process and campaign ask the same
-kernel.
+The gate is one compiled kernel, `judge`, for node, simulation and campaign; it stores the number of
+the condition in `conditions.CONDITIONS`.
 """
 
 from __future__ import annotations
@@ -20,126 +19,35 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import AssistState, Fault
-from omni_platform.kernels import lean
-from omni_platform.quantities import SECOND_NS, FloatArray
-
-_STEP_DEVIATIONS = 5.0  # of two feedbacks, which noise alone does not exceed [1]
-_LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
-
-# What can be wrong; what is missing in `CHECKS` gets its words from who finds it.
-GOOD = 0
-(
-    NOTHING_YET,
+from omni_brake_assist.conditions import (
     ABSENT,
-    UNREADABLE,
-    DEMAND_BACK,
-    DEMAND_LEAP,
-    TWIST_NOT_FINITE,
-    COVARIANCE_NOT_FINITE,
-    STALE,
     AHEAD,
     BACK,
-    UNKNOWN_VARIANCE,
+    COVARIANCE_NOT_FINITE,
+    DEMAND_BACK,
+    DEMAND_LEAP,
+    FROZEN,
+    GOOD,
+    NOTHING_YET,
     SPEED_DEVIATION,
-    YAW_RATE_DEVIATION,
+    SPEED_STEP,
+    STALE,
     TOO_FAST,
     TURNS_TOO_FAST,
-    SPEED_STEP,
+    TWIST_NOT_FINITE,
+    UNKNOWN_VARIANCE,
+    UNREADABLE,
+    YAW_RATE_DEVIATION,
     YAW_RATE_STEP,
-    FROZEN,
-    INVALID_DEMAND,
-    UNKNOWN_WHEEL,
-    INVALID_STAMP,
-    SILENCE,
-    INTERNAL_ERROR,
-    LAW_ERROR,
-    CONTRADICTED,
-    NO_EFFECT,
-    UNSTEADY,
-    DEAD_BRAKE,
-) = range(1, 29)
+)
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.kernels import lean
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.signals import MISSING, VALID, TwistSample
 
-_DEVIATION = "standard deviation of the "
-_MORE = ", more than {limit:.4g} "
-CHECKS: dict[int, tuple[AssistState, str]] = {
-    NOTHING_YET: (AssistState.NO_FEEDBACK, "no feedback has been received yet"),
-    ABSENT: (AssistState.NO_FEEDBACK, "no feedback has been received"),
-    DEMAND_BACK: (AssistState.TIME_JUMP, "demand went back by {value:.4g} s"),
-    DEMAND_LEAP: (
-        AssistState.TIME_JUMP,
-        "demand leapt by {value:.4g} s, more than {limit:g} s",
-    ),
-    TWIST_NOT_FINITE: (
-        AssistState.NON_FINITE_FEEDBACK,
-        "twist holds {value}, must be finite",
-    ),
-    COVARIANCE_NOT_FINITE: (
-        AssistState.NON_FINITE_FEEDBACK,
-        "covariance holds {value}, must be finite",
-    ),
-    STALE: (
-        AssistState.STALE_FEEDBACK,
-        "feedback is {value:.4g} s old, more than {limit:g} s",
-    ),
-    AHEAD: (
-        AssistState.TIME_JUMP,
-        "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s",
-    ),
-    BACK: (AssistState.TIME_JUMP, "feedback went back by {value:.4g} s"),
-    UNKNOWN_VARIANCE: (
-        AssistState.LOW_CONFIDENCE,
-        "feedback has no positive variance: unknown",
-    ),
-    SPEED_DEVIATION: (
-        AssistState.LOW_CONFIDENCE,
-        _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s",
-    ),
-    YAW_RATE_DEVIATION: (
-        AssistState.LOW_CONFIDENCE,
-        _DEVIATION + "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s",
-    ),
-    TOO_FAST: (
-        AssistState.IMPLAUSIBLE_FEEDBACK,
-        "speed is {value:.4g} m/s" + _MORE + "m/s",
-    ),
-    TURNS_TOO_FAST: (
-        AssistState.IMPLAUSIBLE_FEEDBACK,
-        "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s",
-    ),
-    SPEED_STEP: (
-        AssistState.IMPLAUSIBLE_FEEDBACK,
-        "change of velocity is {value:.4g} m/s within {within:.3g} s" + _MORE + "m/s",
-    ),
-    YAW_RATE_STEP: (
-        AssistState.IMPLAUSIBLE_FEEDBACK,
-        "change of yaw rate is {value:.4g} rad/s within {within:.3g} s" + _MORE + "rad/s",
-    ),
-    FROZEN: (
-        AssistState.IMPLAUSIBLE_FEEDBACK,
-        "time without any change while braking is {value:.4g} s" + _MORE + "s",
-    ),
-    CONTRADICTED: (
-        AssistState.CONTRADICTED_FEEDBACK,
-        "twist, IMU and wheels contradict each other, or nobody knows the motion well enough",
-    ),
-    NO_EFFECT: (
-        AssistState.NO_EFFECT,
-        "braking has too little effect: all brakes on until the pedal is released",
-    ),
-    DEAD_BRAKE: (
-        AssistState.DEAD_BRAKE,
-        "the brake of {wheel} does not act: all brakes on until the pedal is released",
-    ),
-    UNSTEADY: (
-        AssistState.UNSTEADY,
-        "trust has been lost {value:.0f} times in this stop, more than {limit:.0f}: all brakes on "
-        "until the pedal is released",
-    ),
-    LAW_ERROR: (AssistState.INTERNAL_ERROR, "the law gave an enable that is no share of 0 to 1"),
-}
-"""State and words of what can be wrong; value, limit, within and wheel are filled in."""
+_STEP_DEVIATIONS = 5.0  # of two feedbacks, which noise alone does not exceed [1]
+_RESOLUTION = 1e-6  # change of a twist below which it is frozen: rounding alone [m/s], [rad/s]
+_LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
 
 TRUST = np.dtype(
     [
@@ -198,22 +106,6 @@ class Limits(NamedTuple):
     recovery_count: int
 
 
-class Heard(NamedTuple):
-    """A feedback as it has come.
-
-    Attributes:
-        problem: GOOD if there is one to look at, else ABSENT or UNREADABLE.
-        stamp_ns: time of validity [ns].
-        twist: ``(v_cx, v_cy, Omega)`` [m/s, m/s, rad/s], shape (3,).
-        covariance: of it, shape (3, 3).
-    """
-
-    problem: int
-    stamp_ns: int
-    twist: FloatArray
-    covariance: FloatArray
-
-
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
     """Lay out the limits for the kernel; `reach` [m] is that of the farthest wheel."""
     same = {
@@ -236,17 +128,6 @@ def new_trust() -> NDArray[np.void]:
     return trust
 
 
-def fault_in_words(trust: np.void) -> Fault:
-    """Return why there is no trust.
-
-    Args:
-        trust: memory, a record of `TRUST`.
-    """
-    state, words = CHECKS[int(trust["cause"])]
-    value, limit, within = (float(trust[name]) for name in ("value", "limit", "within"))
-    return Fault(state, words.format(value=value, limit=limit, within=within))
-
-
 @lean
 def distrust(trust: Any, check: int, value: float, limit: float, within: float) -> None:
     """Withdraw trust for a cause; recovery starts from nothing.
@@ -267,7 +148,7 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
 
 @lean
 def judge(
-    limits: Limits, memory: Any, now_ns: int, heard: Heard, braking: bool, weighed: bool
+    limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
     """Examine what has been received at the time of a demand.
 
@@ -275,7 +156,7 @@ def judge(
         limits: what it must be like.
         memory: of `new_trust`; changed in place.
         now_ns: stamp of the demand [ns].
-        heard: latest feedback, which may be the same as last time.
+        sample: latest feedback, which may be the same as last time.
         braking: whether the driver brakes, so that the twist must change.
         weighed: whether other sensors know the motion too, so that it counts by its variance.
 
@@ -286,18 +167,18 @@ def judge(
     if not _in_time(limits, trust, now_ns):
         trust.known = False
         return False
-    if heard.problem != GOOD:
-        distrust(trust, heard.problem, 0.0, 0.0, 0.0)
+    if sample.validity != VALID:
+        distrust(trust, ABSENT if sample.validity == MISSING else UNREADABLE, 0.0, 0.0, 0.0)
         return False
     if not (
-        _is_finite(trust, heard)
-        and _is_fresh(limits, trust, now_ns, heard.stamp_ns)
-        and _is_confident(limits, trust, heard.covariance, weighed)
-        and _is_plausible(limits, trust, heard.twist)
-        and _follows(limits, trust, heard, braking, weighed)
+        _is_finite(trust, sample)
+        and _is_fresh(limits, trust, now_ns, sample.stamp_ns)
+        and _is_confident(limits, trust, sample.covariance, weighed)
+        and _is_plausible(limits, trust, sample.value)
+        and _follows(limits, trust, sample, braking, weighed)
     ):
         return False
-    _accept(limits, trust, heard.stamp_ns, heard.twist, braking)
+    _accept(limits, trust, sample.stamp_ns, sample.value, braking)
     return True
 
 
@@ -335,12 +216,12 @@ def _in_time(limits: Limits, trust: Any, now_ns: int) -> bool:
 
 
 @lean
-def _is_finite(trust: Any, heard: Heard) -> bool:
-    for number in heard.twist:
+def _is_finite(trust: Any, sample: TwistSample) -> bool:
+    for number in sample.value:
         if not math.isfinite(number):
             distrust(trust, TWIST_NOT_FINITE, number, 0.0, 0.0)
             return False
-    for row in heard.covariance:
+    for row in sample.covariance:
         for number in row:
             if not math.isfinite(number):
                 distrust(trust, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
@@ -401,14 +282,16 @@ def _is_plausible(limits: Limits, trust: Any, twist: FloatArray) -> bool:
 
 @lean
 def _is_same(trust: Any, twist: FloatArray) -> bool:
-    same: bool = twist[0] == trust.v_x and twist[1] == trust.v_y and twist[2] == trust.yaw_rate
-    return same
+    change = max(
+        abs(twist[0] - trust.v_x), abs(twist[1] - trust.v_y), abs(twist[2] - trust.yaw_rate)
+    )
+    return bool(change < _RESOLUTION)
 
 
 @lean
-def _follows(limits: Limits, trust: Any, heard: Heard, braking: bool, weighed: bool) -> bool:
+def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool, weighed: bool) -> bool:
     """Return whether a twist may come after the last good one."""
-    stamp_ns, twist = heard.stamp_ns, heard.twist
+    stamp_ns, twist = sample.stamp_ns, sample.value
     if not trust.known:
         return True
     elapsed = since(stamp_ns, trust.last_ns)
@@ -425,8 +308,8 @@ def _follows(limits: Limits, trust: Any, heard: Heard, braking: bool, weighed: b
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
     if weighed:  # what it says about its noise is heard; the one before had as much
-        speed_limit += _STEP_DEVIATIONS * math.sqrt(_worst_variance(heard.covariance))
-        yaw_limit += _STEP_DEVIATIONS * math.sqrt(heard.covariance[2, 2])
+        speed_limit += _STEP_DEVIATIONS * math.sqrt(_worst_variance(sample.covariance))
+        yaw_limit += _STEP_DEVIATIONS * math.sqrt(sample.covariance[2, 2])
     if not (
         _within(trust, SPEED_STEP, step, speed_limit, dt)
         and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from omni_platform.signals import ImuReading, WheelSpeeds
+from omni_platform.signals import ImuSample, WheelSample
 from omni_ros.messages import to_nanoseconds
 
 
-def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSpeeds | None:
+def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
     """Return the speeds of a `JointState`; None where it has no speed for each of its names.
 
     Args:
@@ -22,13 +22,13 @@ def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSpeeds | None:
         return None
     speeds = dict(zip(message.name, message.velocity, strict=True))
     stamp_ns = to_nanoseconds(message.header.stamp)
-    return WheelSpeeds(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
+    return WheelSample(stamp_ns, np.array([float(speeds[name]) for name in wheels]))
 
 
-def imu_reading_of(message: Any) -> ImuReading:
+def imu_reading_of(message: Any) -> ImuSample:
     """Return yaw rate and specific force of a `sensor_msgs/Imu` mounted along `base_link`."""
     force = message.linear_acceleration
-    return ImuReading(
+    return ImuSample(
         to_nanoseconds(message.header.stamp),
         float(message.angular_velocity.z),
         np.array([force.x, force.y]),

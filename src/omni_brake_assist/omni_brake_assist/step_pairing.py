@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from omni_brake_assist.decision import BrakeDemand
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 
 class StepPairing:
@@ -25,25 +25,25 @@ class StepPairing:
     ) -> None:
         self._twist_period_ns = twist_period_ns
         self._awaits_wheels, self._awaits_imu = second_opinion, second_opinion and imu
-        self._wheels: WheelSpeeds | None = None
-        self._imu: ImuReading | None = None
+        self._wheels: WheelSample | None = None
+        self._imu: ImuSample | None = None
         self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: Twist | None = None
+        self._feedback: TwistSample | None = None
         self._answered_ns = -1  # stamp of the newest demand that was answered
 
     def take_pedal(self, stamp_ns: int, pedal: float) -> None:
         """Take the driver's demand (0..1) of a step [ns]."""
         self._pedal = stamp_ns, pedal
 
-    def take_feedback(self, feedback: Twist) -> None:
+    def take_feedback(self, feedback: TwistSample) -> None:
         """Take a body twist."""
         self._feedback = feedback
 
-    def take_wheels(self, wheels: WheelSpeeds) -> None:
+    def take_wheels(self, wheels: WheelSample) -> None:
         """Take the speeds of the wheels."""
         self._wheels = wheels
 
-    def take_imu(self, imu: ImuReading) -> None:
+    def take_imu(self, imu: ImuSample) -> None:
         """Take a reading of the IMU."""
         self._imu = imu
 

@@ -18,7 +18,7 @@ from omni_brake_assist.brake_assist import (
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import UnusablePlatformError
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
@@ -35,7 +35,7 @@ class Drive:
 
     def step(self, pedal: float, twist: tuple[float, float, float]) -> Decision:
         self.stamp_ns += PERIOD_NS
-        feedback = Twist(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
+        feedback = TwistSample(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
         return self.assist.update(BrakeDemand(self.stamp_ns, pedal, feedback))
 
 

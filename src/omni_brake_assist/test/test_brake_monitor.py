@@ -18,7 +18,7 @@ from omni_brake_assist.monitors.brake_monitor import (
 from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuReading, Twist, WheelSpeeds
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 DT = 0.01
 TWIST = (5.0, 0.5, 0.2)
@@ -122,9 +122,9 @@ def test_a_dead_brake_has_all_on_until_the_pedal_is_released(
             BrakeDemand(
                 stamp_ns,
                 pedal,
-                Twist(stamp_ns, twist, 1e-6 * np.eye(3)),
-                WheelSpeeds(stamp_ns, speeds),
-                ImuReading(stamp_ns, 0.0, np.array([-4.0 * pedal, 0.0])),
+                TwistSample(stamp_ns, twist, 1e-6 * np.eye(3)),
+                WheelSample(stamp_ns, speeds),
+                ImuSample(stamp_ns, 0.0, np.array([-4.0 * pedal, 0.0])),
             )
         )
         states.append(decision.state)

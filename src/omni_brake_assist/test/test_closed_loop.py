@@ -23,7 +23,7 @@ from omni_brake_assist.brake_assist import (
 )
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
@@ -64,7 +64,7 @@ class Vehicle:
         return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
 
     def twist(self) -> FloatArray:
-        """Twist of the geometric centre in the body frame [m/s, m/s, rad/s], shape (3,)."""
+        """TwistSample of the geometric centre in the body frame [m/s, m/s, rad/s], shape (3,)."""
         v_x, v_y = self._in_body(self.velocity)
         x, y = self.centre
         return np.array([v_x + self.yaw_rate * y, v_y - self.yaw_rate * x, self.yaw_rate])
@@ -101,7 +101,7 @@ def brake(
     *,
     load: tuple[float, float],
     radius_of_gyration: float = 0.6,
-    measure: Callable[[FloatArray, int], Twist | None] | None = None,
+    measure: Callable[[FloatArray, int], TwistSample | None] | None = None,
     **settings: Any,
 ) -> Stop:
     """Brake until the vehicle stands, at the latest for 10 s."""
@@ -115,7 +115,7 @@ def brake(
         stamp_ns = period * PERIOD_NS
         twist = vehicle.twist()
         feedback = (
-            Twist(stamp_ns, twist, 1e-6 * np.eye(3))
+            TwistSample(stamp_ns, twist, 1e-6 * np.eye(3))
             if measure is None
             else measure(twist, stamp_ns)
         )
@@ -191,9 +191,9 @@ def test_turning_is_learned_from_a_noisy_biased_sensor(straight: Callable[..., S
     """Eqs. (60), (61) with the offsets of Figure 39 and a share of noise of 15 %."""
     rng = np.random.default_rng(4)
 
-    def noisy(twist: FloatArray, stamp_ns: int) -> Twist:
+    def noisy(twist: FloatArray, stamp_ns: int) -> TwistSample:
         measured = twist * (1.0 + rng.uniform(-0.15, 0.15, 3)) + np.array([0.01, 0.01, 0.05])
-        return Twist(stamp_ns, measured, 1e-3 * np.eye(3))
+        return TwistSample(stamp_ns, measured, 1e-3 * np.eye(3))
 
     stop = straight(measure=noisy, speed_noise=5.0, yaw_rate_noise=0.5, **ENHANCED)
     assert stop.stopped
@@ -212,9 +212,9 @@ def test_without_any_feedback_braking_is_as_without_assistant(
 
 
 def test_feedback_lost_for_a_moment_is_survived(straight: Callable[..., Stop]) -> None:
-    def interrupted(twist: FloatArray, stamp_ns: int) -> Twist | None:
+    def interrupted(twist: FloatArray, stamp_ns: int) -> TwistSample | None:
         lost = 50 <= stamp_ns // PERIOD_NS < 65
-        return None if lost else Twist(stamp_ns, twist, 1e-6 * np.eye(3))
+        return None if lost else TwistSample(stamp_ns, twist, 1e-6 * np.eye(3))
 
     stop = straight(measure=interrupted, **ENHANCED)
     assert stop.states >= {AssistState.NO_FEEDBACK, AssistState.ASSISTING}

@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
+    EffectStep,
     effect_constants,
     effect_memory,
     watch_effect,
 )
 from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_platform.quantities import FloatArray
 
 RELEASED = "brakes released when they should act"
 DT = 0.01
@@ -17,6 +20,20 @@ WHEELS = 4
 START = 5.0
 """Speed of the rims when the pedal goes down [m/s]."""
 UNKNOWN = np.full(2, np.nan)
+
+
+def watch(  # noqa: PLR0913 - a step, its sensors and whether the twist jumped
+    constants: EffectConstants,
+    ledger: NDArray[np.void],
+    dt: float,
+    pedal: float,
+    released: bool,
+    speeds: FloatArray,
+    force: FloatArray,
+    jumped: bool = False,
+) -> bool:
+    step = EffectStep(dt, pedal, released, jumped)
+    return bool(watch_effect(constants, ledger, step, speeds, force))
 
 
 @pytest.fixture
@@ -47,7 +64,7 @@ def trip_time(
     """
     ledger, speed = effect_memory(), START
     roll = np.where(np.arange(WHEELS) < rolls, 1.0, 0.0) / constants.roll
-    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
     for step in range(1, 3000):
         late = step * DT > 0.5
         loss = later if late else first
@@ -55,7 +72,7 @@ def trip_time(
         if speed <= 0.0:
             break
         force = np.array([-loss, 0.0]) if imu else UNKNOWN
-        if watch_effect(constants, ledger, DT, pedal[late], released, speed * roll, force):
+        if watch(constants, ledger, DT, pedal[late], released, speed * roll, force):
             return step * DT
     return np.inf
 
@@ -146,20 +163,20 @@ def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
 def test_once_exceeded_it_holds_until_the_pedal_is_released(constants: EffectConstants) -> None:
     ledger, speeds = effect_memory(), START / constants.roll
     still, rest = np.zeros(2), 0.0 * speeds
-    watch_effect(constants, ledger, DT, 0.0, False, speeds, still)
-    told = [watch_effect(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
+    watch(constants, ledger, DT, 0.0, False, speeds, still)
+    told = [watch(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
     assert told[-1]
-    assert watch_effect(constants, ledger, DT, 1.0, False, rest, still)
-    assert not watch_effect(constants, ledger, DT, 0.0, False, rest, still)
-    assert not watch_effect(constants, ledger, DT, 1.0, True, rest, still)
+    assert watch(constants, ledger, DT, 1.0, False, rest, still)
+    assert not watch(constants, ledger, DT, 0.0, False, rest, still)
+    assert not watch(constants, ledger, DT, 1.0, True, rest, still)
 
 
 def test_sensors_without_a_number_cannot_hide_a_vehicle_that_rolls(
     constants: EffectConstants,
 ) -> None:
     ledger, none = effect_memory(), np.full(WHEELS, np.nan)
-    watch_effect(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
-    told = [watch_effect(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
+    watch(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
+    told = [watch(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
     assert any(told)
 
 
@@ -167,10 +184,45 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
     constants: EffectConstants,
 ) -> None:
     ledger, speed = effect_memory(), START
-    watch_effect(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
+    watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
     for value in (np.nan, np.inf, 1e9) * 30:
         speed -= 4.0 * DT
         speeds = speed / constants.roll
         speeds[2] = value
         force = np.array([-4.0, 0.0])
-        assert not watch_effect(constants, ledger, DT, 1.0, True, speeds, force)
+        assert not watch(constants, ledger, DT, 1.0, True, speeds, force)
+
+
+@pytest.mark.safety(
+    RELEASED,
+    "a scale error that the twist and all encoders share, from the pedal on",
+    "monitor of the effect: its speed is that of the integrated specific force",
+    within=1.2,
+)
+@pytest.mark.parametrize("scale", [0.0, 0.5, 0.7])
+def test_a_scale_error_of_all_encoders_does_not_hide_a_vehicle_that_rolls(
+    constants: EffectConstants, scale: float, within: float
+) -> None:
+    ledger, speed, time = effect_memory(), START, 0.0
+    watch(constants, ledger, DT, 0.0, False, START / constants.roll, np.zeros(2))
+    while not watch(
+        constants, ledger, DT, 1.0, True, scale * speed / constants.roll, np.array([-0.5, 0.0])
+    ):
+        speed, time = speed - 0.5 * DT, time + DT
+        assert time <= within
+
+
+def test_rims_that_contradict_the_specific_force_after_a_jump_of_the_twist_end_assistance(
+    constants: EffectConstants,
+) -> None:
+    """Twist and encoders lose a third of their scale; the vehicle brakes well all the while."""
+    for jumps in (True, False):
+        ledger, speed, force = effect_memory(), START, np.array([-4.0, 0.0])
+        watch(constants, ledger, DT, 0.0, False, START / constants.roll, force)
+        tripped = []
+        for step in range(40):
+            speed -= 4.0 * DT
+            rims = 0.66 * speed / constants.roll
+            jumped = jumps and step == 0
+            tripped.append(watch(constants, ledger, DT, 1.0, True, rims, force, jumped))
+        assert any(tripped) == jumps

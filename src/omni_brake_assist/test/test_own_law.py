@@ -18,7 +18,7 @@ from omni_brake_assist.brake_assist import (
 )
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 
@@ -52,6 +52,10 @@ class Broken(Constant):
         enable[:] = 0.0
         raise RuntimeError("lost count")
 
+class BrokenToo(Broken):
+    def step(self, motion, error, enable):
+        raise RuntimeError("lost count")
+
 class Yes(Constant):
     answer = True
 
@@ -83,7 +87,7 @@ def drive(wheels: Wheels, law: str, **changes: Any) -> list[Decision]:
         stamp_ns = step * 10_000_000
         heading = 0.3 * math.sin(0.1 * step)
         value = np.array([8.0 - 0.05 * step, 0.4 * heading, heading])
-        feedback = Twist(stamp_ns, value, 1e-5 * np.eye(3))
+        feedback = TwistSample(stamp_ns, value, 1e-5 * np.eye(3))
         given = None if 20 <= step < 24 else feedback
         decisions.append(assist.update(BrakeDemand(stamp_ns, float(step > 5), given)))
     return decisions
@@ -111,8 +115,8 @@ def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
     ("law", "state", "reason"),
     [
         ("Nothing", AssistState.ALL_ERRORS_POSITIVE, ""),
-        ("NotANumber", AssistState.INTERNAL_ERROR, "no share"),
-        ("TooMuch", AssistState.INTERNAL_ERROR, "no share"),
+        ("NotANumber", AssistState.INTERNAL_ERROR, "outside [0, 1]: [nan"),
+        ("TooMuch", AssistState.INTERNAL_ERROR, "outside [0, 1]"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
         ("Yes", AssistState.INTERNAL_ERROR, "True, must be ASSIST or NO_HELP"),
         ("Words", AssistState.INTERNAL_ERROR, "'brake', must be ASSIST or NO_HELP"),
@@ -126,6 +130,18 @@ def test_a_law_that_fails_has_all_brakes_on(
     assert reason in first.reason
     for decision in decisions:
         np.testing.assert_array_equal(decision.enable, 1.0)
+
+
+def test_the_first_fault_is_shown_once_with_its_place_in_the_law_s_file(
+    mecanum: Wheels, module: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive(mecanum, f"{module}:BrokenToo")
+    shown = capfd.readouterr().err
+    assert shown.count("RuntimeError: lost count") == 1
+    assert f"{module}.py" in shown
+    assert "law.py" not in shown
+    drive(mecanum, f"{module}:BrokenToo")
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

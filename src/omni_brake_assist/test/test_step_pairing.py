@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.step_pairing import StepPairing
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 MS = 1_000_000
 
 
-def twist(stamp_ms: int) -> Twist:
-    return Twist(stamp_ms * MS, np.zeros(3), np.eye(3))
+def twist(stamp_ms: int) -> TwistSample:
+    return TwistSample(stamp_ms * MS, np.zeros(3), np.eye(3))
 
 
 @pytest.mark.parametrize("order", itertools.permutations(("pedal", "twist")))
@@ -36,7 +36,7 @@ def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) ->
 def test_a_line_that_is_older_than_its_step_belongs_to_it() -> None:
     pairing = StepPairing()
     pairing.take_pedal(10 * MS, 1.0)
-    pairing.take_feedback(Twist(10 * MS - 400_000, np.zeros(3), np.eye(3)))
+    pairing.take_feedback(TwistSample(10 * MS - 400_000, np.zeros(3), np.eye(3)))
     assert pairing.next_demand() is not None
     pairing.take_pedal(20 * MS, 1.0)
     assert pairing.next_demand() is None  # its twist is still to come

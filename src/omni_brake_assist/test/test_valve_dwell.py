@@ -15,7 +15,7 @@ from omni_brake_assist.brake_assist import (
 )
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import Twist
+from omni_platform.signals import TwistSample
 
 Wheels = dict[str, WheelMount]
 PERIOD_NS = 10_000_000
@@ -44,7 +44,7 @@ class Drive:
         self.stamp_ns += PERIOD_NS
         feedback = None
         if twist is not None:
-            feedback = Twist(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
+            feedback = TwistSample(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
         return self.assist.update(BrakeDemand(self.stamp_ns, pedal, feedback))
 
     def run(self, twist: tuple[float, float, float], steps: int) -> FloatArray:

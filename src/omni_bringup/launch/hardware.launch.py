@@ -1,26 +1,30 @@
-"""Odometry and brake assistant of a real vehicle; docs/real_vehicle.md says how.
+"""Odometry and brake assistant of a real vehicle, as docs/real_vehicle.md describes.
 
 ``ros2 launch omni_bringup hardware.launch.py parameters:=/etc/my_vehicle``, a folder that
 ``./omni ros-params`` has written.
 """
 
+import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    TimerAction,
+)
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
 from launch_ros.actions import Node
 
-from omni_bringup.graph.hardware import BRAKE_ASSIST, FRAMES, LOG_ONLY, ODOMETRY
+from omni_bringup.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
 
-ARGUMENTS = {
-    "parameters": (None, "Folder of the parameter files"),
-    "namespace": ("", "Namespace of the vehicle, such as robot1"),
-    "frame_prefix": ("", "Before every frame, such as robot1/"),
-    "twist": ("odometry/twist", "Topic of the body twist; another one starts no odometry"),
-    "log_only": ("false", "true: decide and tell, but release no brake"),
-    "robot_state_publisher": ("false", "true: tell the wheels' frames, from wheel_states"),
-    "respawn": ("true", "Start a node that has died again; until then all brakes are on"),
-}
+RESPAWN_DELAY = 1.0  # [s]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -32,52 +36,41 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
-def start(context: LaunchContext) -> list[Node]:
-    """Return the nodes that the arguments ask for."""
-    given = context.launch_configurations
-    folder = Path(given["parameters"]).resolve()
-    shared = {
-        "namespace": given["namespace"],
-        "output": "screen",
-        "respawn": given["respawn"] == "true",
-        "respawn_delay": 1.0,
-    }
-    # Parameters given as mappings would become files that launch leaves in the temporary folder.
-    prefix = ["-p", f"frame_prefix:={given['frame_prefix']}"] if given["frame_prefix"] else []
-    # A file, as launch puts those after what stands on the command line: the last one holds.
-    assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
-    own = given["twist"] == "odometry/twist"
-    nodes = []
-    if own and (folder / f"{ODOMETRY}.yaml").exists():
-        nodes.append(
-            Node(
-                package="linescan_odometry",
-                executable="odometry",
-                name=ODOMETRY,
-                parameters=[str(folder / f"{ODOMETRY}.yaml")],
-                ros_arguments=prefix,
-                **shared,
-            )
-        )
-    nodes.append(
-        Node(
-            package="omni_brake_assist",
-            executable="brake_assist",
-            name=BRAKE_ASSIST,
-            parameters=[str(folder / f"{name}.yaml") for name in assistant],
-            remappings=[] if own else [("odometry/twist", given["twist"])],
-            **shared,
-        )
+def start(context: LaunchContext) -> list[Any]:
+    """Return the nodes that the arguments ask for, and what follows their ends."""
+    given = {name: context.launch_configurations[name] for name in ARGUMENTS}
+    # Arguments of another launch file that includes this one are its own.
+    directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
+    nodes = hardware_nodes(given, context.argv if directly else ())
+    for node in nodes:
+        get_package_prefix(node.package)  # before any other node has been started
+    return [action for node in nodes for action in started(node, given)]
+
+
+def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
+    """Return a node, and what follows its end."""
+    process = Node(
+        package=node.package,
+        executable=node.executable,
+        name=node.name,
+        namespace=given["namespace"],
+        parameters=[str(path) for path in node.files],
+        remappings=list(node.remappings),
+        ros_arguments=list(node.ros_arguments),
+        output="screen",
     )
-    if given["robot_state_publisher"] == "true":
-        nodes.append(
-            Node(
-                package=FRAMES,
-                executable=FRAMES,
-                parameters=[str(folder / f"{FRAMES}.yaml")],
-                ros_arguments=prefix,
-                remappings=[("joint_states", "wheel_states")],
-                **shared,
-            )
-        )
-    return nodes
+    on_exit = partial(ended, node, given)
+    return [
+        RegisterEventHandler(OnProcessExit(target_action=process, on_exit=on_exit)),
+        process,
+    ]
+
+
+def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:
+    """Start a node again, or end all of them."""
+    if context.is_shutdown:
+        return []
+    if starts_again(event.returncode, given):
+        return [TimerAction(period=RESPAWN_DELAY, actions=started(node, given))]
+    reason = f"{node.name} ended with exit code {event.returncode}"
+    return [EmitEvent(event=Shutdown(reason=reason))]

@@ -1,27 +1,30 @@
 """The command line: ``./omni COMMAND``.
 
-Every command that measures takes ``--json`` and then prints one document on standard output and
-nothing else there. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by
+A command returns a `Report` or raises; this module alone prints, writes JSON and chooses the exit
+code. With ``--json`` standard output holds one document and nothing else, also when a command is
+refused or fails. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by
 Ctrl-C (143 by SIGTERM).
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any, NoReturn
 
 from omni_bringup import commands
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_REFUSED
+from omni_bringup.command_report import Report, printable, write_text
+from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, EXIT_REFUSED
 from omni_bringup.interruption import leave_at_once_on_signals
 from omni_bringup.progress_bar import at_work
+from omni_bringup.workspace import Workspace, workspace_folder
 from omni_platform.command_options import parse_options
-from omni_platform.configuration import ConfigurationError, did_you_mean
+from omni_platform.configuration import InputError, WorkError, did_you_mean
 from omni_ros.start import start_lightly
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
@@ -44,15 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
-def workspace() -> Path:
-    """Return the folder with `config` and `bags`: the launcher's, else the current one."""
-    return Path(os.environ.get("OMNI_WORKSPACE", "."))
-
-
 def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
     """Return the program of a command line, as in ``omni bag info``, its module and its options.
 
     Raises:
+        InputError: the value of an option does not fit.
         SystemExit: the words ask for help, or are no command line.
     """
     command: Any = commands
@@ -63,21 +62,80 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
         program = f"{program} {name}"
         rest = rest[1:]
     parser = _Parser(prog=program, description=_introduction(command.__doc__))
+    parser.as_json = "--json" in rest
     try:
         return program, command, parse_options(command.Options, rest, parser)
-    except ConfigurationError as error:
+    except InputError as error:
         parser.exit(EXIT_REFUSED, f"{program}: {error}\n")
 
 
 def _run(words: Sequence[str]) -> int:
     program, command, options = understand(words)
+    as_json = getattr(options, "json", False)
+    work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
-        with at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext():
-            code: int = command.run(options, workspace())
-    except ConfigurationError as error:
-        print(f"{program}: {error}", file=sys.stderr)
-        return EXIT_REFUSED
+        with work:
+            report = command.run(options, Workspace(workspace_folder(), program))
+        return _publish(report, program, as_json=as_json)
+    except BrokenPipeError:
+        raise
+    except InputError as error:
+        code, problem = EXIT_REFUSED, str(error)
+    except WorkError as error:
+        code, problem = EXIT_FAILED, str(error)
+    except OSError as error:
+        place = "" if error.filename is None else f" to {error.filename}"
+        code, problem = EXIT_FAILED, f"cannot write{place}: {error.strerror or error}"
+    _complain(program, problem)
+    if as_json:
+        _print_json(_failure(program, problem, code))
     return code
+
+
+def _publish(report: Report, program: str, *, as_json: bool) -> int:
+    """Keep and print the result of a command; return the exit code."""
+    if report.summary is not None:
+        document = json.dumps(report.document, indent=2, allow_nan=False)
+        write_text(report.summary / "summary.json", document + "\n")
+    if as_json:
+        _print_json(report.document)
+    else:
+        for part in report.text:
+            _print_part(part)
+        for path in report.files:
+            print(f"wrote {path}")
+        for line in report.hints:
+            print(line)
+    for problem in report.problems:
+        _complain(program, problem)
+    return EXIT_OK if report.ok and not report.problems else EXIT_FAILED
+
+
+def _print_part(part: Any) -> None:
+    if isinstance(part, str):
+        print(part)
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    if isinstance(part, Table):
+        part.columns[0].no_wrap = True  # names are looked up whole
+    Console().print(part)
+
+
+def _print_json(document: Mapping[str, Any]) -> None:
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def _complain(program: str, problem: str) -> None:
+    for line in problem.splitlines():
+        print(f"{program}: {printable(line)}", file=sys.stderr)
+
+
+def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
+    """Return the document of a command without a result."""
+    name = program.removeprefix("omni ").replace(" ", "_")
+    return {"name": name, "error": problem, "exit_code": code}
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
@@ -88,6 +146,7 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
         return words[0]
     top = program == "omni"
     parser = _Parser(prog=program, description=_DESCRIPTION if top else _introduction(group))
+    parser.as_json = "--json" in words
     choices = parser.add_subparsers(metavar=what, required=True)
     for name, line in sorted((known | (_OF_THE_LAUNCHER if top else {})).items()):
         choices.add_parser(name, help=line.replace("%", "%%"))
@@ -107,7 +166,7 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return what a docstring says of a command: its second paragraph, else its first line."""
+    """Return the introduction in a docstring: its second paragraph, else its first line."""
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:
@@ -116,13 +175,21 @@ def _introduction(words: Any) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Asks whether another option was meant."""
+    """Suggests the option that was meant, and refuses as JSON where JSON is asked for."""
+
+    as_json = False
 
     def error(self, message: str) -> NoReturn:
         found = re.match(r"unrecognized arguments: (--[^ =]+)", message)
         if found:
             message += did_you_mean(found[1], self._option_string_actions)
         super().error(message)
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        if status and self.as_json:
+            problem = (message or "").strip().removeprefix(f"{self.prog}: ")
+            _print_json(_failure(self.prog, problem.removeprefix("error: "), status))
+        super().exit(status, message)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from omni_platform.configuration import declared_parameters
 _HEAD = """\
 # All options
 
-Made from the declarations in the code. What each command is for, with examples, and what `--json`
-says: [Commands](commands.md). Exit codes: 0 done, 1 failed, 2 refused before anything started,
+Made from the declarations in the code. [Commands](commands.md) has purposes, examples and the
+output of `--json`. Exit codes: 0 done, 1 failed, 2 refused before anything started,
 130 ended by Ctrl-C (143 by SIGTERM).
 
 """

@@ -1,4 +1,4 @@
-"""The page that says what became of every equation, figure, table and claim of the dissertation.
+"""The page with the state of every equation, figure, table and claim of the dissertation.
 
 ``python -m omni_bringup.dissertation_page > docs/dissertation.md`` writes it from
 ``docs/dissertation.yaml``.
@@ -13,20 +13,21 @@ from typing import NamedTuple
 
 import yaml
 
-from omni_bringup.cli import workspace
+from omni_bringup.workspace import workspace_folder
+from omni_studies.page_numbers import filled, stored
 
 STATUSES = {
     "works": "as the text has it",
-    "differs": "on purpose; the remark, or the docstring of the module, says how and why",
+    "differs": "on purpose; the remark, or the docstring of the module, explains it",
     "partial": "a part of it, which the remark names",
     "reference": "used by no command; tests keep it",
     "missing": "left out",
-    "background": "told by the text, not used by it",
+    "background": "described in the text, not used by it",
 }
 
 
 class Row(NamedTuple):
-    """One thing of the text: place, what it says, status, module, command, remark and number."""
+    """One item of the text: place, content, status, module, command, remark and number."""
 
     place: str
     what: str
@@ -39,7 +40,8 @@ class Row(NamedTuple):
 
 def chapters(folder: Path) -> dict[str, list[Row]]:
     """Return the rows of a workspace by chapter."""
-    document = yaml.safe_load((folder / "docs/dissertation.yaml").read_text(encoding="utf-8"))
+    text = (folder / "docs/dissertation.yaml").read_text(encoding="utf-8")
+    document = yaml.safe_load(filled(text, "", stored(folder)))
     return {title: [Row(*map(str, row)) for row in rows] for title, rows in document.items()}
 
 
@@ -70,4 +72,4 @@ def page(folder: Path) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(page(workspace()))
+    sys.stdout.write(page(workspace_folder()))

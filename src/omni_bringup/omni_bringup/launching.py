@@ -67,5 +67,6 @@ def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context
     if plan.is_run and len(ended) == len(plan.nodes):
         result = plan.finish()
         print(results_table(result))
-        result.check_rest()
+        if problem := result.still_moving():
+            raise RuntimeError(problem)
     return [EmitEvent(event=Shutdown(reason=f"{name} has ended"))]

@@ -13,8 +13,8 @@ from typing import Any
 
 from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import (
     Configuration,
     ParameterInfo,
@@ -23,7 +23,9 @@ from omni_platform.configuration import (
     is_configuration,
     join_key,
 )
-from omni_sim.simulator import SimulatorConfiguration
+from omni_sim.configuration import SimulatorConfiguration
+from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
+from omni_vehicle.flow_chips import FlowChipConfiguration
 
 _HEAD = """\
 # Parameters
@@ -47,6 +49,8 @@ def reference() -> str:
         ("Node `linescan_odometry`", "", OdometryConfiguration),
         ("Node `line_camera` (package `linescan_odometry`)", "", CameraConfiguration),
         ("Node `brake_assist` (package `omni_brake_assist`)", "", BrakeAssistConfiguration),
+        ("Node `brake_adapter` (package `omni_vehicle`)", "", BrakeAdapterConfiguration),
+        ("Node `flow_sensor` (package `omni_vehicle`)", "", FlowChipConfiguration),
     ]
     for title, words, cls in sections:
         rows = "\n".join(_rows(cls, ""))

@@ -1,4 +1,4 @@
-"""What commands that take long say of themselves on standard error."""
+"""Progress of long commands on standard error."""
 
 from __future__ import annotations
 
@@ -8,51 +8,52 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_EVERY = 5.0  # [s] between lines where there is no terminal
+_PERIOD = 5.0  # [s] between lines where there is no terminal
+_SPARSER = 0.2  # of the time elapsed, which the period is at least
+
+Progress = Callable[[float, str], None]
+"""Takes the share done, 0..1, and a few words about it."""
 
 
 @contextmanager
-def progress_bar(name: str) -> Iterator[Callable[[float, str], None]]:
-    """Show a bar on a terminal, and a line every few seconds elsewhere.
+def progress_bar(name: str) -> Iterator[Progress]:
+    """Show a bar on a terminal, and a line every few seconds elsewhere; both estimate the rest.
 
     Args:
-        name: of what is going on, until the first report.
-
-    Yields:
-        What takes the share done, 0..1, and a few words about it.
+        name: of the work.
     """
     if not sys.stderr.isatty():
         yield progress_lines(name)
         return
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress as Bar
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with Bar(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(name, total=1.0, visible=False)
 
         def report(share: float, words: str) -> None:
-            bar.update(task, completed=share, description=words, visible=True)
+            bar.update(task, completed=share, description=f"{name}: {words}", visible=True)
 
         yield report
 
 
 @contextmanager
-def at_work(program: str, words: str, every: float = _EVERY) -> Iterator[None]:
-    """Say every few seconds that a command that cannot tell its share is still at work.
+def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
+    """Print every few seconds that a command of unknown duration is still at work.
 
     Args:
         program: at the beginning of each line.
-        words: what it is at.
+        words: what it does.
         every: time between lines [s].
     """
     done = threading.Event()
 
-    def say() -> None:
+    def follow() -> None:
         begun = time.monotonic()
         while not done.wait(every):
             print(f"{program}: {words}, {time.monotonic() - begun:.0f} s", file=sys.stderr)
 
-    thread = threading.Thread(target=say, daemon=True)
+    thread = threading.Thread(target=follow, daemon=True)
     thread.start()
     try:
         yield
@@ -61,21 +62,22 @@ def at_work(program: str, words: str, every: float = _EVERY) -> Iterator[None]:
         thread.join()
 
 
-def progress_lines(
-    name: str, clock: Callable[[], float] = time.monotonic
-) -> Callable[[float, str], None]:
-    """Return what prints a line every few seconds; the first after the first of them.
+def progress_lines(name: str, clock: Callable[[], float] = time.monotonic) -> Progress:
+    """Return a function that prints a line now and then, with an estimate of the time left.
 
     Args:
         name: at the beginning of each line.
-        clock: tells the time [s].
+        clock: returns the time [s].
     """
-    last = clock()
+    begun = last = clock()
 
     def report(share: float, words: str) -> None:
         nonlocal last
-        if clock() - last >= _EVERY:
-            last = clock()
-            print(f"{name}: {100.0 * share:.0f} %, {words}", file=sys.stderr, flush=True)
+        now = clock()
+        if now - last < max(_PERIOD, _SPARSER * (last - begun)):
+            return
+        last = now
+        left = f", about {(now - begun) * (1.0 / share - 1.0):.0f} s left" if share > 0.01 else ""
+        print(f"{name}: {100.0 * share:.0f} %, {words}{left}", file=sys.stderr, flush=True)
 
     return report

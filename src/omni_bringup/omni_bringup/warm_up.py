@@ -7,8 +7,6 @@ side by side. What both need is compiled by one of them before: numba has no loc
 from __future__ import annotations
 
 import dataclasses
-import os
-import pickle
 import sys
 import time
 from collections.abc import Callable
@@ -19,14 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry
-from omni_analysis.loop.compiled import run_fast_loop
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.loop.loop import run_closed_loop
 from omni_brake_assist.assist_step import make_constants, new_memory
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.law import Motion
-from omni_bringup.cli import workspace
+from omni_bringup.workspace import workspace_folder
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.loop import run_closed_loop
 from omni_platform.geometry import PlatformGeometry
 from omni_sim.simulator import Simulator
 
@@ -97,24 +95,6 @@ def warm_up(folder: Path) -> None:
                 print(words, flush=True)
 
 
-def forget_lost_types(cache: Path) -> None:
-    """Delete the indices of kernels that were compiled for a type that has been moved or renamed.
-
-    numba cannot read them any more, and gives up instead of compiling anew.
-
-    Args:
-        cache: folder of compiled kernels.
-    """
-    for index in cache.glob("*/*.nbi"):
-        with index.open("rb") as file:
-            try:
-                pickle.load(file)  # numba's version
-                pickle.load(file)
-            except (ImportError, AttributeError):
-                index.unlink()
-
-
 if __name__ == "__main__":
-    forget_lost_types(Path(os.environ["NUMBA_CACHE_DIR"]))
-    warm_up(workspace())
+    warm_up(workspace_folder())
     sys.exit(0)

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from omni_bringup.cli import main
-from omni_bringup.commands.bag import printable
+from omni_bringup.command_report import printable
 from omni_recording.actions.check import check_bag
 from omni_recording.actions.recover import Recovery, recover
 from omni_recording.definitions import find_message_definition

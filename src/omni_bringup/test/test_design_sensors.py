@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from omni_analysis.loop.experiment import ExperimentLibrary
-from omni_analysis.loop.loop import run_closed_loop
-from omni_analysis.placement import design as sensor_design
-from omni_analysis.placement import figure as placement_figure
-from omni_analysis.placement.sensor_error import SensorError, SensorTrial
 from omni_bringup.cli import main
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import run_closed_loop
+from omni_tools.placement import design as sensor_design
+from omni_tools.placement import figure as placement_figure
+from omni_tools.placement.sensor_error import SensorError, SensorTrial
 
 CONFIG = Path(__file__).parents[3] / "config"
 # A camera of few lines, to be quick.

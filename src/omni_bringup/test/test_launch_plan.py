@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 import yaml
 
-from omni_analysis.loop.experiment import ExperimentLibrary
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.launch_plan import ARGUMENTS, installed_config, launch_plan
 from omni_bringup.graph.process_group import NodeProcess, ProcessError
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 
 PACKAGE = Path(__file__).parents[1]
@@ -118,3 +118,9 @@ def test_a_folder_with_a_recording_is_refused_before_anything_starts(tmp_path: P
     (tmp_path / "bag_0.mcap").touch()
     with pytest.raises(ConfigurationError, match=r"out: .* is not an empty folder"):
         launch_plan("lockstep", arguments(out=str(tmp_path)))
+
+
+def test_a_namespace_holds_for_every_node(tmp_path: Path) -> None:
+    plan = launch_plan("lockstep", arguments(out=str(tmp_path / "bag"), namespace="robot1"))
+    for node in plan.nodes:
+        assert list(node.arguments[-2:]) == ["-r", "__ns:=/robot1"]

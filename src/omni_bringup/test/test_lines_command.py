@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.odometry import LineBatch, LineScanOdometry, OdometryConfiguration
-from omni_analysis.line_trials.trials import ground
-from omni_analysis.line_trials.twist_trials import cameras_over, poses_at
-from omni_analysis.loop.experiment import ExperimentLibrary
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_bringup.cli import main
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.signals import LineBatch
 from omni_recording.decode import MessageDecoder
 from omni_recording.folder import bag_messages, open_bag
+from omni_tools.line_trials.rig import Rig, ground, poses_at
 
 WORKSPACE = Path(__file__).resolve().parents[3]
 SAMPLE = WORKSPACE / "bags/small_stop/assisted"
@@ -38,7 +38,7 @@ def omni(*arguments: object) -> int:
 def files(tmp_path: Path) -> dict[str, Path]:
     """Lines of three cameras in motion, as arrays in files."""
     sensors = ExperimentLibrary(WORKSPACE / "config").sensors("three_generic")
-    cameras = cameras_over(ground("cork"), sensors, 1.0, 1)
+    cameras = Rig(sensors, ground("cork"), 1.0, 1).array
     poses = poses_at(np.arange(LINES) / 2500.0, np.array([0.1, 0.1, 0.3]), TWIST)
     paths = {}
     for name, lines in cameras.render(dict.fromkeys(sensors, poses)).items():

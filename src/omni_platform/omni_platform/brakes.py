@@ -1,4 +1,4 @@
-"""What a wheel's brake can do: told to the simulator as the truth, to the assistant as nominal."""
+"""The capability of a wheel's brake: true for the simulator, nominal for the assistant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class BrakeConfiguration(Configuration):
     )
     resolution: float = parameter(
         0.0,
-        description="Step of the enable that a proportional brake tells apart (0: none)",
+        description="Step of the enable that a proportional brake resolves (0: any)",
         minimum=0.0,
         maximum=0.5,
     )
@@ -47,6 +47,14 @@ class BrakeConfiguration(Configuration):
         minimum=0.0,
         maximum=1.0,
     )
+    release_time: float = parameter(
+        0.0,
+        description="Time until the pressure begins to fall after a release, where that is longer "
+        "than dead_time, as of spring-applied brakes (0: dead_time)",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
     time_constant: float = parameter(
         0.0,
         description="Time constant with which the pressure then builds up and falls",
@@ -57,5 +65,5 @@ class BrakeConfiguration(Configuration):
 
     @property
     def grain(self) -> float:
-        """Step of the share of pressure that the brake tells apart [1], 0 for any share."""
+        """Step of the share of pressure that the brake resolves [1], 0 for any share."""
         return 1.0 if self.kind == ON_OFF else self.resolution

@@ -49,7 +49,7 @@ def option(
     many: bool = False,
     **declared: Any,
 ) -> Any:
-    """Declare a field of which more is to be said to a command line than `parameter` can.
+    """Declare a field with more about its place on a command line than `parameter` can.
 
     Args:
         default: value used where none is given; without it the option is required.
@@ -125,7 +125,7 @@ def parse_options(
 
     Raises:
         ConfigurationError: a value does not fit; its key is the option as people write it.
-        SystemExit: the words are no options of `cls`; said on standard error.
+        SystemExit: the words are no options of `cls`; explained on standard error.
     """
     parser = parser or argparse.ArgumentParser()
     add_options(parser, cls)

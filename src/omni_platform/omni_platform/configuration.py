@@ -32,7 +32,15 @@ _SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
 C = TypeVar("C", bound="Configuration")
 
 
-class ConfigurationError(ValueError):
+class InputError(ValueError):
+    """Input that cannot be used, refused before anything starts; names the value and a remedy."""
+
+
+class WorkError(RuntimeError):
+    """Work that was begun and cannot be finished; the message, of one line or several, says why."""
+
+
+class ConfigurationError(InputError):
     """A configuration value that cannot be used.
 
     Attributes:
@@ -174,7 +182,7 @@ def without_none(kind: Any) -> Any:
 
 
 def is_configuration(kind: Any) -> bool:
-    """Tell whether a field's type is a nested configuration."""
+    """Return whether a field's type is a nested configuration."""
     return isinstance(kind, type) and issubclass(kind, Configuration)
 
 

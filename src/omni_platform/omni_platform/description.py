@@ -1,4 +1,4 @@
-"""A vehicle as a URDF: what viewers draw and what tells its frames, from the vehicle's file."""
+"""A vehicle as a URDF: for viewers and for its frames, from the vehicle's file."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 from omni_platform.geometry import WheelMount
 from omni_platform.sensors import Mount
 
-_BODY_HEIGHT = 0.2  # [m] no file says it; for the eye
-_WIDTH_SHARE = 0.4  # of the radius, likewise
+_BODY_HEIGHT = 0.2  # [m] in no file; for the eye
+_WIDTH_SHARE = 0.4  # of the radius, for the eye
 
 
 def urdf(

@@ -18,15 +18,25 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
 
-    x: float = parameter(description="Wheel contact, forward of the platform centre", unit="m")
-    y: float = parameter(description="Wheel contact, left of the platform centre", unit="m")
+    x: float = parameter(
+        description="Wheel contact, forward of the platform centre",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
+    )
+    y: float = parameter(
+        description="Wheel contact, left of the platform centre",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
+    )
     heading_deg: float = parameter(
         0.0,
         description="Rolling direction u of the wheel, counter-clockwise from forward",

@@ -10,17 +10,28 @@ what it works on comes from its caller. One that does is a `kernel`, and short.
 from __future__ import annotations
 
 from importlib.metadata import entry_points
+from typing import Any
 
-from numba import njit
+import numba
 from numba.core import entrypoints
+from numba.core.dispatcher import Dispatcher
 from numba.np import linalg
+
+from omni_platform.kernel_cache import KernelCache
+
+njit = numba.njit
+"""numba's own; modules take it from here, so that their caches follow the content."""
+
+
+def _enable_caching(dispatcher: Any) -> None:
+    dispatcher._cache = KernelCache(dispatcher)
 
 
 def _defer_blas() -> None:
     """Let numba look for a BLAS when a kernel calls it, not when the first kernel is loaded.
 
     It looks by importing all of scipy.linalg, 0.3 s in each process. SciPy is there, so the answer
-    is known, and whoever compiles a product of matrices still loads it.
+    is known, and compiling a product of matrices still loads it.
     """
     look = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
@@ -41,6 +52,7 @@ def _defer_transforms() -> None:
             extension.load()()
 
 
+setattr(Dispatcher, "enable_caching", _enable_caching)  # noqa: B010 - of `njit(cache=True)`
 _defer_blas()
 _defer_transforms()
 

@@ -129,10 +129,20 @@ def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
     return PlatformKinematics(dict(wheels))
 
 
-def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:
+def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArray:
     reach = float(np.max(np.linalg.norm(geometry.position, axis=1)))
     scale = np.array([1.0, 1.0, reach if reach > 0.0 else 1.0])
-    singular_values = np.linalg.svd(matrix / scale, compute_uv=False)
+    values: FloatArray = np.linalg.svd(matrix / scale, compute_uv=False)
+    return values
+
+
+def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
+    """Return that of ``M``, with lengths in units of the platform's radius [1]."""
+    return float(_singular_values(matrix, geometry)[-1])
+
+
+def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:
+    singular_values = _singular_values(matrix, geometry)
     rank = int(np.sum(singular_values > _MINIMUM_CONDITION * singular_values[0]))
     if rank < 3:
         raise UnusablePlatformError(

@@ -2,15 +2,48 @@
 
 from __future__ import annotations
 
+import ast
 import difflib
 import importlib
 import importlib.metadata
+import importlib.util
+import pkgutil
 import sys
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 from omni_platform.configuration import ConfigurationError
+
+
+def described_modules(package: str) -> dict[str, tuple[str, str]]:
+    """Return what the modules of a package are for; none of them is imported.
+
+    Args:
+        package: dotted name; modules that begin with ``_`` do not count.
+
+    Returns:
+        Module and sentence by name: the first line of a module's docstring by its own name, or the
+        entries of the dictionary ``CASES`` of a module that has one.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    spec = importlib.util.find_spec(package)
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        for module in pkgutil.iter_modules([folder]):
+            if not module.name.startswith("_"):
+                file = f"{module.name}/__init__.py" if module.ispkg else f"{module.name}.py"
+                tree = ast.parse(Path(folder, file).read_text("utf-8"))
+                words = (ast.get_docstring(tree) or "").strip().split("\n")[0]
+                cases = _constant(tree, "CASES") or {module.name: words}
+                found |= {name: (module.name, what) for name, what in cases.items()}
+    return dict(sorted(found.items()))
+
+
+def _constant(tree: ast.Module, name: str) -> Any:
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == name:
+            return ast.literal_eval(node.value)
+    return None
 
 
 def check_name(key: str, name: str, built_in: Collection[str], group: str) -> None:

@@ -6,6 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+Int32Array = NDArray[np.int32]
+Int16Array = NDArray[np.int16]
+Int8Array = NDArray[np.int8]
+BoolArray = NDArray[np.bool_]
+
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
 
 SECOND_NS = 1_000_000_000
 """A second of stamps [ns]."""
+
+LARGEST_OFFSET = 100.0
+"""Largest distance of a part from the platform's centre, along x or y [m]: a slip of the keyboard
+beyond it."""

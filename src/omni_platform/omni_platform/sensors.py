@@ -15,15 +15,25 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Mount(Configuration):
     """Where a sensor of the ground sits in the body frame, and how well that is known."""
 
-    x: float = parameter(description="Centre of the footprint, forward of base_link", unit="m")
-    y: float = parameter(description="Centre of the footprint, left of base_link", unit="m")
+    x: float = parameter(
+        description="Centre of the footprint, forward of base_link",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
+    )
+    y: float = parameter(
+        description="Centre of the footprint, left of base_link",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
+    )
     heading_deg: float = parameter(
         description="Sensor axis (measuring direction), counter-clockwise from forward",
         unit="deg",

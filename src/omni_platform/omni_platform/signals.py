@@ -1,4 +1,4 @@
-"""What one part tells another: the values that the topics carry, so that nobody converts.
+"""One sample type for each signal: the values that the topics carry, from message to kernel.
 
 Simulator, odometry and brake assistant pass these between each other in one process; over topics
 `messages.py` of each package makes them from the standard messages.
@@ -7,23 +7,31 @@ Simulator, odometry and brake assistant pass these between each other in one pro
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from omni_platform.quantities import FloatArray
 
+VALID, MISSING, INVALID = range(3)
+"""Validity of a sample: MISSING if none has been received, INVALID if it cannot be read."""
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Twist:
+
+class TwistSample(NamedTuple):
     """A measured twist of `base_link` in its own axes.
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
         value: ``(v_cx, v_cy, Omega)`` [m/s, m/s, rad/s], shape (3,).
         covariance: of `value`, shape (3, 3), in the squares of its units.
+        validity: VALID, MISSING or INVALID.
     """
 
     stamp_ns: int
     value: FloatArray
     covariance: FloatArray
+    validity: int = VALID
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,29 +49,69 @@ class Flow:
     covariance: FloatArray
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class WheelSpeeds:
-    """What the encoders of the wheels say.
+class WheelSample(NamedTuple):
+    """Speeds measured by the wheel encoders.
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
         speed: of each wheel about its axis, in the order of the configuration [rad/s], shape (N,).
+        validity: VALID, MISSING or INVALID.
     """
 
     stamp_ns: int
     speed: FloatArray
+    validity: int = VALID
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class ImuReading:
-    """What an inertial sensor says.
+class ImuSample(NamedTuple):
+    """A reading of the inertial sensor.
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
         yaw_rate: about the z axis of `base_link` [rad/s].
         acceleration: specific force along x and y of `base_link` at the mounting [m/s^2], (2,).
+        validity: VALID, MISSING or INVALID.
     """
 
     stamp_ns: int
     yaw_rate: float
     acceleration: FloatArray
+    validity: int = VALID
+
+
+Lines = NDArray[np.uint8] | NDArray[np.uint16]
+"""Grey levels of consecutive lines, oldest first, shape (m, pixels)."""
+
+
+class LineBatchError(ValueError):
+    """A batch of lines that is no batch of lines; the message says what is wrong."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LineBatch:
+    """Consecutive lines of one sensor.
+
+    Attributes:
+        stamp_ns: exposure of the newest line [ns].
+        lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
+        fault: why the lines cannot be used, such as a format that is none; empty if they can.
+
+    Raises:
+        LineBatchError: the lines have another type or shape.
+    """
+
+    stamp_ns: int
+    lines: Lines
+    fault: str = ""
+
+    @classmethod
+    def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
+        """Make a batch that says why there are no lines."""
+        return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
+
+    def __post_init__(self) -> None:
+        if self.lines.ndim != 2 or self.lines.dtype not in (np.uint8, np.uint16):
+            raise LineBatchError(
+                "lines must be an array of uint8 or uint16 with one row per line, "
+                f"not of {self.lines.dtype} with shape {self.lines.shape}"
+            )

@@ -17,7 +17,7 @@ _ENCODING = "cdr"
 
 
 class DecodeError(ValueError):
-    """A message or a topic that cannot be decoded; the text says why in one line."""
+    """A message or a topic that cannot be decoded; the text gives the reason."""
 
 
 class MessageDecoder:
@@ -55,7 +55,7 @@ class MessageDecoder:
             raise DecodeError(f"its bytes are no {name} ({words})") from None
 
     def is_known(self, type_name: str) -> bool:
-        """Tell whether a type belongs to ROS 2 Jazzy."""
+        """Return whether a type belongs to ROS 2 Jazzy."""
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> Any:

@@ -25,12 +25,12 @@ _TIME = "builtin_interfaces/msg/Time"
 
 
 class MessageDefinitionError(LookupError):
-    """A message type whose definition cannot be found; the message says where was looked."""
+    """A message type whose definition cannot be found; the message names the places searched."""
 
 
 @dataclasses.dataclass(frozen=True)
 class MessageDefinition:
-    """What a recording tells its readers about a message type.
+    """The description of a message type in a recording.
 
     Attributes:
         type_name: such as ``sensor_msgs/msg/Image``.

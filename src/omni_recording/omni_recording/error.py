@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from omni_platform.configuration import InputError
 
-class BagError(ValueError):
+
+class BagError(InputError):
     """A recording that cannot be used.
 
     Attributes:

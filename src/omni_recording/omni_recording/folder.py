@@ -1,4 +1,4 @@
-"""A rosbag2 folder as it lies on the disk: what its metadata say and which files it has.
+"""A rosbag2 folder as it lies on the disk: its metadata and its files.
 
 Nothing outside the folder is ever opened, whatever ``metadata.yaml`` names, and nothing that is
 not a regular file. A single ``.mcap`` file counts as a bag without metadata.
@@ -49,7 +49,7 @@ class Bag:
         files: its MCAP files in order of time.
         message_count: that the metadata claim; None without metadata.
         counts: messages by topic that the metadata claim; empty without metadata.
-        ros_distro: of the recorder; empty if not told.
+        ros_distro: of the recorder; empty if unknown.
         namespace: that messages and summary leave out of their topics, such as ``/robot1``.
     """
 
@@ -68,7 +68,7 @@ def open_bag(path: Path | str) -> Bag:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: there is no recording, or none that can be read here; says why.
+        BagError: there is no recording, or none that can be read; gives the reason.
     """
     path = Path(path)
     if path.is_dir():
@@ -323,7 +323,7 @@ def read_plain_yaml(text: str) -> Any:
     """Return a YAML document of plain values.
 
     Raises:
-        ValueError: it is not one; says why in one line.
+        ValueError: it is not one; gives the reason in one line.
     """
     load: Callable[..., Any] = yaml.load
     try:
@@ -375,7 +375,7 @@ def in_time_order(messages: Iterable[RecordedMessage]) -> Iterator[RecordedMessa
 
 
 def in_rounds(messages: Iterable[RecordedMessage]) -> Iterator[list[RecordedMessage]]:
-    """Group messages so that each topic speaks at most once in a round.
+    """Group messages so that each topic occurs at most once in a round.
 
     Where topics are sampled together, a round is one sample of each.
     """

@@ -1,10 +1,9 @@
-"""The messages of an MCAP file one after the other, in bounded memory, whatever the file claims.
+"""The messages of an MCAP file one after the other, in bounded memory, for damaged files too.
 
-The readers of the libraries take a file at its word: a length in it decides how much they
-allocate, a compressed chunk may grow without limit, and a text that is cut short passes for a
-whole one. Here every length is checked against what is there before anything is read, and the
-library parses only bytes that are known to be complete. Reading goes from the front and needs no
-index, so that it works on a recording that was never finished too.
+`mcap.stream_reader.StreamReader` limits the size of a record, but neither that of an unpacked chunk
+nor the lengths inside a record, which may reach beyond its end. Here every length is checked
+against the bytes that are there before anything is read, and the library parses complete records
+only. Reading goes from the front and needs no index, so that it works on an unfinished recording.
 """
 
 from __future__ import annotations
@@ -190,7 +189,7 @@ def read_summary(path: Path) -> McapSummary | None:
         if start == 0:
             return None
         if not len(MAGIC) <= start <= end:
-            raise McapError(f"is damaged: its summary is said to begin at byte {start} of {size}")
+            raise McapError(f"is damaged: its footer gives byte {start} of {size} for the summary")
         file.seek(start)
         return _summary(_framed(file, end, wanted=_SUMMARY_RECORDS))
 
@@ -386,7 +385,7 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
     import zstandard
 
     try:
-        # One byte more than claimed tells an honest chunk from one that would go on.
+        # One byte more than claimed distinguishes a complete chunk from one that goes on.
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             return reader.read(size + 1)
     except zstandard.ZstdError as error:

@@ -69,7 +69,7 @@ def bag_information(
             }
             for topic in topics
         ],
-        # These speak of whole files and messages; chunks are compressed by the MCAP file itself.
+        # These describe whole files and messages; chunks are compressed by the MCAP file itself.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],

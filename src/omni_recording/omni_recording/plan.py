@@ -13,10 +13,10 @@ from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp
 
 RELIABILITIES = ("reliable", "best_effort")
-# Topics on which any number of nodes may speak, each with stamps of its own.
+# Topics with any number of publishers, each with stamps of its own.
 SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
-_HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is told in the order of the stamps
+_HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is written in the order of the stamps
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -121,8 +121,8 @@ class StampedRecording:
 
     def __init__(self, writer: Rosbag2Writer, definitions: Mapping[str, MessageDefinition]) -> None:
         self._writer = writer
-        self._stamped = {topic for topic, told in definitions.items() if told.stamped}
-        self._of_stamped = {topic for topic, told in definitions.items() if told.of_stamped}
+        self._stamped = {topic for topic, one in definitions.items() if one.stamped}
+        self._of_stamped = {topic for topic, one in definitions.items() if one.of_stamped}
         self._latest_ns = 0
         self._newest_ns: dict[str, int] = {}
         self._held: list[tuple[int, str, bytes]] = []  # a heap
@@ -178,7 +178,7 @@ class StampedRecording:
         elif stamp_ns < newest_ns:
             self.problem = (
                 f"the stamps of {topic} run back from {newest_ns / SECOND_NS:g} s to "
-                f"{stamp_ns / SECOND_NS:g} s: something else speaks there"
+                f"{stamp_ns / SECOND_NS:g} s: another publisher is active there"
             )
         else:
             self._newest_ns[topic] = stamp_ns

@@ -27,9 +27,9 @@ from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_recording.write import RecordingError, Rosbag2Writer
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, run_process
+from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
-from omni_ros.voices import Voices
 
 _PAUSE = 0.02  # [s] in which messages gather: to wake up for each took ten times as long
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
@@ -86,7 +86,7 @@ class RecorderNode(Node):
             subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
             if topic not in SHARED_TOPICS:
                 heard.append(subscription)
-        self._voices = Voices(self, heard)
+        self._guard = PublisherGuard(self, heard)
         self._strict = configuration.strict
 
     def _prepare_transforms(
@@ -110,7 +110,7 @@ class RecorderNode(Node):
     def judge(self) -> None:
         """Let the recording fail once it holds what may not be of this run."""
         if self._strict and self.failure is None:
-            problem = self._recording.problem or self._voices.second()
+            problem = self._recording.problem or self._guard.second()
             if problem is not None:
                 self.failure = RecordingError(problem)
 

@@ -48,7 +48,7 @@ class RecordedTransforms:
         self.topics: list[RecordedTopic] = []
         self._fixed: bytes | None = None
         if not odometry and not frames:
-            return  # whoever records no transforms need not wait for rosbags' types
+            return  # without transforms there is no need to wait for rosbags' types
         self._serializer = TransformSerializer()
         definition = self._serializer.definition
         if odometry:

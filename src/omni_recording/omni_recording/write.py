@@ -20,6 +20,7 @@ from typing import Any
 import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
+from omni_platform.configuration import WorkError
 from omni_recording.metadata import (
     SERIALIZATION,
     UNSET_TIME,
@@ -47,8 +48,8 @@ _END_WITHOUT_SUMMARY = (
 _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a third of the time
 
 
-class RecordingError(Exception):
-    """A recording that cannot be made or continued; the message says why in one sentence."""
+class RecordingError(WorkError):
+    """A recording that cannot be made or continued; the message gives the reason."""
 
 
 class Rosbag2Writer:
@@ -107,6 +108,13 @@ class Rosbag2Writer:
             self._commit()
             self._write_metadata()
 
+    def __enter__(self) -> Rosbag2Writer:
+        """Return the recording, which is finished when the block is left, however it is left."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic that a reader finds in the file: those up to the last flush."""
@@ -163,7 +171,7 @@ class Rosbag2Writer:
             information = _in_yaml(self._information())
             self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
             self._writer.finish()
-            # Closing is the last chance to hear of a full disk, so it comes before the metadata.
+            # Closing is the last chance to notice a full disk, so it comes before the metadata.
             self._file.flush()
             self._synchronize_file(self._file.fileno())
             self._file.close()

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from omni_platform.configuration import ConfigurationError
 
-# The process whose death ends the node; set by whoever starts a graph.
+# The process whose death ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
-# The file descriptor that a node reports to; set by whoever started it and reads there.
+# The file descriptor that a node reports to; set by the process that started it and reads there.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
 # A file to append the reports to instead, for who cannot pass on a file descriptor.
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"

@@ -30,7 +30,7 @@ LineArray = NDArray[Any]  # uint8 or uint16
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
-# A status is said again after this time even if nothing has changed, for whoever came late.
+# A status is published again after this time even if unchanged, for late subscriptions.
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
 _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
@@ -39,6 +39,8 @@ _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
+UNMEASURED_VARIANCE = 1e6
+"""Variance of an axis that is not measured, in the square of its unit."""
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
 
@@ -254,7 +256,7 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
         pixels: of a line.
         length: field of view along the axis [m]; 0 where it is not known, which leaves all of this
             zero, as ROS has it of a camera that is not calibrated.
-        width: field of view across the axis [m]; 0 likewise.
+        width: field of view across the axis [m]; 0 if unknown.
     """
     info = CameraInfo(header=header(0, frame), height=1, width=pixels)
     if length == 0.0:
@@ -334,8 +336,12 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a planar covariance (3, 3) among zeros as the messages have it, shape (36,)."""
-    matrix = np.zeros((6, 6))
+    """Return a planar covariance (3, 3) as the messages have it, shape (36,).
+
+    The other three axes are not measured: a variance of zero there would be an exact zero for who
+    fuses the message, such as `robot_localization`.
+    """
+    matrix = UNMEASURED_VARIANCE * np.eye(6)
     matrix[np.ix_(_PLANAR, _PLANAR)] = covariance
     return matrix.ravel()
 

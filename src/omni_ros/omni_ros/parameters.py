@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from omni_platform.configuration import Configuration, ConfigurationError, ParameterInfo
-from omni_platform.flat_parameters import unflatten
+from omni_ros.flat_parameters import unflatten
 
 C = TypeVar("C", bound=Configuration)
 
@@ -38,7 +38,7 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
     Args:
         node: the node that gets the parameters.
         cls: the configuration; nested fields become dotted names, see
-            `omni_platform.flat_parameters`.
+            `omni_ros.flat_parameters`.
         changeable: names of the parameters that the running node lets anybody change.
 
     Raises:
@@ -54,7 +54,7 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
 def refuse_unknown_parameters(node: Node) -> None:
     """Refuse values given to parameters that the node does not have.
 
-    Without this a mistyped name would leave the default in place and say nothing. To be called
+    Without this a mistyped name would silently leave the default in place. To be called
     once the node has declared all of its configurations.
 
     Args:
@@ -81,7 +81,7 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
     """Return whole numbers given to a number or list of numbers as doubles, else None.
 
-    YAML written by hand says 1 where 1.0 is meant, which ROS would refuse.
+    YAML written by hand has 1 where 1.0 is meant, which ROS would refuse.
     """
     if given is not None:
         if kind is float and given.type_ == Parameter.Type.INTEGER:

@@ -1,6 +1,6 @@
 """A node's life as an operating-system process: start, spin, stop, exit code.
 
-Signals only set a flag that the spin loop watches, so that a node that is told to stop can still
+Signals only set a flag that the spin loop watches, so that a node that is asked to stop can still
 publish, drain its queues and close its files. (rclpy's own handlers would invalidate the context
 at once.)
 """
@@ -35,16 +35,16 @@ EXIT_BAD_CONFIGURATION = 2
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
-_INTERRUPTED_FLUSH = 0.3  # [s] likewise after SIGINT: who presses Ctrl-C waits for the end
+_INTERRUPTED_FLUSH = 0.3  # [s] the same after SIGINT: a person waits for the end
 _POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
 
 
 class NodeError(Exception):
-    """A node cannot go on; the message says why in one sentence."""
+    """A node cannot go on; the message gives the reason."""
 
 
 class MatchTimeoutError(NodeError):
-    """Somebody who should listen or speak has not appeared in time."""
+    """An expected subscription or publisher has not appeared in time."""
 
 
 class StopFlag:
@@ -60,7 +60,7 @@ class StopFlag:
 
     @property
     def is_insistent(self) -> bool:
-        """Whether SIGTERM came again: nobody is to be waited for any more.
+        """Whether SIGTERM came again: there is nothing to wait for any more.
 
         SIGINT does not count: a terminal and a launcher may both pass on the same Ctrl-C.
         """
@@ -195,11 +195,11 @@ def await_subscribers(
     Args:
         publishers: publishers to wait for.
         count: subscriptions that each must have.
-        spinner: runs callbacks meanwhile and tells of a stop request.
+        spinner: runs callbacks meanwhile and notices a stop request.
         timeout: longest wait [s].
 
     Raises:
-        MatchTimeoutError: names the topic that nobody listens to.
+        MatchTimeoutError: names the topic without a subscription.
     """
     for publisher in publishers:
         deadline = time.monotonic() + timeout
@@ -232,8 +232,8 @@ def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
     A retransmission takes 3 s with the middleware's defaults; a reader that has died never
-    acknowledges. From here the two look alike: whoever knows that no reader is left sends SIGTERM
-    once more.
+    acknowledges. From here the two look alike: a process that knows that no reader is left
+    sends SIGTERM once more.
     """
     longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH
     deadline = time.monotonic() + longest

@@ -27,12 +27,12 @@ RECENT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# Hears cameras whose drivers offer best effort too, as sensor drivers do; may lose lines.
+# Matches cameras whose drivers offer best effort too, as sensor drivers do; may lose lines.
 BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 
-# For what is said once: whoever comes later still gets it.
+# For messages published once: later subscriptions still get them.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -41,7 +41,7 @@ LATCHED = QoSProfile(
 )
 
 
-# What a parameter may set; deadline and liveliness tell others of a node that fell silent.
+# What a parameter may set; deadline and liveliness report a silent node to others.
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -71,7 +71,7 @@ def listen(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Return a subscription whose service is a parameter likewise, ``...subscription.depth``.
+    """Return a subscription whose service is a parameter too, ``...subscription.depth``.
 
     Where `raw`, messages are taken as the bytes that come over the wire.
     """

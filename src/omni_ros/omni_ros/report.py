@@ -1,4 +1,4 @@
-"""What a node tells the process that started it: one JSON document a line, on a pipe of its own.
+"""Reports of a node to the process that started it: one JSON document a line, on a pipe of its own.
 
 Standard output is no place for it: the DDS implementation prints its own errors there.
 """
@@ -19,12 +19,12 @@ def report(document: Mapping[str, Any]) -> None:
     """Write a document to the file descriptor, or file, that the environment names, if it does.
 
     Args:
-        document: what there is to tell, as strict JSON has it.
+        document: strict JSON.
     """
     descriptor = os.environ.get(REPORT_VARIABLE)
     file = os.environ.get(REPORT_FILE_VARIABLE)
     line = json.dumps(document, allow_nan=False).encode() + b"\n"
-    with contextlib.suppress(OSError):  # nobody listens any more
+    with contextlib.suppress(OSError):  # the reader has gone
         if descriptor is not None:
             os.write(int(descriptor), line)
         if file is not None:

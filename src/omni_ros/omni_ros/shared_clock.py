@@ -1,4 +1,4 @@
-"""Who tells the simulated time: of several simulators in a ROS domain the one that was first."""
+"""The publisher of simulated time: of several simulators in a ROS domain the first one."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from omni_ros.qos import advertise
 
 _TOPIC = "/clock"
 _DISCOVERY = 0.5  # [s] in which the nodes of a ROS domain find each other
-_PERIOD = 0.1  # [s] between two looks at who tells the time
+_PERIOD = 0.1  # [s] between two checks of the publishers
 
 
 class SharedClock:
-    """Publishes `/clock` only while nobody else does, so that time never runs back.
+    """Publishes `/clock` only while no other node does, so that time never runs back.
 
     It listens before it talks: a simulator that joins others has no publisher of `/clock` until
-    the one that tells the time has gone.
+    its publisher has gone.
 
     Args:
         node: that publishes.
@@ -32,7 +32,7 @@ class SharedClock:
         self._due = time.monotonic() + (0.0 if alone else _DISCOVERY)
 
     def publisher(self) -> Publisher | None:
-        """Return the publisher to tell the time with, None while another node tells it."""
+        """Return the publisher of the time, None while another node publishes it."""
         now = time.monotonic()
         if now >= self._due:
             self._due = now + _PERIOD
@@ -41,19 +41,19 @@ class SharedClock:
 
     def _look_who_tells(self) -> None:
         own = (self._node.get_namespace(), self._node.get_name())
-        voices = sorted(
-            (tuple(voice.endpoint_gid), voice.node_namespace, voice.node_name)
-            for voice in self._node.get_publishers_info_by_topic(_TOPIC)
+        others = sorted(
+            (tuple(other.endpoint_gid), other.node_namespace, other.node_name)
+            for other in self._node.get_publishers_info_by_topic(_TOPIC)
         )
-        if self._publisher is None and not voices:
+        if self._publisher is None and not others:
             self._publisher = advertise(self._node, Clock, _TOPIC)
-        elif voices and voices[0][1:] != own:
+        elif others and others[0][1:] != own:
             # Two that began at the same moment see the same order, and so agree without a word.
             if self._publisher is not None:
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None
-            _, namespace, name = voices[0]
+            _, namespace, name = others[0]
             self._node.get_logger().warning(
-                f"{_TOPIC} is told by {namespace.rstrip('/')}/{name}; not by this simulator",
+                f"{_TOPIC} is published by {namespace.rstrip('/')}/{name}; not by this simulator",
                 once=True,
             )

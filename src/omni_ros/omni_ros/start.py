@@ -33,7 +33,7 @@ def start_node(module: str) -> None:
         importlib.import_module(module).main()
     except SystemExit as end:
         if isinstance(end.code, int):
-            # All is said and closed: what the interpreter tidies up besides takes a second.
+            # All is flushed and closed: the interpreter's own clean-up takes a second.
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(end.code)

@@ -1,4 +1,4 @@
-"""How a node waits for its listeners before it speaks."""
+"""How a node waits for its subscribers before it publishes."""
 
 from __future__ import annotations
 

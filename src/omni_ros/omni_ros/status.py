@@ -1,4 +1,4 @@
-"""What a node says of itself on `/diagnostics`: every change at once, and the rest at a rate."""
+"""The status of a node on `/diagnostics`: every change at once, and otherwise at a rate."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from omni_ros.messages import DIAGNOSTICS_PERIOD_NS, diagnostics
 from omni_ros.qos import RELIABLE
 
 OK, WARN, ERROR = 0, 1, 2  # levels
-_SILENCE = 1.0  # [s] without any news, after which what was said last no longer holds
+_SILENCE = 1.0  # [s] without any news, after which the last status no longer holds
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StatusConfiguration(Configuration):
-    """How often a node says how it fares."""
+    """How often a node publishes its status."""
 
     diagnostics_period: float = parameter(
         0.5,
@@ -49,15 +49,15 @@ class Status:
 
 
 def steady_clock() -> Clock:
-    """Return the clock for timers that watch: it runs on where simulated time stands still."""
+    """Return the clock for timers that watch: it runs on while simulated time is paused."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusReporter:
     """Publishes the status of a node.
 
-    The rate is kept by a steady clock, so that a node is heard before its first input and while
-    simulated time stands still.
+    The rate is kept by a steady clock, so that a node reports before its first input and while
+    simulated time is paused.
 
     Args:
         node: the node.
@@ -72,21 +72,32 @@ class StatusReporter:
         self._status = first
         self._key: Hashable = None
         self._said_ns = -1
+        self._logged = OK  # level of what was logged last
         self._said = False  # since the last look of the timer
         self._heard: float | None = None  # when there was news, on the steady clock [s]
         if period > 0.0:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Take what holds at a stamp [ns]; say it if the key is another, or after a second."""
+        """Take what holds at a stamp [ns]; publish it if the key is another, or after a second."""
         self._heard = time.monotonic()
         age_ns = stamp_ns - self._said_ns
         changed = key != self._key or self._said_ns < 0
         self._status = status
         if changed or not 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
+            if changed and key != self._key:
+                self._log(status)
             self._key = key
             self._said_ns = stamp_ns
             self._say(stamp_ns, status)
+
+    def _log(self, status: Status) -> None:
+        """Show on the screen what needs attention, and its end."""
+        if status.level > OK:
+            self._node.get_logger().warning(status.message)
+        elif self._logged > OK:
+            self._node.get_logger().info(status.message)
+        self._logged = status.level
 
     def _repeat(self) -> None:
         silence = 0.0 if self._heard is None else time.monotonic() - self._heard

@@ -23,7 +23,7 @@ class EncoderConfiguration(Configuration):
 
     resolution: int = parameter(
         0,
-        description="Counts per turn of a wheel (0: any angle is told apart)",
+        description="Counts per turn of a wheel (0: infinite resolution)",
         minimum=0,
         maximum=100_000_000,
     )
@@ -71,7 +71,7 @@ def read_encoders(
             speed is read.
         period: between two stamps [s].
         angle: true ones [rad], shape (N,).
-        speed: likewise [rad/s], shape (N,).
+        speed: wheel speeds [rad/s], shape (N,).
         draw: standard normal noise, shape (N,).
         reading: receives the speeds [rad/s], shape (N,).
     """

@@ -1,4 +1,4 @@
-"""Lies and failures of sensors: what a channel reads in place of what it should.
+"""Sensor faults: what a channel reads in place of the true value.
 
 Each fault takes one channel from an onset on for a while: the velocity sensor, the gyro, the
 accelerometer or the wheel encoders; one axis (or wheel) of it or all. With ``y`` what the channel
@@ -12,7 +12,8 @@ would read and ``tau`` the time since the onset it reads
     noise    y + a * N(0, 1)         swap      the axes in each other's place
     sign     -y                      echo      a y + (1 - a) times y of the onset
 
-so that a channel may lie in any way, plausibly or not. Faults of one channel add up in their order.
+so that a channel may be wrong in any way, plausibly or not. Faults of one channel add up in their
+order.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.kernels import kernel, lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import SECOND_NS, FloatArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 """What may fail: the velocity sensor, either half of the IMU, the wheel encoders."""
@@ -130,8 +131,8 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
             CHANNELS.index(fault.channel),
             KINDS.index(fault.kind),
             fault.axis,
-            round(fault.time * 1e9),
-            round((fault.time + fault.duration) * 1e9),
+            round(fault.time * SECOND_NS),
+            round((fault.time + fault.duration) * SECOND_NS),
             fault.amplitude,
             fault.period,
         )
@@ -215,7 +216,7 @@ def corrupt(
             faults.begun[k] = 1.0
             faults.held[k, :size] = values
         tau = (now_ns - row[_START]) * 1e-9
-        back = min(round(row[_PERIOD] * 1e9 / period_ns), _REMEMBERED - 1, step)
+        back = min(round(row[_PERIOD] * SECOND_NS / period_ns), _REMEMBERED - 1, step)
         delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
         for j in range(size):
             if row[_AXIS] < 0.0 or row[_AXIS] == j:

@@ -3,7 +3,7 @@
 A sensor sums up the motion of its place in its own axes and hands on, at its own rate, the counts
 since the last time; what is left of a count stays in the sum. As a velocity over the time in
 between, with the variance that noise and rounding give it, this is what a driver publishes. Moved
-faster than it can follow it has no value, which real ones tell by the quality of their picture.
+faster than it can follow it has no value, which real ones report by their surface quality.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class FlowConfiguration(Configuration):
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Refuse rates that do not fit the control period [s], and a failure of nobody.
+    """Refuse rates that do not fit the control period [s], and a failure of an unknown sensor.
 
     Raises:
         ConfigurationError: names the sensor.
@@ -117,10 +117,12 @@ class FlowSensorArray:
     def _measure(self, name: str, stamp_ns: int, elapsed: float) -> Flow:
         c = self._configuration
         way = self._way[name]
-        told = way * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
-        counted = np.round(told / c.resolution) * c.resolution if c.resolution > 0.0 else told
+        measured = way * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
+        counted = (
+            np.round(measured / c.resolution) * c.resolution if c.resolution > 0.0 else measured
+        )
         # What is left of a count is counted with the next ones.
-        self._way[name] = (told - counted) / (1.0 + c.scale)
+        self._way[name] = (measured - counted) / (1.0 + c.scale)
         velocity = counted / elapsed
         limit = self._sensors[name].maximum_speed
         if math.hypot(*way) / elapsed > limit > 0.0:

@@ -68,9 +68,9 @@ class Imu(NamedTuple):
     Attributes:
         enabled: whether there is one.
         x: mounting [m].
-        y: likewise [m].
+        y: left of base_link [m].
         cos: of the error of the mounting angle.
-        sin: likewise.
+        sin: sine of it [1].
         rate: bias, noise and scale of the gyro, shape (3,).
         force: bias of x and y, noise and scale of the accelerometer, shape (4,).
         memory: yaw [rad] and velocity of the mounting point [m/s] one stamp ago, shape (3,).

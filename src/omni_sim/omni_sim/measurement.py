@@ -1,4 +1,4 @@
-"""What IMU, encoders and velocity sensor say at a stamp, with their faults: one kernel for all.
+"""Measurements of IMU, encoders and velocity sensor at a stamp, with faults: one kernel for all.
 
 The noise of a stamp is one row of standard normal draws, so that drawing row by row and drawing
 all rows at once give the same numbers.
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
 from omni_sim.faults import (
     CHANNELS,
@@ -51,7 +51,7 @@ class Truth(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What its sensors say of it, with their faults; written in place.
+    """Measurements of its sensors, with their faults; written in place.
 
     Attributes:
         twist: of the velocity sensor, which has read already, shape (3,).
@@ -96,7 +96,7 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
     """
     step, period_ns, motion, tilt, angle, speed = truth
     twist, inertial, wheels = readings
-    period, count = period_ns / 1e9, speed.size
+    period, count = period_ns / SECOND_NS, speed.size
     wheel_draw, spare = draw[IMU_DRAWS : IMU_DRAWS + count], draw[IMU_DRAWS + count :]
     read_imu(instruments.imu, step, period, motion, tilt, draw[:IMU_DRAWS], inertial)
     read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)

@@ -14,11 +14,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import Flow
-from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
+from omni_ros.messages import BASE_FRAME, UNMEASURED_VARIANCE, WORLD_FRAME, header
+from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
-from omni_sim.simulator import Observation, SimulatorConfiguration
+from omni_sim.simulator import Observation
+from omni_sim.vehicle.loads import GRAVITY
 
-# Colours that colour-blind readers can tell apart (Okabe and Ito).
+# Colours that colour-blind readers can distinguish (Okabe and Ito).
 _BLUE = (0.0, 0.447, 0.698)
 _ORANGE = (0.902, 0.624, 0.0)
 _VERMILION = (0.835, 0.369, 0.0)
@@ -34,14 +36,19 @@ IMU_FRAME = "imu"
 
 
 def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Imu:
-    """Return yaw rate and specific force of the IMU; it knows no orientation and no other axis."""
+    """Return angular velocity and specific force of the IMU, as REP 145; it has no orientation.
+
+    The rates of roll and pitch are published as zero with the gyro's noise, and the vertical
+    specific force as gravity.
+    """
     message = Imu(header=header(stamp_ns, IMU_FRAME))
     message.orientation_covariance[0] = -1.0  # the convention for: not measured
     message.angular_velocity.z = float(reading[0])
-    message.angular_velocity_covariance[8] = imu.gyro_noise**2
     message.linear_acceleration.x = float(reading[1])
     message.linear_acceleration.y = float(reading[2])
-    for axis in (0, 4):
+    message.linear_acceleration.z = GRAVITY
+    for axis in (0, 4, 8):
+        message.angular_velocity_covariance[axis] = imu.gyro_noise**2
         message.linear_acceleration_covariance[axis] = imu.noise**2
     return message
 
@@ -50,7 +57,7 @@ def flow_message(name: str, flow: Flow) -> TwistWithCovarianceStamped:
     """Return what a flow sensor measures of its place, in its own axes."""
     message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
-    matrix = np.zeros((6, 6))
+    matrix = UNMEASURED_VARIANCE * np.eye(6)
     matrix[:2, :2] = flow.covariance
     message.twist.covariance = matrix.ravel()
     return message

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.kernels import lean
-from omni_sim.simulator import Observation, SimulationConfiguration, SimulatorConfiguration
+from omni_platform.quantities import SECOND_NS
+from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.simulator import Observation
 
 _NEWS = 0.01  # smallest change of the share worth telling
 _REACH = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
@@ -65,7 +67,7 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
         pedal: the driver's brake demand 0..1.
         speed: of `rim_speed` [m/s].
     """
-    rest, time = memory[0], stamp_ns / 1e9
+    rest, time = memory[0], stamp_ns / SECOND_NS
     if pedal <= 0.0 or speed > end.rest_speed:
         rest.still = False
     elif not rest.still:
@@ -92,7 +94,7 @@ class RunProgress:
         self._initial_speed = 0.0
         self._speed = 0.0
         self._share = 0.0
-        self._told_share = -1.0
+        self._reported_share = -1.0
         self.outcome = "running"
 
     @property
@@ -103,11 +105,11 @@ class RunProgress:
     @property
     def is_news(self) -> bool:
         """Whether the share done has visibly grown since the last report."""
-        return self._share - self._told_share >= _NEWS
+        return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:
         """Take the newest observation into account."""
-        self._time = observation.stamp_ns / 1e9
+        self._time = observation.stamp_ns / SECOND_NS
         self._speed = rim_speed(observation.twist)
         self._initial_speed = max(self._initial_speed, self._speed)
         self.outcome = _OUTCOMES[
@@ -117,7 +119,7 @@ class RunProgress:
 
     def report(self) -> dict[str, float]:
         """Return time [s], speed [m/s] and the share done [0..1] for a progress bar."""
-        self._told_share = self._share
+        self._reported_share = self._share
         return {"time": self._time, "speed": self._speed, "share": self._share}
 
     def _share_now(self, pedal: float) -> float:

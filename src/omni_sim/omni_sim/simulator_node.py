@@ -1,7 +1,7 @@
 """The simulator as a ROS node: what a vehicle's sensors would see out, brake enables in.
 
-The driver is scripted, or somebody who speaks on `driver/pedal` and `cmd_vel`; whose silence is
-full braking.
+The driver is scripted, or publishes on `driver/pedal` and `cmd_vel`; without messages the vehicle
+brakes fully.
 
 Lockstep: after publishing a step the node waits for the `brake/enable` of the same stamp. Real
 time: the same steps are paced to the wall clock and never wait; an enable that is late or missing
@@ -48,11 +48,12 @@ from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, listen
 from omni_ros.report import report
 from omni_ros.shared_clock import SharedClock
 from omni_ros.startup import StartupConfiguration
+from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.run_control_node import RunControl
 from omni_sim.run_progress import RunProgress
-from omni_sim.simulator import Observation, Simulator, SimulatorConfiguration
+from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # topics that the node listens to at most
 _LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
@@ -78,13 +79,13 @@ class LoopConfiguration(Configuration):
     )
     publish_clock: bool = parameter(
         True,
-        description="Tell the simulated time on /clock; of several simulators in a ROS domain only "
-        "one does",
+        description="Publish the simulated time on /clock; only one of several simulators in a ROS "
+        "domain does",
     )
     driver: str = parameter(
         "scripted",
         description="Who drives until the node is stopped: the script of the maneuver; demands on "
-        "driver/pedal and cmd_vel (topics); or cmd_vel alone as long as nobody has a pedal",
+        "driver/pedal and cmd_vel (topics); or cmd_vel alone while no pedal is published",
         choices=("scripted", "topics", "cmd_vel"),
     )
     stamped_cmd_vel: bool = parameter(
@@ -127,20 +128,20 @@ class SimulatorNode(Node):
         self._enable = self._all_on
         self._enable_stamp_ns = -1
         self._twist_stamp_ns = -1
-        self._heard: dict[str, float] = {}  # when a node last spoke, on the steady clock [s]
+        self._last_message: dict[str, float] = {}  # by node: steady clock [s]
         self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
         self._enables = listen(self, JointState, "brake/enable", self._on_enable, qos)
-        # Only its stamp is used: to keep step, and to tell which node is silent.
+        # Only its stamp is used: to keep step, and to name a silent node.
         listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
-        self._clock_voice: SharedClock | None = None
+        self._shared_clock: SharedClock | None = None
         if self.loop.publish_clock:
-            self._clock_voice = SharedClock(self, alone=self.loop.mode == "lockstep")
+            self._shared_clock = SharedClock(self, alone=self.loop.mode == "lockstep")
         self._wheel_states = create(JointState, "wheel_states")
         self._joints = create(JointState, "joint_states")  # of robot_state_publisher
         self._imu = create(Imu, "imu")
@@ -151,7 +152,7 @@ class SimulatorNode(Node):
         self._markers = create(MarkerArray, "markers")
         self._diagnostics = create(DiagnosticArray, "/diagnostics")
         self._description = create(String, "robot_description", LATCHED)
-        self._told_limits: frozenset[str] = frozenset()
+        self._reported_limits: frozenset[str] = frozenset()
         self._lines = {}
         self._camera_infos = {}
         for name in self.configuration.sensors:
@@ -165,8 +166,8 @@ class SimulatorNode(Node):
         lines, flows = tuple(self._lines.values()), tuple(self._flows.values())
         recorded = self.loop.lines_recorded
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
-        clock = self._clock_voice.publisher() if self._clock_voice else None
-        # Nobody answers these, or nobody records them, so one listener fewer.
+        clock = self._shared_clock.publisher() if self._shared_clock else None
+        # These are not answered, or not recorded, so they have one subscriber fewer.
         self.recorded_outputs = (
             *((clock,) if clock else ()),
             self._imu,
@@ -179,7 +180,7 @@ class SimulatorNode(Node):
         )
 
     def publish_descriptions(self) -> None:
-        """Say once what the vehicle is like and what the line cameras see."""
+        """Publish once the description of the vehicle and the geometry of the line cameras."""
         vehicle = self.configuration.vehicle
         size = (vehicle.chassis_length, vehicle.chassis_width)
         mounts = {**self.configuration.sensors, **self.configuration.flow_sensors}
@@ -194,7 +195,7 @@ class SimulatorNode(Node):
         for name, batch in observation.line_batches.items():  # first: to match them takes longest
             image = line_image(batch.stamp_ns, self._prefix + name, batch.lines)
             self._send(self._lines[name], image)
-        clock = self._clock_voice.publisher() if self._clock_voice else None
+        clock = self._shared_clock.publisher() if self._shared_clock else None
         if clock is not None:
             self._send(clock, Clock(clock=to_time(stamp_ns)))
         for name, flow in observation.flows.items():
@@ -228,8 +229,8 @@ class SimulatorNode(Node):
         simulator = self.simulator
         states = {"overload": simulator.overloaded, "tipping": simulator.tipping}
         exceeded = frozenset(state for state, holds in states.items() if holds)
-        if exceeded != self._told_limits:
-            self._tell_limits(stamp_ns, exceeded)
+        if exceeded != self._reported_limits:
+            self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
         """Return for how long [s] the run left what the model covers, and a sentence, by limit."""
@@ -245,9 +246,9 @@ class SimulatorNode(Node):
             )
         return exceeded
 
-    def _tell_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
-        """Say that the vehicle leaves what its model covers, or comes back."""
-        self._told_limits = exceeded
+    def _report_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
+        """Report that the vehicle leaves the range of its model, or returns."""
+        self._reported_limits = exceeded
         sentences = self.limits_exceeded()
         words = "; ".join(sentences[state][1] for state in sorted(exceeded))
         if exceeded:
@@ -289,16 +290,16 @@ class SimulatorNode(Node):
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Remember for how long [s] nodes have said nothing at a time [s] of the steady clock."""
+        """Record for how long [s] nodes have been silent at a time [s] of the steady clock."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
         for node in nodes:
-            age = now - self._heard.setdefault(node, now)
+            age = now - self._last_message.setdefault(node, now)
             self.silence[node] = max(age, self.silence.get(node, 0.0))
 
     def has_reply(self, stamp_ns: int) -> bool:
-        """Tell whether the enables of this step have come, and the odometry if it is awaited."""
+        """Return whether the enables of this step, and the awaited odometry, have arrived."""
         awaited = self.loop.await_odometry
         return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
@@ -342,11 +343,11 @@ class SimulatorNode(Node):
         # What is not a number must not release a brake.
         self._enable = np.where(np.isfinite(enable), np.clip(enable, 0.0, 1.0), 1.0)
         self._enable_stamp_ns = to_nanoseconds(message.header.stamp)
-        self._heard["brake_assist"] = time.monotonic()
+        self._last_message["brake_assist"] = time.monotonic()
 
     def _on_twist(self, wire: bytes) -> None:
         self._twist_stamp_ns = leading_stamp(wire) or 0
-        self._heard["linescan_odometry"] = time.monotonic()
+        self._last_message["linescan_odometry"] = time.monotonic()
 
 
 def run(node: SimulatorNode, spinner: Spinner) -> None:
@@ -402,7 +403,7 @@ def _await_reply(node: SimulatorNode, spinner: Spinner, stamp_ns: int) -> None:
 
 def _pace(spinner: Spinner, deadline: float) -> None:
     if time.monotonic() >= deadline:
-        # Who is late still listens, or what it has heard would be older and older.
+        # Messages are taken also when late, or they would age more and more.
         for _ in range(_INPUTS):
             spinner.spin_once(0.0)
     while not spinner.stop:

@@ -1,7 +1,7 @@
 """The dissertation's velocity sensor: sampled, noisy, with an offset, Eqs. (60), (61).
 
-It can be told to fail for a while, in one of the ways in which real ones do: it repeats its last
-reading, reads zero, or says that it has no value.
+It can be set to fail for a while, in one of the ways in which real ones do: it repeats its last
+reading, reads zero, or reports that it has no value.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import Twist
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.signals import TwistSample
 
 # A sensor that is read without noise is still not known better than this [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4
@@ -69,9 +69,9 @@ class VelocitySensorConfiguration(Configuration):
     @property
     def failure_ns(self) -> tuple[int, int]:
         """From when and until before when it fails [ns], the same where it never does."""
-        start = round(self.failure_time * 1e9)
+        start = round(self.failure_time * SECOND_NS)
         fails = self.failure != "none"
-        return start, start + (round(self.failure_duration * 1e9) if fails else 0)
+        return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
 
 
 class SensorConstants(NamedTuple):
@@ -111,7 +111,7 @@ def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConsta
     """Lay out a configuration for the kernels."""
     c = configuration
     return SensorConstants(
-        round(c.sample_time * 1e9),
+        round(c.sample_time * SECOND_NS),
         np.array([c.linear_noise, c.linear_noise, c.yaw_rate_noise]),
         np.array([c.offset_x, c.offset_y, c.yaw_rate_offset]),
         *c.failure_ns,
@@ -207,12 +207,12 @@ class VelocitySensor:
         self._constants = sensor_constants(configuration)
         self._memory = sensor_memory()
 
-    def measure(self, stamp_ns: int, twist: FloatArray) -> Twist:
+    def measure(self, stamp_ns: int, twist: FloatArray) -> TwistSample:
         """Return what the sensor reads, with the stamp of the sample.
 
         Samples are due at multiples of the sample time; one is taken at the first call at or
         after that time, so repeated calls with one stamp return the same reading. A sensor that
-        fails takes none, but stamps what it says as if it did.
+        fails takes none, but stamps its message as if it did.
 
         Args:
             stamp_ns: time since the start of the run [ns], not decreasing.
@@ -224,7 +224,7 @@ class VelocitySensor:
         reading, covariance = np.empty(3), np.empty((3, 3))
         taken_ns = read(self._constants, self._memory, stamp_ns, twist, draw, reading)
         self.state_covariance(reading, covariance)
-        return Twist(taken_ns, reading, covariance)
+        return TwistSample(taken_ns, reading, covariance)
 
     def state_covariance(self, reading: FloatArray, covariance: FloatArray) -> None:
         """Write the covariance, shape (3, 3), that the sensor claims of a reading, shape (3,)."""

@@ -31,7 +31,7 @@ def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray
 
 
 @pytest.mark.safety(
-    "brakes held when nobody brakes",
+    "brakes held without pedal",
     "any enable of the assistant",
     "an enable is a share of what the pedal asks: none where the pedal is up",
     within=0.0,
@@ -48,6 +48,22 @@ def test_dead_time_alone_shifts_what_is_asked() -> None:
     torques = [brake_torques(pressure, c * 1500.0, 10) for c in (1.0, 0.5, 0.2)]
     shares = np.concatenate((np.zeros(steps), np.repeat([1.0, 0.5], 10)))[:30]
     np.testing.assert_array_equal(np.concatenate(torques), np.outer(shares, ASKED))
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.06])
+def test_a_spring_applied_brake_releases_later_than_it_is_applied(dead_time: float) -> None:
+    release_time = 0.1
+    pressure = build_brake_pressure(0.0, dead_time, 3, STEP, 1.0, release_time)
+    brake_torques(pressure, 0.0, 500)
+    applied = brake_torques(pressure, 1500.0, 500)[:, 0]
+    assert np.argmax(applied > 0.0) == round(dead_time / STEP)
+    assert np.all(applied[round(dead_time / STEP) :] == 1500.0)
+    released = brake_torques(pressure, 0.0, 500)[:, 0]
+    assert np.argmin(released) == round(release_time / STEP)
+    # A release that is shorter than the difference is not felt at all.
+    brake_torques(pressure, 1500.0, 500)
+    brake_torques(pressure, 0.0, round(0.9 * (release_time - dead_time) / STEP))
+    assert np.all(brake_torques(pressure, 1500.0, 500)[:, 0] == 1500.0)
 
 
 @pytest.mark.parametrize("step", [STEP, 0.001])

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of
 from omni_sim.tire.tire import Tire, TireConfiguration
-from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of
 
 TABLE = TMeasyConfiguration()
 TIRE = Tire(TireConfiguration(tmeasy=TABLE))

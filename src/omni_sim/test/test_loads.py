@@ -126,7 +126,7 @@ def require_carried(position: FloatArray, distance: float, direction: float) -> 
     np.testing.assert_allclose(loads @ position, WEIGHT * z, atol=1e-6 * WEIGHT)
     if np.min(inside) > 1e-3:
         assert not tipping
-        # Equal springs: the carrying wheels lie on one plane, and it lifts off all others.
+        # Equal springs: the carrying wheels are on one plane, and it lifts off all others.
         carrying = loads > 0.0
         basis = np.column_stack((np.ones(n), position))
         plane, _, rank, _ = np.linalg.lstsq(basis[carrying], loads[carrying], rcond=None)

@@ -7,14 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.driver.scripted import ManeuverConfiguration
-from omni_sim.simulator import (
-    SimulationConfiguration,
-    Simulator,
-    SimulatorConfiguration,
-    VehicleConfiguration,
-)
+from omni_sim.simulator import Simulator
+from omni_sim.vehicle.configuration import VehicleConfiguration
 
 FORWARD = np.array([3.0, 0.0, 0.0])
 

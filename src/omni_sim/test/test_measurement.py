@@ -92,7 +92,9 @@ def test_perfect_encoders_read_the_speed() -> None:
     assert reading[0] == 2.5
 
 
-def told(kind: str, channel: str = "encoder", steps: int = 20, **entries: Any) -> FloatArray:
+def faulty_readings(
+    kind: str, channel: str = "encoder", steps: int = 20, **entries: Any
+) -> FloatArray:
     """Return what ``(1, 2, 3) + step / 10`` becomes by a fault from 0.1 s on."""
     fault = FaultConfiguration(channel=channel, kind=kind, time=0.1, **entries)
     faults, size = build_faults({"fault": fault}, 3), 3
@@ -123,14 +125,14 @@ def told(kind: str, channel: str = "encoder", steps: int = 20, **entries: Any) -
     ],
 )
 def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None:
-    readings = told(kind, amplitude=0.5, period=0.1)
+    readings = faulty_readings(kind, amplitude=0.5, period=0.1)
     assert readings[:10, 0] == pytest.approx(1.0 + 0.1 * np.arange(10))
     assert readings[15, 0] == pytest.approx(expected, abs=1e-7)
-    assert np.ptp(told("whisper")[10:, 0]) > 0.0
+    assert np.ptp(faulty_readings("whisper")[10:, 0]) > 0.0
 
 
 def test_a_channel_that_drops_out_reads_no_number_and_comes_back() -> None:
-    readings = told("drop_out", axis=1, duration=0.05)
+    readings = faulty_readings("drop_out", axis=1, duration=0.05)
     assert np.flatnonzero(np.isnan(readings[:, 1])).tolist() == [10, 11, 12, 13, 14]
     assert np.all(np.isfinite(readings[:, 0]))
 

@@ -1,4 +1,4 @@
-"""What the simulator says about itself, read back as a viewer would."""
+"""Messages of the simulator about itself, read back as a viewer would."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import pytest
 
 from omni_platform.sensors import LineSensor
 from omni_ros.messages import camera_info
-from omni_sim.ground.friction import FrictionPatch
-from omni_sim.messages import ground_truth, scene_markers
-from omni_sim.simulator import (
+from omni_sim.configuration import (
     GroundConfiguration,
-    ManeuverConfiguration,
     SimulationConfiguration,
-    Simulator,
     SimulatorConfiguration,
 )
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.messages import ground_truth, scene_markers
+from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 

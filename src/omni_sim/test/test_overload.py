@@ -1,4 +1,4 @@
-"""Overload of the tire model: told with wheel, load and time, and only where it happens."""
+"""Overload of the tire model: reported with wheel, load and time, and only where it happens."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.driver.scripted import ManeuverConfiguration
-from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
+from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.overload import OverloadWatch
 
@@ -53,7 +54,7 @@ def test_overload_while_braking_is_told_with_wheel_load_and_time(
         assert word in overload.sentence()
 
 
-def test_without_overload_nothing_is_told(forklift: VehicleConfiguration) -> None:
+def test_without_overload_nothing_is_reported(forklift: VehicleConfiguration) -> None:
     simulator, overloaded = simulate(forklift, 250)
     assert not any(overloaded)
     assert simulator.overload is None

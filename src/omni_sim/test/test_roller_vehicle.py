@@ -11,7 +11,8 @@ import pytest
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
-from omni_sim.simulator import SimulationConfiguration, Simulator, SimulatorConfiguration
+from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.simulator import Simulator
 from omni_sim.tire.models import MODELS
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
 from omni_sim.tire.tire import Tire, TireConfiguration
-from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, steady_force
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
 from omni_sim.wheel.single import TireConstants
@@ -57,7 +57,7 @@ def test_slips_of_both_directions_are_added_as_vectors(slips: tuple[float, float
     vector = np.array(slips) / norms
     slip = float(np.linalg.norm(vector))
     q = vector / slip
-    expected = steady_force(*combined_curve(ACTIVE, PASSIVE, norms, (q[0], q[1])), slip)
+    expected = force_at(combined_curve(ACTIVE, PASSIVE, norms, (q[0], q[1])), slip)[0]
     np.testing.assert_allclose(steady(*slips), -expected * q, rtol=1e-5)
 
 

@@ -13,20 +13,19 @@ import yaml
 
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_platform.sensors import LineSensor
-from omni_sim.camera.camera import LineCameraArray
-from omni_sim.run_progress import RunProgress
-from omni_sim.simulator import (
-    CameraConfiguration,
+from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.configuration import (
     GroundConfiguration,
-    ManeuverConfiguration,
     SimulationConfiguration,
-    Simulator,
     SimulatorConfiguration,
-    VehicleConfiguration,
-    VelocitySensorConfiguration,
 )
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.run_progress import RunProgress
+from omni_sim.simulator import Simulator
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.velocity_sensor import VelocitySensorConfiguration
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 SMALL_GROUND = GroundConfiguration(texture=TextureConfiguration(kind="cork", size=0.1, texels=1024))

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from omni_platform.sensors import FlowSensor, LineSensor
+from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.camera.sway import swaying
-from omni_sim.flow_sensor import FlowConfiguration
-from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
-from omni_sim.simulator import (
-    CameraConfiguration,
+from omni_sim.configuration import (
     GroundConfiguration,
-    ManeuverConfiguration,
     SimulationConfiguration,
-    Simulator,
     SimulatorConfiguration,
 )
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.flow_sensor import FlowConfiguration
+from omni_sim.ground.elevation import BumpConfiguration, ElevationConfiguration
+from omni_sim.simulator import Simulator
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import TextureConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -121,7 +121,7 @@ def test_a_stiff_vehicle_sees_what_it_saw(
 def test_over_a_hollow_an_ordinary_lens_sees_more(
     forklift: VehicleConfiguration, cache: TextureCache
 ) -> None:
-    """A camera between the wheels, whose ground lies 2 cm lower than the wheels stand."""
+    """A camera between the wheels, whose ground is 2 cm lower than the wheels stand."""
     hollow = ElevationConfiguration(
         bumps={"hollow": BumpConfiguration(x=0.5, y=0.2, radius=0.25, height=-0.02)}
     )

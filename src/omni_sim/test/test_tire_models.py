@@ -81,7 +81,7 @@ def test_derivative_is_that_of_the_force(
 
 
 @every_model
-def test_load_beyond_the_model_is_clamped_and_told(name: str) -> None:
+def test_load_beyond_the_model_is_clamped_and_reported(name: str) -> None:
     tire = TIRES[name]
     assert tire.configuration.largest_load == 6000.0
     assert float(tire.force(0.1, 9000.0)) == float(tire.force(0.1, 6000.0))

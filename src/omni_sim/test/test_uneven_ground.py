@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from omni_platform.configuration import from_mapping
+from omni_sim.configuration import (
+    GroundConfiguration,
+    SimulationConfiguration,
+    SimulatorConfiguration,
+)
 from omni_sim.ground.elevation import (
     BumpConfiguration,
     ElevationConfiguration,
     WaveConfiguration,
 )
 from omni_sim.messages import ground_truth
-from omni_sim.simulator import (
-    GroundConfiguration,
-    SimulationConfiguration,
-    Simulator,
-    SimulatorConfiguration,
-)
+from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.uneven_ground import frame_turn, level, orientation

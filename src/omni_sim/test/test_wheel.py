@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omni_sim.tire.model import contact_friction
+from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
 from omni_sim.tire.tire import Tire, TireConfiguration
-from omni_sim.tire.tmeasy import TMeasyConfiguration, curve_of, steady_force
 from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 TABLE_1 = TMeasyConfiguration()
@@ -36,7 +36,7 @@ def test_patch_speed_solves_the_balance_of_forces(
     assert D * w + gain * force == pytest.approx(demand, rel=1e-9, abs=1e-9)
     # The characteristic is steep near standstill: compare where the slip is well conditioned.
     if speed > 1e-2:
-        assert force == pytest.approx(steady_force(*curve, w / speed), rel=1e-6, abs=1e-6)
+        assert force == pytest.approx(force_at(curve, w / speed)[0], rel=1e-6, abs=1e-6)
 
 
 def test_standing_patch_sticks_up_to_the_peak_and_slides_down_to_the_sliding_force() -> None:

@@ -60,10 +60,10 @@ def test_a_brake_that_fails_lets_its_wheel_roll(forklift: VehicleConfiguration) 
 def test_a_valve_that_cannot_release_brakes_with_the_pedal(
     forklift: VehicleConfiguration,
 ) -> None:
-    told = np.array([float(name != "front_left") for name in forklift.wheels])
+    commanded = np.array([float(name != "front_left") for name in forklift.wheels])
     poses = []
     for configuration, enable in (
-        (in_condition(forklift, "front_left", open_valve=1.0), told),
+        (in_condition(forklift, "front_left", open_valve=1.0), commanded),
         (forklift, np.ones(4)),
     ):
         vehicle = Vehicle(configuration, None, STEP, twist=(SPEED, 0.0, 0.0))

@@ -29,9 +29,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]

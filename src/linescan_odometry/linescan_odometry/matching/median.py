@@ -10,8 +10,9 @@ cancel, and the error falls with m where white noise would fall with sqrt(m).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from omni_platform.kernels import njit
 
 
 @njit(cache=True)

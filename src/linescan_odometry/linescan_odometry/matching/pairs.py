@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
 

@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose fft is loaded by its first use: not where configurations are read
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, njit
 
 # Bound of the error of a single-precision FFT correlation, relative to |x| |y|. Measured errors
 # stay below 4e-7 up to 16384 px; what matters is only that the bound is never exceeded.

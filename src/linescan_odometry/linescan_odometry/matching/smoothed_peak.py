@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
 _SIGMA = 2.0  # px

@@ -26,13 +26,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.mean_variance import Overlaps, effective_places, mean_variance
 from linescan_odometry.matching.smoothed_peak import smoothed_peak
 from linescan_odometry.measurements import Lines
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, njit
 
 FEWEST_PIXELS = 32
 """Smallest overlap of two lines that can be refined [px]."""

@@ -51,13 +51,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose fft is loaded by its first use: not where configurations are read
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
 from omni_platform.aside import aside
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, njit
 
 Cross = NDArray[np.complex128]
 Values = NDArray[np.float64]

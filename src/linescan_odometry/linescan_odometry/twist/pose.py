@@ -1,4 +1,4 @@
-"""Where the vehicle is by its twist alone: the twists of the odometry, added up."""
+"""Dead reckoning: the pose of the vehicle from the twists of the odometry alone."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import math
 
 import numpy as np
 
+from linescan_odometry.measurements import UNMEASURED_VARIANCE
 from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pose:
-    """A place in the plane, in the frame in which the vehicle stood at the first twist.
+    """A pose in the plane, in the frame of the vehicle at the first twist.
 
     Attributes:
         stamp_ns: stamp of the newest twist in it [ns].
         value: x, y [m] and yaw [rad], shape (3,).
-        covariance: in the squares of these units, shape (3, 3); grows with the way.
+        covariance: in the squares of these units, shape (3, 3); grows with the distance.
     """
 
     stamp_ns: int
@@ -26,16 +27,25 @@ class Pose:
 
 
 class PoseIntegrator:
-    """Adds twists up to a pose.
+    """Integrates twists to a pose.
 
     Between two stamps the platform moves on an arc: its twist is that of the newer one, which is
-    the mean over the batch that ends there. A twist that is not measured counts as rest, with the
-    covariance that says so.
+    the mean over the batch that ends there. A twist that is not measured counts as rest. The error
+    of that is at most what the vehicle can do: over a gap of a time t it may have moved by
+    ``v_max t``, so the variance grows by ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:
+        """Start at the origin.
+
+        Args:
+            maximum_speed: of the vehicle [m/s].
+            maximum_yaw_rate: of the vehicle [rad/s].
+        """
         self._pose = Pose(0, np.zeros(3), np.zeros((3, 3)))
         self._started = False
+        self._largest = np.array([maximum_speed, maximum_speed, maximum_yaw_rate]) ** 2
+        self._gap = 0.0  # s, since the last measured twist
 
     def update(self, stamp_ns: int, twist: FloatArray, covariance: FloatArray) -> Pose:
         """Take a twist and return the pose.
@@ -51,6 +61,11 @@ class PoseIntegrator:
             self._started, dt = True, 0.0
         elif dt == 0.0:
             return before
+        if covariance[0, 0] >= UNMEASURED_VARIANCE:
+            covariance = np.diag(self._largest) * (1.0 + 2.0 * self._gap / dt if dt else 0.0)
+            self._gap += dt
+        else:
+            self._gap = 0.0
         step = np.where(np.isfinite(twist), twist, 0.0) * dt
         x, y, yaw = before.value
         # The chord of the arc points half of the turn further, and is that much shorter.

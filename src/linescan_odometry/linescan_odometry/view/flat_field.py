@@ -28,10 +28,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import LineBatchError, Lines
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]

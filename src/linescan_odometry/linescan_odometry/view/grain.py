@@ -16,13 +16,13 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines, SensorReading
 from linescan_odometry.view.sharp import steps
 from linescan_odometry.view.structures import pull
 from linescan_odometry.view.trust import Trust
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 

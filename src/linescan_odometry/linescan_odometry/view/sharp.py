@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import njit
 
 _RANGE = 30000.0  # of 16 bit to either side
 _CLIPPED = 4.0  # standard deviations: single pixels and edges do not rule a line

@@ -13,10 +13,10 @@ interpolated. At rest some grains may be taken for them, which does no harm.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 
 Floats = NDArray[np.float32]

@@ -15,12 +15,12 @@ import math
 
 import numpy as np
 import scipy  # whose fft is loaded by its first use: not where configurations are read
-from numba import njit
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.subpixel import kernel_sigma
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
+from omni_platform.kernels import njit
 
 _PAIRS = 8
 _SMOOTHED = 5  # frequencies

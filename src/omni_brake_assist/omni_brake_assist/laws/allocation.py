@@ -23,7 +23,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
@@ -38,7 +37,7 @@ from omni_brake_assist.laws.wheel_model import (
     turn_on,
 )
 from omni_platform.geometry import PlatformGeometry, cross
-from omni_platform.kernels import kernel, lean
+from omni_platform.kernels import kernel, lean, njit
 from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81
@@ -225,7 +224,7 @@ class _Wheels(NamedTuple):
     known: NDArray[np.bool_]
 
 
-@lean
+@kernel  # it is handed arrays by what it calls, and must free them
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -236,7 +235,7 @@ def step(
     if motion.pedal <= 0.0:
         return NO_HELP
     body = memory.body[0]
-    first = motion.first or motion.dt <= 0.0
+    first = motion.first
     if first:
         _start(law, memory, motion)
     unknown = 0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, sliding_mode
-from omni_brake_assist.laws.law import Motion
+from omni_brake_assist.laws.law import HELD, Motion, is_new
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -59,7 +59,9 @@ def law_constants(
 def step(
     laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Ask the chosen law; arguments as `Law.step`."""
+    """Ask the chosen law unless no time has passed; arguments as `Law.step`."""
+    if not is_new(motion):
+        return HELD
     if laws.kind == ALLOCATION:
         return int(allocation.step(laws.allocation, memory.allocation, motion, error, enable))
     return int(sliding_mode.step(laws.sliding_mode, motion, error, enable))

@@ -1,19 +1,25 @@
 """What every control law is given and what it answers.
 
-A law is asked at every control step with the pedal down and a twist that can be trusted. It says
-for each wheel which share of the brake pressure should pass; the assistant puts all brakes on
+A law is asked once for every new time with the pedal down and a twist that can be trusted; what
+arrives for a time that it has answered changes inputs only, and its answer holds. It says for each
+wheel which share of the brake pressure should pass; the assistant puts all brakes on
 around it wherever that is safer (`assist_step`), so a law needs no fail-safe of its own.
 """
 
 from __future__ import annotations
 
+import sys
+import traceback
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# What a law answers: brakes as it has written them, or all of them because none would help; FAILED
-# is said for one that could not answer.
-ASSIST, NO_HELP, FAILED = range(3)
+# What a law answers: brakes as it has written them, or all of them because none would help. FAILED
+# stands for one that could not answer, HELD for one that was not asked, as no time had passed.
+ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 
 class Motion(NamedTuple):
@@ -21,7 +27,7 @@ class Motion(NamedTuple):
 
     Attributes:
         first: whether it is the first step of a braking, or of a new line of motion.
-        dt: time since the twist of the step before [s], 0 at the first one.
+        dt: time since the twist of the step before [s], 0 at the first one only.
         v_x: ``v_cx`` in the body frame [m/s].
         v_y: ``v_cy`` [m/s].
         yaw_rate: ``Omega`` [rad/s].
@@ -43,6 +49,12 @@ class Motion(NamedTuple):
     wheel_speed: FloatArray
 
 
+@lean
+def is_new(motion: Motion) -> bool:
+    """Return whether time has passed since the last step, or a braking begins."""
+    return bool(motion.first or motion.dt > 0.0)
+
+
 class Law(Protocol):
     """A control law, made of a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
 
@@ -59,14 +71,40 @@ class Law(Protocol):
         """
 
 
+_reported: set[type] = set()  # laws whose first fault has been shown
+
+
 def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tuple[int, str]:
-    """Return the answer of a law from outside, and what went wrong if it failed."""
+    """Return the answer of a law from outside, and what went wrong if it failed.
+
+    The first fault of a law is printed to standard error, with the lines of the law's own file.
+    """
+    if not is_new(motion):
+        return HELD, ""
     try:
         answer = law.step(motion, error, enable)
+        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # false where it is not a number
+            raise ValueError(f"the law returned an enable outside [0, 1]: {enable.tolist()}")
         if answer is None:
             return ASSIST, ""
         if isinstance(answer, bool) or answer not in (ASSIST, NO_HELP):
             raise ValueError(f"the law answered {answer!r}, must be ASSIST or NO_HELP")
         return int(answer), ""
     except Exception as problem:  # a fault of the law must not cost a brake
+        _report(law, problem)
         return FAILED, f"{type(problem).__name__}: {problem}"
+
+
+def _report(law: Law, problem: Exception) -> None:
+    if type(law) in _reported:
+        return
+    _reported.add(type(law))
+    frames = traceback.extract_tb(problem.__traceback__)[1:]  # without `ask`
+    print(
+        f"control law {type(law).__module__}:{type(law).__qualname__} failed, all brakes are on "
+        "(shown once):\n"
+        + "".join(traceback.format_list(frames))
+        + "".join(traceback.format_exception_only(problem)).rstrip(),
+        file=sys.stderr,
+        flush=True,
+    )

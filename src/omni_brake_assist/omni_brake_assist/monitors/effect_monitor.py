@@ -1,20 +1,25 @@
-"""Whether braking has effect: it knows pedal, wheel speeds and acceleration, nothing else.
+"""Monitor of the braking effect: it uses pedal, wheel speeds and acceleration, nothing else.
 
-A vehicle that loses speed at ``a`` where it could lose it at ``c`` comes by ``v (1 - a / c) dt``
-farther than it must. The monitor books that as missed path ``M``, the rest ``v a / c dt`` as braked
-path ``B``, and bounds
+A vehicle that loses speed at ``a`` where it could lose it at ``c`` travels ``v (1 - a / c) dt``
+farther than it must. The monitor adds that to the missed distance ``M``, the rest ``v a / c dt`` to
+the braked distance ``B``, and bounds
 
     M <= creep + allowance v_0 + share B
 
-``v`` is the speed of the fastest rim, for somewhere a wheel rolls in a stop that is assisted; while
-all slide it is taken to fall by `loss`. Nothing is missed while every brake acts. The loss of speed
-is seen twice, and the larger share counts: as the specific force, low-passed, and as what the
-low-passed ``v`` is ahead of ``v``. What the vehicle could do, ``c``, is the best that it has done
-in this stop, with less pedal proportionally less, and at least `floor`. No law, observer or twist
-has a say in it, and an honest law that releases most wheels but stops the vehicle is left alone.
+``v`` is the larger of two speeds: of the fastest rim, as some wheel rolls in an assisted stop, and
+of the integrated specific force, from the speed before the pedal on. A scale error that all
+encoders and the twist share therefore does not shorten the distance; without an IMU it cannot be
+observed, and ``v`` falls by `loss` at most. Nothing is missed while every brake acts. Deceleration
+is measured twice, and the larger share counts: as the low-passed specific force, and as the
+difference of ``v`` and its low-pass. The possible deceleration ``c`` is the largest of this stop,
+in proportion to the pedal, and at least `floor`, which the least friction and the rollers allow.
+
+A twist that jumps by more than tires allow, and rims that stay slower than the integrated specific
+force afterwards, share a fault. A scale error that begins slowly is not told from an accelerometer
+that reads too little, and is bounded by ``M`` alone.
 
 Nor may brakes be released for longer than a stop with a modest deceleration lasts, or for `stall`
-at the end of a stop without much loss of speed: two brakes may hold a vehicle on a course along
+at the end of a stop without much deceleration: two brakes may hold a vehicle on a course along
 which no roller is braked.
 
 Once a bound is exceeded all brakes act until the pedal is released.
@@ -53,6 +58,8 @@ _LEDGER = np.dtype(
         ("force_pedal", "f8"),  # at which pedal [1]
         ("best_loss", "f8"),  # best one that wheels have shown [m/s^2]
         ("loss_pedal", "f8"),  # at which pedal [1]
+        ("jumped", "?"),  # whether the twist has jumped in this stop
+        ("apart", "f8"),  # for how long the rims have contradicted the specific force [s]
         ("stalled", "f8"),  # for how long little has been lost at the end of the stop [s]
     ]
 )
@@ -62,6 +69,7 @@ _END = 0.3  # share of the speed at the start from which on a stop is at its end
 _LITTLE = 0.3  # share of the possible loss of speed that is little [1]
 _FASTEST_RIM = 200.0  # [m/s]
 _LARGEST_FORCE = 100.0  # [m/s^2]
+_LARGEST_LOSS = 12.0  # deceleration that a tire allows [m/s^2]
 
 
 class EffectConstants(NamedTuple):
@@ -73,12 +81,16 @@ class EffectConstants(NamedTuple):
         blind_share: likewise where it is not [1].
         allowance: that may be missed on top of it, in seconds of the speed at the start [s].
         creep: path that may be missed in any case [m].
-        loss: of speed, while no wheel shows it [m/s^2].
-        floor: loss of speed that any vehicle is able of [m/s^2].
+        loss: deceleration while no wheel shows it and the specific force is unknown [m/s^2].
+        bias: error of the specific force [m/s^2].
+        floor: deceleration that friction of 0.3 allows where half of the wheels brake, as on a
+            diagonal course: 0.3 g / 2 [m/s^2].
         force_time: over which the specific force is averaged [s].
         wheel_time: over which the loss of speed is taken from the wheels [s].
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
+        apart_share: by which the fastest rim may be slower than the integrated specific force [1].
+        apart_time: for which it may be slower still after a jump of the twist [s].
         stall: time without much loss of speed at the end of a stop [s].
         empty: ledger, shape (1,).
     """
@@ -89,13 +101,32 @@ class EffectConstants(NamedTuple):
     allowance: float
     creep: float
     loss: float
+    bias: float
     floor: float
     force_time: float
     wheel_time: float
     least: float
     grace: float
+    apart_share: float
+    apart_time: float
     stall: float
     empty: NDArray[np.void]
+
+
+class EffectStep(NamedTuple):
+    """A step of the assistant.
+
+    Attributes:
+        dt: length [s].
+        pedal: the driver's demand, 0 while there is none [1].
+        released: whether a brake was released.
+        jumped: whether the twist has changed by more than tires allow.
+    """
+
+    dt: float
+    pedal: float
+    released: bool
+    jumped: bool
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -103,15 +134,18 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
     return EffectConstants(
         roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
         share=0.25,
-        blind_share=0.85,
+        blind_share=0.5,
         allowance=0.15,
         creep=0.1,
         loss=6.0,
-        floor=1.0,
+        bias=0.5,
+        floor=1.5,
         force_time=0.2,
         wheel_time=0.6,
         least=1.0,
         grace=1.0,
+        apart_share=0.15,
+        apart_time=0.2,
         stall=0.2,
         empty=effect_memory(),
     )
@@ -126,23 +160,20 @@ def effect_memory() -> NDArray[np.void]:
 def watch_effect(
     constants: EffectConstants,
     memory: NDArray[np.void],
-    dt: float,
-    pedal: float,
-    released: bool,
+    step: EffectStep,
     speeds: FloatArray,
     force: FloatArray,
 ) -> bool:
-    """Book the last step and tell whether all brakes must act.
+    """Add the last step; return whether all brakes must act.
 
     Args:
         constants: of the vehicle.
         memory: of `effect_memory`, changed in place.
-        dt: length of the step [s].
-        pedal: the driver's demand in it, 0 while there is none [1].
-        released: whether a brake was released in it.
+        step: what was done in it.
         speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
         force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
+    dt, pedal, released, jumped = step
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
@@ -155,11 +186,17 @@ def watch_effect(
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
-    fallen = ledger.speed - (constants.loss * dt if known else 0.0)
+    felt = abs(force[0]) < _LARGEST_FORCE and abs(force[1]) < _LARGEST_FORCE
+    loss = constants.loss
+    if felt:
+        loss = min(math.hypot(force[0], force[1]) + constants.bias, _LARGEST_LOSS)
+    fallen = ledger.speed - (loss * dt if known else 0.0)
+    ledger.jumped = ledger.jumped or jumped
+    apart = felt and ledger.jumped and top < (1.0 - constants.apart_share) * fallen
+    ledger.apart = ledger.apart + dt if apart else 0.0
     ledger.speed = max(top, fallen, 0.0)
     share = constants.blind_share
     achieved = _share_of_wheels(constants, ledger, dt, pedal, top >= fallen)
-    felt = abs(force[0]) < _LARGEST_FORCE and abs(force[1]) < _LARGEST_FORCE
     if felt:
         achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, force))
         share = constants.share
@@ -170,7 +207,12 @@ def watch_effect(
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
     due = constants.grace + ledger.start / constants.least
-    exceeded = ledger.demanded > due or ledger.stalled > constants.stall or ledger.missed > bound
+    exceeded = (
+        ledger.demanded > due
+        or ledger.stalled > constants.stall
+        or ledger.missed > bound
+        or ledger.apart > constants.apart_time
+    )
     if released and exceeded:
         ledger.tripped = True
     return bool(ledger.tripped)

@@ -1,4 +1,4 @@
-"""The filters of the second opinion: carried on by gyro and accelerometer, corrected by all."""
+"""The filters: prediction by gyro and accelerometer, scalar updates."""
 
 from __future__ import annotations
 
@@ -139,10 +139,7 @@ def of_then(memory: ObserverMemory, k: int, stamp_ns: int, then: FloatArray) -> 
 
 @lean
 def correct_past(memory: ObserverMemory, k: int, since_ns: int, shift: FloatArray) -> None:
-    """Shift what a filter remembers, or the next late twist would correct it once more.
-
-    Between two steps too, of which the earlier one says nothing any more.
-    """
+    """Shift the stored states after a late twist by its correction, or the next one repeats it."""
     later_ns = memory.stamps[memory.newest[0]]
     row = (memory.newest[0] - 1) % HISTORY
     while row != memory.newest[0] and later_ns > since_ns and memory.stamps[row] >= 0:

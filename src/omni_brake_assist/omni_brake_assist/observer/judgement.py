@@ -1,4 +1,4 @@
-"""Who of twist, gyro, accelerometer and wheels is wrong: the verdicts of the second opinion."""
+"""Isolation: which of twist, gyro, accelerometer and wheels is faulty."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from omni_brake_assist.observer.state import (
     ALONE,
     FILTERS,
     HISTORY,
-    LEAP_MEMORY,
     NO_FORCE,
     NO_GYRO,
     NO_TWIST,
     NOBODY,
     RATE,
-    SPOKEN,
     STATES,
     U_X,
     U_Y,
@@ -28,12 +26,11 @@ from omni_brake_assist.observer.wheels import driven_slip
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
+ALONE_GATE = 60.0  # of the squared innovations of the twist against rolling wheels [1]
 _PROOF = 12.0  # by how much the scores of two filters must differ
 _LOSS = 10  # steps over which a loss of speed is looked at
 _AGED = 1.5e7  # age from which on a twist says little of now [ns]
-_STUCK_TIME = 0.03  # for which it may not while braking, if others say that it should [s]
 _FORGIVEN = 0.25  # of a dispute for every second without [1]
-_MOVES = 0.3  # speed from which on a twist must lose some while braking [m/s]
 
 
 @lean
@@ -70,23 +67,11 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
         own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
         speaks = out not in (NO_TWIST, NOBODY) or belief.twist_age == 0.0
         belief.agreed = belief.agreed + dt if own < 0.6 and speaks else 0.0
-        if out in (NO_TWIST, NO_GYRO) and rate > 1.0:
-            right, decided = _explain(constants, memory)
-            if decided and right != out:  # the first verdict was wrong
-                belief.out = right
-                belief.convictions += 1.0
-                return int(right)
         if belief.agreed < constants.parole or belief.convictions >= constants.convictions:
             return int(out)
         belief.out = ALL
         belief.disputed = 0.0
-        _forget_lies(memory, out)
-    odd = _odd_one_out(memory)
-    if odd != ALL:
-        belief.out = odd
-        belief.agreed = 0.0
-        belief.convictions += 1.0
-        return int(odd)
+        _reinitialise(memory, out)
     if velocity < 1.0 and rate < 1.0:
         belief.disputed = max(belief.disputed - _FORGIVEN * dt, 0.0)
         # While the twist changes otherwise than the specific force has it, it is taken as it is.
@@ -105,8 +90,8 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
 
 
 @lean
-def _forget_lies(memory: ObserverMemory, right: int) -> None:
-    """Let the filters that have heard one who was wrong start anew from that which has not."""
+def _reinitialise(memory: ObserverMemory, right: int) -> None:
+    """Start all filters from the one that has excluded the faulty sensor."""
     if right == NOBODY:
         return
     acquit(memory)
@@ -131,35 +116,9 @@ def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
 
 
 @lean
-def _odd_one_out(memory: ObserverMemory) -> int:
-    """Return the filter that alone fits the wheels, ALL if there is none.
-
-    It leaves out who is wrong by too little for a dispute, and pulls every other filter aside. No
-    single wheel may carry the proof: it may be the one that lies.
-    """
-    score, blame = memory.score, memory.blame
-    best = NO_TWIST
-    for k in (NO_GYRO, NO_FORCE):
-        if score[k] < score[best]:
-            best = k
-    if score[SPOKEN] < 4.0 or score[best] > 2.0 * score[SPOKEN]:
-        return ALL
-    for k in range(FILTERS):
-        if k != best:
-            proof = score[k] - 3.0 * score[best]
-            for i in range(blame.shape[0]):
-                proof = min(proof, score[k] - blame[i, k] - 3.0 * (score[best] - blame[i, best]))
-            if proof <= _PROOF:
-                return ALL
-    return best
-
-
-@lean
 def acquit(memory: ObserverMemory) -> None:
     """Forget what wheels have said against the filters."""
     memory.score[:FILTERS] = 0.0
-    memory.score[SPOKEN] = 0.0
-    memory.blame[:] = 0.0
 
 
 @lean
@@ -182,9 +141,7 @@ def _verdict(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
     """Return the filter that is right in a dispute, and whether that is proven."""
-    score, course = memory.score, memory.course[0]
-    if course.leapt < LEAP_MEMORY or course.same > _STUCK_TIME:
-        return NO_TWIST, True
+    score = memory.score
     right, decided = _explain(constants, memory) if about_rate else _who_loses(constants, memory)
     if about_rate and decided:
         return right, True
@@ -224,19 +181,10 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
 
 
 @lean
-def judge_alone(memory: ObserverMemory, dt: float, braking: bool) -> int:
-    """Decide without an IMU: the twist must fit the wheels that roll, and lose speed."""
+def judge_alone(memory: ObserverMemory, braking: bool) -> int:
+    """Decide without an IMU: the twist must fit the wheels that roll."""
     belief = memory.belief[0]
-    row = memory.newest[0]
-    before = memory.past[(row - HISTORY + 2) % HISTORY, ALL]
-    now = memory.state[ALL]
-    lost = math.hypot(before[U_X], before[U_Y]) - math.hypot(now[U_X], now[U_Y])
-    filled = memory.stamps[(row + 1) % HISTORY] >= 0
-    heard = belief.twist_age == 0.0
-    moves = math.hypot(now[U_X], now[U_Y]) > _MOVES
-    idle = braking and heard and filled and moves and lost < 0.05
-    belief.idle = belief.idle + dt if idle else 0.0
-    if braking and (memory.score[ALONE] > 60.0 or belief.idle > 0.2):
+    if braking and memory.score[ALONE] > ALONE_GATE:
         belief.out = NOBODY
         belief.convictions += 1.0
     return NOBODY if belief.out != ALL else ALL
@@ -280,4 +228,4 @@ def _is_settled(memory: ObserverMemory) -> bool:
     """Return whether there is a twist that nobody has reason to doubt but for its velocity."""
     belief, course = memory.belief[0], memory.course[0]
     known = belief.out == ALL and course.marked != 0.0
-    return bool(known and course.leapt >= LEAP_MEMORY and belief.apart_rate < 1.0)
+    return bool(known and belief.apart_rate < 1.0)

@@ -1,4 +1,4 @@
-"""A step of the second opinion: hear everybody, judge, answer with the twist of now."""
+"""A step of the observer: predict, update by all sources, isolate, estimate the twist of now."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from omni_brake_assist.observer.state import (
     NOBODY,
     PATH,
     RATE,
-    SPOKEN,
     U_X,
     U_Y,
     Brakes,
@@ -33,7 +32,7 @@ from omni_brake_assist.observer.state import (
     begin,
     copy,
 )
-from omni_brake_assist.observer.twist import hear_twist, notice_stuck, tell_apart
+from omni_brake_assist.observer.twist import hear_twist, tell_apart
 from omni_brake_assist.observer.wheels import hear_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -108,9 +107,7 @@ def observe_at(
         PassedTwist(fresh, twist_ns, ahead, variance),
     )  # fmt: skip
     belief.twist_age = 0.0 if heard else belief.twist_age + dt
-    memory.course[0].leapt += dt
     if fresh:
-        notice_stuck(constants, memory, braking, PassedTwist(True, twist_ns, told, variance))
         belief.twist_ns = twist_ns
         hear_twist(constants, memory, twist_ns, told, variance)
     remember(memory)  # as it is known now
@@ -118,7 +115,7 @@ def observe_at(
         compared_ns = twist_ns if fresh else now_ns
         belief.apart_velocity, belief.apart_rate = differences(constants, memory, compared_ns)
     if belief.inertial == 0.0:
-        return int(judge_alone(memory, dt, braking))
+        return int(judge_alone(memory, braking))
     if not braking:
         excuse_wheels(constants, memory, inertial)
     return int(_answer(constants, memory, judge(constants, memory, dt), answer))
@@ -148,11 +145,7 @@ def _answer(
     """Write the answer of a filter; return NOBODY where it is not good enough."""
     if chosen == NOBODY:
         return NOBODY
-    state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
-    alone = chosen != ALL or memory.belief[0].twist_age > _LOST
-    if alone and score[SPOKEN] > 4.0 and score[chosen] > 8.0 * score[SPOKEN]:
-        memory.belief[0].out = NOBODY  # the wheels contradict the one that is left
-        return NOBODY
+    state, covariance = memory.state[chosen], memory.covariance[chosen]
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

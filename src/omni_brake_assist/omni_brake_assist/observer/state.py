@@ -18,10 +18,9 @@ IntArray = NDArray[np.int64]
 Record = Any
 """One entry of a structured array, by reference."""
 
-# Entries of the scores behind those of the filters: the twist against the wheels by itself, how
-# many wheels have spoken lately.
-ALONE, SPOKEN = 4, 5
-SCORES = 6
+# Entry of the scores behind those of the filters: the twist against the wheels by itself.
+ALONE = 4
+SCORES = 5
 
 # The filters, by who is left out.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
@@ -62,7 +61,6 @@ BELIEF = np.dtype(
         ("twist_ns", np.float64),  # time of the newest twist used [ns]
         ("pressed", np.float64),  # whether the pedal was down
         ("braked", np.float64),  # for how long it has been down [s]
-        ("idle", np.float64),  # for how long the twist has lost no speed [s]
         ("top_speed", np.float64),  # speed when the pedal went down [m/s]
         ("scale", np.float64),  # error of wheel radii, learnt while the pedal was up [1]
         ("apart_velocity", np.float64),  # how far velocities were apart, see `differences` [1]
@@ -92,11 +90,6 @@ COURSE = np.dtype(
         ("apart", np.float64),  # how far yaw rates of twist and gyro differ, pedal up [rad/s]
         ("apart_spread", np.float64),  # variance of that [rad^2/s^2]
         ("offset", np.float64),  # how much of it is the twist's [rad/s]
-        ("mark_spread", np.float64),  # variance of the earlier twist [m^2/s^2]
-        ("leapt", np.float64),  # time since one leapt [s]
-        ("same_x", np.float64),  # velocity of the newest twist [m/s]
-        ("same_y", np.float64),  # likewise
-        ("same", np.float64),  # for how long braking has not changed it [s]
     ]
 )
 """What the twist has done, and what explains it."""
@@ -104,7 +97,6 @@ COURSE = np.dtype(
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
 LARGEST_BIAS = 0.01  # of a gyro that has been calibrated at rest [rad/s]
-LEAP_MEMORY = 0.3  # for how long a leap counts [s]
 _APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/s]
 
 
@@ -267,9 +259,8 @@ class ObserverMemory(NamedTuple):
             up: a driven wheel that slips [m/s], shape (N,).
         off: by how much each has lately been faster than the twist says, pedal up [m/s],
             shape (N,).
-        doubt: how often each has contradicted everybody lately [1], shape (N,).
-        score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
-        blame: how much of the scores of the filters each wheel has caused [1], shape (N, 4).
+        score: how badly wheels fit the filters, see the head of the module [1], shape (5,).
+        wheel_ratio: test ratio of each wheel, NaN while it is not used [1], shape (N,).
         course: what explains the change of the twist, `COURSE`, shape (1,).
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
@@ -289,9 +280,8 @@ class ObserverMemory(NamedTuple):
     gain: FloatArray
     slid: FloatArray
     off: FloatArray
-    doubt: FloatArray
     score: FloatArray
-    blame: FloatArray
+    wheel_ratio: FloatArray
     course: NDArray[np.void]
     past: FloatArray
     stamps: IntArray
@@ -370,9 +360,8 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.zeros(wheels),
         np.zeros(wheels),
         np.zeros(wheels),
-        np.zeros(wheels),
         np.zeros(SCORES),
-        np.zeros((wheels, FILTERS)),
+        np.full(wheels, np.nan),
         np.zeros(1, COURSE),
         np.zeros((HISTORY, FILTERS + 1, STATES)),
         np.full(HISTORY, -1, np.int64),
@@ -400,13 +389,10 @@ def begin(
     memory.rim[:] = math.nan
     memory.gain[:] = 0.0
     memory.slid[:] = memory.off[:] = 0.0
-    memory.doubt[:] = 0.0
     memory.stamps[:] = -1
     memory.score[:] = 0.0
-    memory.blame[:] = 0.0
     memory.course[0] = constants.no_course[0]
     memory.course[0].apart_spread = _APART**2
-    memory.course[0].leapt = LEAP_MEMORY
     memory.belief[0] = constants.no_belief[0]
     belief = memory.belief[0]
     belief.begun = 1.0

@@ -1,4 +1,4 @@
-"""What a twist tells the second opinion, late as it may be, and whether it leaps or is stuck."""
+"""Update of the filters by the twist, compared with the state at its own stamp."""
 
 from __future__ import annotations
 
@@ -19,21 +19,15 @@ from omni_brake_assist.observer.state import (
     PATH,
     RATE,
     STATES,
-    U_X,
-    U_Y,
     ObserverConstants,
     ObserverMemory,
-    PassedTwist,
-    Record,
     copy,
 )
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _APART_WALK = 0.001  # how much that changes from one twist to the next [rad/s]
-_LEAP_DEVIATIONS = 5.0  # of two twists, which noise alone does not exceed [1]
-_RETURN_SPEED, _RETURN_SHARE, _RETURN_RATE = 0.3, 0.15, 0.5  # [m/s], [1], [rad/s]
-_STUCK = 1e-4  # change from twist to twist, below which it does not change [m/s], [rad/s]
+_NEWS_GATE = 5.0  # standard deviations beyond which a reading is no calibration error [1]
 
 
 @lean
@@ -101,7 +95,6 @@ def _follow_twist(
         change_y = y - course.mark_y - (path[GAIN_Y] - course.mark_gain_y)
         own = 0.5 * (twist[2] + course.mark_rate) * dt
         turn = path[HEADING] - course.mark_heading - own
-        _notice_leap(constants, course, variance, dt, (x, y, turn))
         course.change_x = keep * course.change_x + change_x
         course.change_y = keep * course.change_y + change_y
         course.turn_x = keep * course.turn_x - turn * 0.5 * (y + course.mark_y)
@@ -111,65 +104,10 @@ def _follow_twist(
     else:
         course.change_x = course.change_y = course.turn_x = course.turn_y = 0.0
         course.spread = 2.0 * max(variance[0], variance[1]) + constants.wheel**2
-        if course.marked != 0.0:
-            _notice_return(memory, stamp_ns, (u_x, u_y, twist[2]))
     course.marked, course.mark_x, course.mark_y = 1.0, x, y
-    course.mark_spread = max(variance[0], variance[1])
     course.mark_rate, course.mark_ns = twist[2], stamp_ns
     course.mark_heading = path[HEADING]
     course.mark_gain_x, course.mark_gain_y = path[GAIN_X], path[GAIN_Y]
-
-
-@lean
-def _notice_leap(
-    constants: ObserverConstants,
-    course: Record,
-    variance: FloatArray,
-    dt: float,
-    moved: tuple[float, float, float],
-) -> None:
-    """See whether the twist has changed by more than tires and its own noise can, with any rate."""
-    x, y, turn = moved
-    change_x, change_y = x - course.mark_x, y - course.mark_y
-    change = min(
-        math.hypot(change_x, change_y), math.hypot(change_x + turn * y, change_y - turn * x)
-    )
-    spread = max(variance[0], variance[1]) + course.mark_spread + 2.0 * constants.wheel**2
-    if change > constants.walk * dt + _LEAP_DEVIATIONS * math.sqrt(spread):
-        course.leapt = 0.0
-
-
-@lean
-def _notice_return(
-    memory: ObserverMemory, stamp_ns: int, returned: tuple[float, float, float]
-) -> None:
-    """See whether a twist that was gone comes back as one that the others cannot have missed.
-
-    They know the motion less well for the while: driven wheels that slip in a turn by some of it.
-    """
-    course, then = memory.course[0], memory.desk.innovation
-    of_then(memory, ALL, stamp_ns, then)
-    u_x, u_y, rate = returned
-    apart = math.hypot(u_x - then[U_X], u_y - then[U_Y])
-    limit = _RETURN_SPEED + _RETURN_SHARE * math.hypot(then[U_X], then[U_Y])
-    if apart > limit or abs(rate - then[RATE]) > _RETURN_RATE:
-        course.leapt = 0.0
-
-
-@lean
-def notice_stuck(
-    constants: ObserverConstants, memory: ObserverMemory, braking: bool, twist: PassedTwist
-) -> None:
-    """Book for how long braking has not changed the twist, once brakes have had time to act."""
-    course, value = memory.course[0], twist.value
-    changed = abs(value[0] - course.same_x) > _STUCK or abs(value[1] - course.same_y) > _STUCK
-    changed = changed or abs(value[2] - course.mark_rate) > _STUCK
-    course.same_x, course.same_y = value[0], value[1]
-    course.same += (twist.stamp_ns - memory.belief[0].twist_ns) * 1e-9
-    if not braking:
-        course.same = -constants.spin_up
-    elif changed:
-        course.same = min(course.same, 0.0)
 
 
 @lean
@@ -187,7 +125,7 @@ def tell_apart(
     spread = course.apart_spread + _APART_WALK**2
     total = spread + variance + constants.gyro**2
     gain, news = spread / total, rate - gyro - course.apart
-    if abs(news) > _LEAP_DEVIATIONS * math.sqrt(total):
+    if abs(news) > _NEWS_GATE * math.sqrt(total):
         return  # no error of calibration begins at once: one of the two lies
     course.apart += gain * news
     course.apart_spread = (1.0 - gain) * spread

@@ -1,4 +1,4 @@
-"""What the wheels that roll tell the second opinion: one component of the motion each."""
+"""Update of the filters by the wheels that roll: one component of the motion each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from omni_brake_assist.observer.state import (
     NO_TWIST,
     PATH,
     RATE,
-    SPOKEN,
     U_X,
     U_Y,
     Brakes,
@@ -30,30 +29,16 @@ from omni_brake_assist.observer.state import (
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
+_GATE = 12.0  # of a squared normalised innovation: chi-square, 1 degree of freedom, 99.95 % [1]
 _FADE = 0.96  # of evidence, per step
 _LARGEST_SCALE = 0.03  # error of wheel radii that is learnt [1]
 _FASTEST_RIM = 200.0  # [m/s]
-_DOUBTED = 4.0  # contradictions from which on a wheel is not heard
 _GAIN_FADE = 0.7  # of what a rim has gained, per step
 _LARGEST_GAIN = 0.2  # of a rim in a step that counts [m/s]
 _SLID_MEMORY = 1.0  # for how long what a driven wheel has slid counts [s]
 _OFF_SHARE = 0.1  # of a new twist in how far a rim is off
 # Slip of driven wheels by acceleration [s^2/m], [s^4/m^2]; all readings of the last steps share it.
 _SLIP, _SLIP_GROWTH, _SLIP_SHARED = 0.01, 0.002, 40.0
-
-
-@lean
-def _fade(memory: ObserverMemory) -> int:
-    """Let what wheels have said count for less; return how many contradict everybody."""
-    strangers = 0
-    for i in range(memory.doubt.size):
-        strangers += memory.doubt[i] >= _DOUBTED
-        for k in range(FILTERS):
-            memory.blame[i, k] *= _FADE
-    for k in range(FILTERS):
-        memory.score[k] *= _FADE
-    memory.score[SPOKEN] *= _FADE
-    return strangers
 
 
 class _RollingWheel(NamedTuple):
@@ -79,8 +64,9 @@ def hear_wheels(
     speeds = sensed.speeds
     h, innovations, spreads = memory.desk.h, memory.desk.innovation, memory.desk.spread
     h[:] = 0.0
-    # One may be wrong; if several contradict everybody, they are not.
-    several = _fade(memory) > 1
+    memory.wheel_ratio[:] = math.nan
+    for k in range(FILTERS):
+        memory.score[k] *= _FADE
     slip = 0.0 if braking else _SLIP_SHARED * driven_slip(memory, sensed.inertial) ** 2
     _notice_slides(constants, memory, dt, braking, sensed, twist)
     inertial = memory.belief[0].inertial != 0.0  # without, wheels are all that contradicts a twist
@@ -110,29 +96,20 @@ def hear_wheels(
             own += (constants.rebound * fresh) ** 2
             blind += (constants.blind_rebound * fresh) ** 2
         fits = True
-        trusted = several or memory.doubt[i] < _DOUBTED
         for k in range(FILTERS):
             state = memory.state[k]
             predicted = h[0] * state[0] + h[1] * state[1] + h[2] * state[2]
             innovations[k] = rim - predicted
             spreads[k] = spread(memory.covariance[k], h) + own
             misfit = innovations[k] ** 2 / spreads[k]
-            fits = fits and misfit <= 12.0
-            if trusted:
-                wrong = min(innovations[k] ** 2 / own, 25.0)
-                memory.score[k] += wrong
-                memory.blame[i, k] += wrong
-        if not disputed:
-            strange = innovations[ALL] ** 2 > 9.0 * own
-            memory.doubt[i] = 0.9 * memory.doubt[i] + (1.0 if strange else 0.0)
-        if not trusted:
-            continue
-        memory.score[SPOKEN] += 1.0
+            fits = fits and misfit <= _GATE
+            memory.score[k] += min(innovations[k] ** 2 / own, 25.0)
+        memory.wheel_ratio[i] = innovations[ALL] ** 2 / (_GATE * spreads[ALL])
         if twist.heard:
             _compare_twist(constants, memory, braking, _RollingWheel(h, rim, blind), twist)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
-            if fits or (disputed and misfit <= 12.0):
+            if fits or (disputed and misfit <= _GATE):
                 filtered = Filter(memory.state[k], memory.covariance[k])
                 correct(filtered, h, innovations[k], own, memory.desk.gain)
 

@@ -1,13 +1,14 @@
 """The commands of the command line, one module each.
 
-A command is a module of this package. The first line of its docstring says what it does, behind
-the command itself; the second paragraph, if there is one, introduces its help. It has its options
-as a `Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns the
-exit code and may raise `ConfigurationError` to refuse. It imports what it needs when it runs, so
-that help and a mistyped option are answered at once.
+A command is a module of this package. The first line of its docstring names the command and what
+it does; the second paragraph, if there is one, introduces its help. It has its options
+as a `Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
+`Report`. It raises `InputError` to refuse before anything starts, and `WorkError` or `OSError`
+where work that was begun fails. It imports what it needs when it runs, so that help and a mistyped
+option are answered at once.
 
-One that may take long and cannot tell its share says in ``WORK`` what it is at; a line of it goes
-to standard error every few seconds.
+One that may take long without reporting progress names its work in ``WORK``; a line with the time
+elapsed goes to standard error every few seconds.
 
 A module with a ``PACKAGE`` has commands of its own: the modules of that package, each made a
 command by ``command(name)`` of the module where it has one.
@@ -15,17 +16,16 @@ command by ``command(name)`` of the module where it has one.
 
 from __future__ import annotations
 
-import ast
 import functools
 import importlib
-import importlib.util
 import keyword
-import pkgutil
 import re
-from pathlib import Path
 from typing import Any, Protocol
 
+from omni_bringup.command_report import Report
+from omni_bringup.workspace import Workspace
 from omni_platform.configuration import Configuration
+from omni_platform.plugins import described_modules
 
 PACKAGE = __name__
 
@@ -36,8 +36,8 @@ class Command(Protocol):
     __doc__: str
     Options: type[Configuration]
 
-    def run(self, options: Any, workspace: Path) -> int:
-        """Do what the options say and return the exit code; `workspace` holds `config`."""
+    def run(self, options: Any, workspace: Workspace) -> Report:
+        """Do what the options ask for."""
 
 
 @functools.cache
@@ -47,16 +47,10 @@ def commands_of(package: str) -> dict[str, str]:
     Args:
         package: dotted name; modules that begin with ``_`` are no commands.
     """
-    found = {}
-    spec = importlib.util.find_spec(package)
-    for folder in (spec.submodule_search_locations or ()) if spec else ():
-        for module in pkgutil.iter_modules([folder]):
-            if not module.name.startswith("_"):
-                file = f"{module.name}/__init__.py" if module.ispkg else f"{module.name}.py"
-                source = Path(folder, file).read_text("utf-8")
-                words = ast.get_docstring(ast.parse(source)) or ""
-                found[_command_name(package, module.name)] = first_line(words)
-    return dict(sorted(found.items()))
+    return {
+        _command_name(package, name): first_line(words)
+        for name, (_, words) in described_modules(package).items()
+    }
 
 
 def load_command(group: Any, name: str) -> Any:
@@ -78,5 +72,5 @@ def _command_name(package: str, module: str) -> str:
 
 
 def first_line(words: str) -> str:
-    """Return what a docstring says in its first line, without the command itself."""
+    """Return the first line of a docstring without the command itself."""
     return re.sub(r"^``[^`]*``: ", "", words.strip().split("\n")[0]).rstrip(".")

@@ -7,21 +7,20 @@ picture of the residuals and the YAML of the cameras.
 
 from __future__ import annotations
 
-import json
 import math
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, write_text
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.sensors import velocity_row
 
 if TYPE_CHECKING:
-    from omni_analysis.line_files.calibration import Calibration
+    from omni_tools.line_files.calibration import Calibration
 
 WORK = "matching lines and fitting"
 
@@ -49,60 +48,46 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Calibrate the cameras and return the exit code."""
-    from omni_analysis.figures.style import save_figure
-    from omni_analysis.line_files.calibration import calibrate, draw_residuals, observe
-    from omni_analysis.loop.experiment import ExperimentLibrary
+def run(options: Options, workspace: Workspace) -> Report:
+    """Calibrate the cameras, write them and draw the residuals."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import replay_configuration
     from omni_bringup.replay.reference import read_reference
-    from omni_recording.error import BagError
+    from omni_figures.style import save_figure
     from omni_recording.folder import open_vehicle
+    from omni_tools.line_files.calibration import calibrate, draw_residuals, observe
 
-    library = ExperimentLibrary(workspace / "config")
-    folder = options.out or workspace / "results" / "calibrate-sensors"
+    library = workspace.library()
     seen: dict[str, list[Any]] = {}
-    told: Mapping[str, Any] = {}
+    nominal: Mapping[str, Any] = {}
     kinds = set()
-    try:
-        for path in options.drives:
-            bag = open_vehicle(path)
-            configuration = replay_configuration(bag, library, None, ())
-            sensors = configuration.odometry.sensors
-            if told and sensors != told:
-                raise ConfigurationError(
-                    "DRIVE", f"{path} was recorded with other line cameras than the one before"
-                )
-            told = sensors
-            time, twist, kind = read_reference(bag, configuration, options.reference)
-            kinds.add(kind)
-            for name, batches in read_batches(bag, sensors).items():
-                drive = observe(sensors[name], batches, time, twist, configuration.odometry)
-                seen.setdefault(name, []).append(drive)
-        found = {name: calibrate(told[name], drives) for name, drives in seen.items()}
-    except BagError as error:
-        print(f"omni calibrate-sensors: {error}", file=sys.stderr)
-        return EXIT_REFUSED
+    for path in options.drives:
+        bag = open_vehicle(path)
+        configuration = replay_configuration(bag, library, None, ())
+        sensors = configuration.odometry.sensors
+        if nominal and sensors != nominal:
+            raise ConfigurationError(
+                "DRIVE", f"{path} was recorded with other line cameras than the one before"
+            )
+        nominal = sensors
+        time, twist, kind = read_reference(bag, configuration, options.reference)
+        kinds.add(kind)
+        for name, batches in read_batches(bag, sensors).items():
+            drive = observe(sensors[name], batches, time, twist, configuration.odometry)
+            seen.setdefault(name, []).append(drive)
+    found = {name: calibrate(nominal[name], drives) for name, drives in seen.items()}
     title = f"Residuals of {len(options.drives)} drive(s) against {' and '.join(sorted(kinds))}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file = folder / "sensors.yaml"
-        file.write_text(_yaml(found), encoding="utf-8")
-        picture = save_figure(draw_residuals(found, title), folder / "residuals.png")
-    except OSError as error:
-        print(f"omni calibrate-sensors: cannot write {folder}: {error.strerror}", file=sys.stderr)
-        return EXIT_FAILED
-    if options.json:
-        document = {
-            "name": "calibrate-sensors",
-            "metrics": _metrics(found),
-            "files": [str(file), str(picture)],
-        }
-        print(json.dumps(document, indent=2, allow_nan=False))
-    else:
-        _print(found, (file, picture))
-    return EXIT_OK
+    folder = workspace.results(options.out, "calibrate-sensors")
+    file = write_text(folder / "sensors.yaml", _yaml(found))
+    picture = save_figure(draw_residuals(found, title), folder.resolve() / "residuals.png")
+    return Report(
+        name="calibrate-sensors",
+        metrics=_metrics(found),
+        details={"files": [str(file), str(picture)]},
+        text=_text(found),
+        files=(file, picture),
+        hints=(f"use it: ./omni run --set sensors={file}, or as odometry.sensors of your vehicle",),
+    )
 
 
 def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
@@ -132,22 +117,22 @@ def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
 
 
 def _yaml(found: Mapping[str, Calibration]) -> str:
-    import yaml
-
+    from omni_loop.commented_yaml import commented_yaml
     from omni_platform.configuration import to_mapping
 
-    lines = ["# Line cameras as drives of known motion show them; standard errors:"]
+    lines = ["Line cameras as drives of known motion show them; standard errors:"]
     for name, one in found.items():
         error = one.error
         lines.append(
-            f"#   {name}: pitch {100.0 * error['pitch'] / one.sensor.pixel_pitch:.2g} %, "
+            f"  {name}: pitch {100.0 * error['pitch'] / one.sensor.pixel_pitch:.2g} %, "
             f"axis {math.degrees(error['heading']):.2g} deg, across it {1e3 * error['lever']:.2g} "
             f"mm, line rate {error['line_rate']:.2g}/s"
         )
         if one.unseen:
-            lines.append(f"#     the drives hardly show {', '.join(one.unseen)}: as told")
+            words = ", ".join(one.unseen)
+            lines.append(f"    the drives hardly excite {words}: nominal values")
         if one.mirrored:
-            lines.append("#     its lines run against the axis that was told")
+            lines.append("    its lines run against the nominal axis")
     tree = {
         name: {
             key: round(value, 7) if isinstance(value, float) else value
@@ -155,41 +140,35 @@ def _yaml(found: Mapping[str, Calibration]) -> str:
         }
         for name, one in found.items()
     }
-    return "\n".join(lines) + "\n" + yaml.safe_dump(tree, sort_keys=False)
+    return commented_yaml(tree, "\n".join(lines))
 
 
-def _print(found: Mapping[str, Calibration], files: tuple[Path, Path]) -> None:
-    from rich.console import Console
+def _text(found: Mapping[str, Calibration]) -> Iterator[Any]:
     from rich.table import Table
 
-    console = Console()
-    table = Table("camera", "quantity", "unit", "told", "found", "standard error", pad_edge=False)
+    table = Table(
+        "camera", "quantity", "unit", "nominal", "found", "standard error", pad_edge=False
+    )
     for name, one in found.items():
-        told, sensor, error = one.told, one.sensor, one.error
+        nominal, sensor, error = one.nominal, one.sensor, one.error
         side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
         rows = (
-            ("length", "mm", 1e3 * told.length, 1e3 * sensor.length,
+            ("length", "mm", 1e3 * nominal.length, 1e3 * sensor.length,
              1e3 * error["pitch"] * sensor.pixels),
-            ("heading", "deg", told.heading_deg, sensor.heading_deg,
+            ("heading", "deg", nominal.heading_deg, sensor.heading_deg,
              math.degrees(error["heading"])),
-            ("x", "mm", 1e3 * told.x, 1e3 * sensor.x, 1e3 * error["lever"] * side),
-            ("y", "mm", 1e3 * told.y, 1e3 * sensor.y, 1e3 * error["lever"] * ahead),
-            ("line rate", "1/s", told.line_rate, sensor.line_rate, error["line_rate"]),
+            ("x", "mm", 1e3 * nominal.x, 1e3 * sensor.x, 1e3 * error["lever"] * side),
+            ("y", "mm", 1e3 * nominal.y, 1e3 * sensor.y, 1e3 * error["lever"] * ahead),
+            ("line rate", "1/s", nominal.line_rate, sensor.line_rate, error["line_rate"]),
         )  # fmt: skip
         for i, (quantity, unit, before, after, uncertain) in enumerate(rows):
             table.add_row(
                 name if i == 0 else "", quantity, unit, f"{before:.6g}", f"{after:.6g}",
                 f"{uncertain:.2g}",
             )  # fmt: skip
-    console.print(table)
+    yield table
     for name, one in found.items():
         if one.unseen:
-            console.print(f"{name}: the drives hardly show {', '.join(one.unseen)}; as told there")
+            yield f"{name}: the drives hardly excite {', '.join(one.unseen)}; nominal values kept"
         if one.mirrored:
-            console.print(f"{name}: its lines run against the axis that was told (mirrored)")
-    for path in files:
-        console.print(f"wrote {path}", soft_wrap=True, highlight=False)
-    console.print(
-        f"use it: ./omni run --set sensors={files[0]}, or as odometry.sensors of your vehicle",
-        soft_wrap=True, highlight=False,
-    )  # fmt: skip
+            yield f"{name}: its lines run against the nominal axis (mirrored)"

@@ -6,16 +6,18 @@ error and drift (ATE, and RPE over 1 m).
 
 from __future__ import annotations
 
-import json
-import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, printable
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration
 
 WORK = "measuring the recordings"
+
+_SHOWN = 3  # values of a part that are named
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,36 +33,40 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Print the table and return the exit code."""
-    from rich.console import Console
+def run(options: Options, _workspace: Workspace) -> Report:
+    """Measure the recordings and lay the results side by side."""
+    from omni_figures.comparison_table import comparison_table
+    from omni_figures.data_table import write_table
+    from omni_loop.metrics import results_document
+    from omni_tools.report.recording import compared_runs, differing_values, run_names
 
-    from omni_analysis.figures.comparison_table import comparison_table
-    from omni_analysis.figures.data_table import write_table
-    from omni_analysis.loop.metrics import results_document
-    from omni_analysis.report.recording import compared_runs, run_names
-    from omni_bringup.commands.bag import printable
-    from omni_recording.error import BagError
+    columns = {
+        printable(name): metrics
+        for path, base in zip(options.bags, run_names(options.bags), strict=True)
+        for name, metrics in compared_runs(path, base).items()
+    }
+    if options.csv is not None:
+        quantities = list(dict.fromkeys(key for one in columns.values() for key in one))
+        rows = [
+            [name, *(one[key].value if key in one else "" for key in quantities)]
+            for name, one in columns.items()
+        ]
+        write_table(options.csv, ["stop", *quantities], rows)
+    differences = differing_values(options.bags)
+    return Report(
+        **results_document("compare", columns),
+        details={"differences": differences},
+        text=(comparison_table(columns), *_in_words(differences)),
+    )
 
-    try:
-        names = run_names(options.bags)
-        columns = {
-            printable(name): metrics
-            for path, base in zip(options.bags, names, strict=True)
-            for name, metrics in compared_runs(path, base).items()
-        }
-        if options.csv is not None:
-            quantities = list(dict.fromkeys(key for one in columns.values() for key in one))
-            rows = [
-                [name, *(one[key].value if key in one else "" for key in quantities)]
-                for name, one in columns.items()
-            ]
-            write_table(options.csv, ["stop", *quantities], rows)
-    except (BagError, ValueError, OSError) as error:
-        print(f"omni compare: {printable(str(error))}", file=sys.stderr)
-        return EXIT_REFUSED
-    if options.json:
-        print(json.dumps(results_document("compare", columns), indent=2, allow_nan=False))
-    else:
-        Console().print(comparison_table(columns))
-    return EXIT_OK
+
+def _in_words(differences: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yield a line for each part of the configuration that is not the same in all recordings."""
+    parts: dict[str, list[str]] = {}
+    for key, values in differences.items():
+        part, _, name = key.partition(".")
+        shown = " | ".join(value or "none" for value in values)
+        parts.setdefault(part, []).append(f"{name} {shown}".strip())
+    for part, words in parts.items():
+        more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+        yield printable(f"{part} differs: {', '.join(words[:_SHOWN])}{more}")

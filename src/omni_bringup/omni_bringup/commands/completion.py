@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from omni_bringup import commands
+from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, names_of
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import flags_of
 from omni_platform.configuration import Configuration
 
@@ -40,16 +40,16 @@ class Options(Configuration):
     """Options of ``omni completion``: none."""
 
 
-def run(_options: Options, workspace: Path) -> int:
-    """Print the script and return the exit code."""
-    names = {kind: sorted(names_of(kind, workspace)) for kind in EVERY}
+def run(_options: Options, workspace: Workspace) -> Report:
+    """Return the script."""
+    names = {kind: sorted(names_of(kind, workspace.folder)) for kind in EVERY}
     cases = list(_cases(commands, "", names))
     values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]
     # The longest first, as "study" is the beginning of "study table2".
     cases.sort(key=lambda case: -len(case[0]))
     lines = [f'    "{path}"{"*" if path else ""}) choices="{words}" ;;' for path, words in cases]
-    print(_SCRIPT.format(cases="\n".join(lines), values="\n".join(values)), end="")
-    return EXIT_OK
+    script = _SCRIPT.format(cases="\n".join(lines), values="\n".join(values))
+    return Report(name="completion", text=script.splitlines())
 
 
 def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:

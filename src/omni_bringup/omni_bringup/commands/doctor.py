@@ -1,4 +1,4 @@
-"""``./omni doctor``: check what is installed, which ROS it is, and whether its nodes can talk.
+"""``./omni doctor``: check the installation, and whether ROS nodes can communicate.
 
 Check the parts that everything else needs, one line each, with a remedy for what fails. Exit code 1
 if anything does.
@@ -16,8 +16,11 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
+from omni_bringup.command_report import Report
+from omni_bringup.workspace import Workspace
+from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
 
 _NEEDED = 0.2e9  # [B] of disk space for a run with its recordings
@@ -28,15 +31,17 @@ WORK = "checking"
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """Options of ``omni doctor``: none."""
+    """Options of ``omni doctor``."""
+
+    json: bool = json_option()
 
 
 class TroubleError(Exception):
     """What is wrong and what to do about it."""
 
 
-def run(_options: Options, workspace: Path) -> int:
-    """Print the state of every part and return the exit code."""
+def run(_options: Options, workspace: Workspace) -> Report:
+    """Check every part."""
     checks: dict[str, Callable[[Path], str]] = {
         "Python": _python,
         "packages": _packages,
@@ -47,14 +52,21 @@ def run(_options: Options, workspace: Path) -> int:
         "disk": _disk,
         "browser": _browser,
     }
-    failed = False
+    found: dict[str, dict[str, Any]] = {}
     for name, check in checks.items():
         try:
-            print(f"ok      {name}: {check(workspace)}", flush=True)
+            found[name] = {"ok": True, "words": check(workspace.folder)}
         except TroubleError as trouble:
-            failed = True
-            print(f"wrong   {name}: {trouble}", flush=True)
-    return EXIT_FAILED if failed else EXIT_OK
+            found[name] = {"ok": False, "words": str(trouble)}
+    return Report(
+        name="doctor",
+        details={"checks": found},
+        text=(
+            f"{'ok' if one['ok'] else 'wrong':<7} {name}: {one['words']}"
+            for name, one in found.items()
+        ),
+        ok=all(one["ok"] for one in found.values()),
+    )
 
 
 def _python(_: Path) -> str:
@@ -89,14 +101,14 @@ import sys, rclpy
 from std_msgs.msg import String
 rclpy.init()
 node = rclpy.create_node("doctor_" + sys.argv[1])
-heard = []
-node.create_subscription(String, "doctor_" + sys.argv[2], heard.append, 1)
-voice = node.create_publisher(String, "doctor_" + sys.argv[1], 1)
+received = []
+node.create_subscription(String, "doctor_" + sys.argv[2], received.append, 1)
+publisher = node.create_publisher(String, "doctor_" + sys.argv[1], 1)
 spare = 20
 while rclpy.ok() and spare:
-    voice.publish(String())
+    publisher.publish(String())
     rclpy.spin_once(node, timeout_sec=0.05)
-    spare -= bool(heard)
+    spare -= bool(received)
 """
 
 
@@ -127,11 +139,11 @@ def _dds(_: Path) -> str:
         raise TroubleError(str(error)) from None
     if any(codes):
         raise TroubleError(
-            "two nodes on this machine do not hear each other; is UDP on the loopback device, or "
-            "/dev/shm, forbidden? unset ROS_DOMAIN_ID, RMW_IMPLEMENTATION and "
+            "two nodes on this machine do not receive each other's messages; is UDP on the "
+            "loopback device, or /dev/shm, forbidden? unset ROS_DOMAIN_ID, RMW_IMPLEMENTATION and "
             "FASTRTPS_DEFAULT_PROFILES_FILE and try again"
         )
-    return f"two nodes in domain {domain} hear each other"
+    return f"two nodes in domain {domain} exchange messages"
 
 
 def _kernels(_: Path) -> str:
@@ -143,7 +155,7 @@ def _kernels(_: Path) -> str:
 
 
 def _configuration(workspace: Path) -> str:
-    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_loop.experiment import ExperimentLibrary
     from omni_platform.configuration import ConfigurationError
 
     library = ExperimentLibrary(workspace / "config")

@@ -7,6 +7,7 @@ Ctrl-C ends it.
 from __future__ import annotations
 
 import dataclasses
+import ipaddress
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -14,14 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_REFUSED
+from omni_bringup.command_report import Report
 from omni_bringup.interruption import clean_up_on_signals
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 if TYPE_CHECKING:
-    from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
     from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
+    from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
 _POLL = 0.05  # [s]
@@ -51,7 +53,19 @@ class Options(Configuration):
     )
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
-    port: int = option(0, metavar="PORT", description="TCP port of the page; 0 is any")
+    host: str = option(
+        "127.0.0.1",
+        metavar="ADDRESS",
+        description="address of this machine that serves the page, for example to a phone; who "
+        "knows the token in the page's address can drive",
+    )
+    port: int = option(
+        0,
+        metavar="PORT",
+        description="TCP port of the page; 0 is any",
+        minimum=0,
+        maximum=65535,
+    )
     unstamped: bool = parameter(
         False, description="cmd_vel is a Twist, as older teleoperation nodes send it"
     )
@@ -64,58 +78,71 @@ class Options(Configuration):
     )
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Run the nodes until a signal ends the command or a node fails; return the exit code."""
-    from omni_analysis.loop.experiment import ExperimentLibrary
-    from omni_bringup.graph.domain import NoFreeDomainError, reserved_domain
-    from omni_bringup.graph.process_group import ProcessError, process_group
+def run(options: Options, workspace: Workspace) -> Report:
+    """Run the nodes until a signal ends the command or a node fails.
+
+    Raises:
+        ProcessError: a node has ended; there is no other end but a signal.
+    """
+    from omni_bringup.graph.domain import reserved_domain
+    from omni_bringup.graph.process_group import process_group
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
 
     clean_up_on_signals()
-    library = ExperimentLibrary(workspace / "config")
+    library = workspace.library()
     seat: dict[str, Any] = {
         "max_speed": options.max_speed,
+        "host": options.host,
         "port": options.port,
         "stamped_cmd_vel": not options.unstamped,
     }
     folder = options.out and options.out.resolve()
+    if folder is not None and folder.exists():
+        raise ConfigurationError("--out", f"{options.out} exists; choose another")
+    _is_local(options.host)
+    configuration = _compose(library, options, workspace)
+    while True:
+        # A recording is of one vehicle on one ground.
+        choices = {} if folder else _choices(library, options, configuration)
+        with (
+            reserved_domain() as domain,
+            tempfile.TemporaryDirectory(prefix="omni-") as scratch,
+            process_group(node_environment(domain)) as group,
+        ):
+            driven = Path(scratch), seat | choices, folder, options.lines
+            for node in drive_nodes(configuration, *driven):
+                group.start(node)
+            if folder is not None:
+                write_beside_bag(configuration, folder, group.running[0])
+            for chosen in _follow(group, domain, seat):
+                try:
+                    wanted = dataclasses.replace(options, **chosen)
+                    configuration, options = _compose(library, wanted, workspace), wanted
+                    break
+                except ConfigurationError as error:
+                    workspace.note(f"{chosen} cannot be driven: {error}")
+
+
+def _is_local(host: str) -> bool:
+    """Return whether an address serves this machine alone.
+
+    Raises:
+        ConfigurationError: it is no address, or one that stands for any address.
+    """
     try:
-        if folder is not None and folder.exists():
-            raise ConfigurationError("--out", f"{options.out} exists; choose another")
-        configuration = _compose(library, options)
-        while True:
-            # A recording is of one vehicle on one ground.
-            choices = {} if folder else _choices(library, options, configuration)
-            with (
-                reserved_domain() as domain,
-                tempfile.TemporaryDirectory(prefix="omni-") as scratch,
-                process_group(node_environment(domain)) as group,
-            ):
-                driven = Path(scratch), seat | choices, folder, options.lines
-                for node in drive_nodes(configuration, *driven):
-                    group.start(node)
-                if folder is not None:
-                    write_beside_bag(configuration, folder, group.running[0])
-                for chosen in _follow(group, domain, seat):
-                    try:
-                        wanted = dataclasses.replace(options, **chosen)
-                        configuration, options = _compose(library, wanted), wanted
-                        break
-                    except ConfigurationError as error:
-                        print(f"omni drive: {chosen} is not to be had: {error}", file=sys.stderr)
-    except (ConfigurationError, NoFreeDomainError) as error:
-        print(f"omni drive: {error}", file=sys.stderr)
-        return EXIT_REFUSED
-    except ProcessError as error:
-        print(f"omni drive: {error}", file=sys.stderr)
-    return EXIT_FAILED
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        raise ConfigurationError("--host", f"{host!r} is no IP address") from None
+    if address.is_unspecified:
+        raise ConfigurationError("--host", f"{host} is every address; name the one to serve at")
+    return address.is_loopback
 
 
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the driver's parameters that say what its page offers."""
+    """Return the driver's parameters with the choices that its page offers."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {
@@ -131,9 +158,9 @@ def _choices(
     return found
 
 
-def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfiguration:
-    from omni_analysis.vehicles.plausibility import remarks
-
+def _compose(
+    library: ExperimentLibrary, options: Options, workspace: Workspace
+) -> ExperimentConfiguration:
     chosen = {
         "vehicle": options.vehicle,
         "ground": options.ground,
@@ -146,8 +173,12 @@ def _compose(library: ExperimentLibrary, options: Options) -> ExperimentConfigur
     if not configuration.ground.patches and not options.no_ice:
         configuration = library.load(options.experiment, variant, [*changes, _ICE])
     configuration.check_drivable()
-    for remark in remarks(_at_full_stick(configuration, options.max_speed)):
-        print(f"omni drive: note: {remark}", file=sys.stderr)
+    names = [
+        chosen[kind] or library.named(options.experiment, kind) for kind in ("vehicle", "ground")
+    ]
+    description = f"A drive: {', '.join(filter(None, names))}, {configuration.brake_assist.law}"
+    configuration = dataclasses.replace(configuration, description=description)
+    workspace.check([_at_full_stick(configuration, options.max_speed)])
     return configuration
 
 
@@ -186,7 +217,7 @@ def drive_nodes(
             for topic, kind in graph.recorded_topics(configuration).items()
             if lines or not topic.endswith("/lines")
         }
-        nodes.append(graph.recorder(configuration, folder, scratch, topics=topics))
+        nodes.append(graph.recorder(configuration, folder, scratch, chosen=topics))
     listeners = 1 + len(nodes)  # besides the driver, who may come later
     optical = configuration.hears_lines
     return [
@@ -206,7 +237,7 @@ def drive_nodes(
 
 
 def _follow(group: ProcessGroup, domain: int, seat: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Say where the page is once there is one, watch over the nodes, and yield what it chooses.
+    """Print the address of the page once it is served, watch the nodes, and yield its choices.
 
     Args:
         group: the nodes.
@@ -218,6 +249,7 @@ def _follow(group: ProcessGroup, domain: int, seat: dict[str, Any]) -> Iterator[
     """
     from omni_bringup.graph.process_group import wait_for
 
+    reach = "this machine" if _is_local(seat["host"]) else "any machine that reaches it"
     driver = next(process for process in group.running if process.node.name == "driver")
     while True:
         group.raise_if_ended()
@@ -231,7 +263,7 @@ def _follow(group: ProcessGroup, domain: int, seat: dict[str, Any]) -> Iterator[
                 seat["port"] = int(place.rsplit(":", 1)[1])
             if "url" in document:
                 print(
-                    "omni drive: open this address in a browser of this machine; for cmd_vel: "
+                    f"omni drive: open this address in a browser of {reach}; for cmd_vel: "
                     f"ROS_DOMAIN_ID={domain} ros2 run teleop_twist_keyboard teleop_twist_keyboard "
                     "--ros-args -p stamped:=true; "
                     "Ctrl-C ends",

@@ -6,20 +6,20 @@ recordings of stops in which the wheels turn on under their brakes (with the ped
 
 from __future__ import annotations
 
-import json
 import math
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, write_text
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, parameter
 
 if TYPE_CHECKING:
-    from omni_analysis.brakes.fit import BrakeFit
     from omni_sim.vehicle.configuration import VehicleConfiguration
+    from omni_tools.brakes.fit import BrakeFit
 
 _UNITS = {"max_torque": "N m", "dead_time": "s", "time_constant": "s"}
 
@@ -54,58 +54,40 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Fit brakes as the command line asks and return the exit code."""
-    from omni_analysis.brakes.data import read_brake_data
-    from omni_analysis.brakes.figure import brake_figure
-    from omni_analysis.brakes.fit import fit_brakes
-    from omni_analysis.figures.style import save_figure
-    from omni_analysis.report.recording import run_names
-    from omni_recording.error import BagError
+def run(options: Options, workspace: Workspace) -> Report:
+    """Fit the brakes, write and draw them."""
+    from omni_figures.style import save_figure
+    from omni_tools.brakes.data import read_brake_data
+    from omni_tools.brakes.figure import brake_figure
+    from omni_tools.brakes.fit import fit_brakes
+    from omni_tools.report.recording import run_names
 
-    first: Path = options.recordings[0]
-    name = first.resolve().stem
-    folder: Path = options.out or workspace / "results" / "fit-brakes" / name
-    try:
-        names = run_names(options.recordings)
-        vehicle = _vehicle(options, workspace)
-        wheels = tuple(vehicle.wheels)
-        stops = [
-            read_brake_data(path, wheels, vehicle.brake, options.twist)
-            for path in options.recordings
-        ]
-        fit = fit_brakes(stops, vehicle)
-    except (BagError, ValueError) as error:  # a configuration or data that do not fit, too
-        print(f"omni fit-brakes: {error}", file=sys.stderr)
-        return EXIT_REFUSED
+    names = run_names(options.recordings)
+    vehicle = _vehicle(options, workspace)
+    wheels = tuple(vehicle.wheels)
+    stops = [
+        read_brake_data(path, wheels, vehicle.brake, options.twist) for path in options.recordings
+    ]
+    fit = fit_brakes(stops, vehicle)
     entries = _entries(fit, wheels)
-    document = {"name": "fit-brakes", "metrics": entries}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        brake = (folder / "brake.yaml").resolve()
-        brake.write_text(_brake_file(fit, vehicle.brake.kind, names), encoding="utf-8")
-        picture = save_figure(
-            brake_figure(fit, names, "Brakes fitted to recorded stops"),
-            folder.resolve() / "fit.png",
-        )
-        (folder / "summary.json").write_text(json.dumps(document, indent=2) + "\n")
-    except OSError as error:
-        print(f"omni fit-brakes: cannot write {folder}: {error.strerror}", file=sys.stderr)
-        return EXIT_REFUSED
-    if options.json:
-        print(json.dumps(document, indent=2, allow_nan=False))
-    else:
-        _print(entries, fit, len(stops), (brake, picture))
-    return EXIT_OK
+    folder = workspace.results(options.out, "fit-brakes", options.recordings[0].resolve().stem)
+    brake = write_text(folder / "brake.yaml", _brake_file(fit, vehicle.brake.kind, names))
+    figure = brake_figure(fit, names, "Brakes fitted to recorded stops")
+    return Report(
+        name="fit-brakes",
+        metrics=entries,
+        text=_text(entries, fit, len(stops)),
+        files=(brake, save_figure(figure, folder.resolve() / "fit.png")),
+        summary=folder,
+    )
 
 
-def _vehicle(options: Options, workspace: Path) -> VehicleConfiguration:
-    from omni_analysis.loop.experiment import ExperimentLibrary
+def _vehicle(options: Options, workspace: Workspace) -> VehicleConfiguration:
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
 
     if options.vehicle is not None:
-        return ExperimentLibrary(workspace / "config").vehicle(options.vehicle)
+        return workspace.library().vehicle(options.vehicle)
     bag = open_vehicle(options.recordings[0])
     return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
 
@@ -124,7 +106,7 @@ def _entries(fit: BrakeFit, wheels: tuple[str, ...]) -> dict[str, Any]:
             entry |= {"standard_error": None, "note": "on its bound"}
         entries[f"{key}.all"] = entry
     for wheel, value, error in zip(wheels, fit.wheel_torque, fit.wheel_error, strict=True):
-        if not math.isnan(value):  # where the stops do not tell the wheels apart
+        if not math.isnan(value):  # where the stops do not distinguish the wheels
             entry = {"value": float(value), "unit": "N m", "standard_error": float(error)}
             entries[f"max_torque.{wheel}"] = entry
     entries["residual.all"] = {"value": fit.residual, "unit": "m/s"}
@@ -148,12 +130,10 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _print(entries: dict[str, Any], fit: BrakeFit, stops: int, files: tuple[Path, Path]) -> None:
+def _text(entries: dict[str, Any], fit: BrakeFit, stops: int) -> Iterator[Any]:
     import numpy as np
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
     table = Table("brake", "unit", "value", "standard error", pad_edge=False)
     for key, entry in entries.items():
         if "standard_error" in entry:
@@ -161,14 +141,10 @@ def _print(entries: dict[str, Any], fit: BrakeFit, stops: int, files: tuple[Path
             words = quantity.replace("_", " ") + ("" if case == "all" else f", {case}")
             error = entry.get("note") or f"{entry['standard_error']:.2g}"
             table.add_row(words, entry["unit"], f"{entry['value']:.5g}", error)
-    console.print(table)
-    console.print(
+    yield table
+    yield (
         f"a wheel turned under its brake in {fit.intervals} intervals of {stops} recorded, "
-        f"differences of {1e3 * fit.residual:.2g} mm/s",
-        soft_wrap=True,
-        highlight=False,
+        f"differences of {1e3 * fit.residual:.2g} mm/s"
     )
     if np.all(np.isnan(fit.wheel_torque)):
-        console.print("these stops do not tell the wheels apart", highlight=False)
-    for path in files:
-        console.print(f"wrote {path}", soft_wrap=True, highlight=False)
+        yield "these stops do not distinguish the wheels"

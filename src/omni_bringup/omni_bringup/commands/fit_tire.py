@@ -6,16 +6,17 @@ use and a figure of data against curve.
 
 from __future__ import annotations
 
-import json
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, write_text
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import (
     Configuration,
+    ConfigurationError,
     declared_parameters,
     did_you_mean,
     is_configuration,
@@ -24,8 +25,8 @@ from omni_platform.configuration import (
 )
 
 if TYPE_CHECKING:
-    from omni_analysis.tires.data import TireData
-    from omni_analysis.tires.fit import TireFit
+    from omni_tools.tires.data import TireData
+    from omni_tools.tires.fit import TireFit
 
 WORK = "fitting the tire"
 
@@ -57,42 +58,35 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Fit a tire as the command line asks and return the exit code."""
-    from omni_analysis.figures.style import save_figure
-    from omni_analysis.tires.data import TireDataError, read_tire_data
-    from omni_analysis.tires.fit import fit_tire
-    from omni_analysis.tires.fit_figure import fit_figure
+def run(options: Options, workspace: Workspace) -> Report:
+    """Fit the tire, write and draw it."""
+    from omni_figures.style import save_figure
     from omni_sim.tire.models import MODELS
+    from omni_tools.tires.data import TireDataError, read_tire_data
+    from omni_tools.tires.fit import fit_tire
+    from omni_tools.tires.fit_figure import fit_figure
 
-    name = options.data.stem
-    folder: Path = options.out or workspace / "results" / "fit-tire" / name
+    if options.model not in MODELS:
+        hint = did_you_mean(options.model, MODELS)
+        known = ", ".join(MODELS)
+        raise ConfigurationError("--model", f"{options.model!r} is not one of {known}{hint}")
     try:
-        if options.model not in MODELS:
-            hint = did_you_mean(options.model, MODELS)
-            known = ", ".join(MODELS)
-            raise TireDataError(f"--model {options.model!r} is not one of {known}{hint}")
         data = read_tire_data(options.data)
         fit = fit_tire(data, options.model)
     except TireDataError as error:
-        print(f"omni fit-tire: {options.data}: {error}", file=sys.stderr)
-        return EXIT_REFUSED
-    document = {"name": "fit-tire", "metrics": _entries(fit, options.model, data)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tire = (folder / f"{name}.yaml").resolve()
-        tire.write_text(_tire_file(fit, options, data), encoding="utf-8")
-        figure = fit_figure(data, fit, f"{options.data.name} and its {options.model}")
-        picture = save_figure(figure, folder.resolve() / f"{name}.png")
-        (folder / "summary.json").write_text(json.dumps(document, indent=2) + "\n")
-    except OSError as error:
-        print(f"omni fit-tire: cannot write {folder}: {error.strerror}", file=sys.stderr)
-        return EXIT_REFUSED
-    if options.json:
-        print(json.dumps(document, indent=2, allow_nan=False))
-    else:
-        _print(fit, options.model, data, (tire, picture))
-    return EXIT_OK
+        raise TireDataError(f"{options.data}: {error}") from None
+    name = options.data.stem
+    folder = workspace.results(options.out, "fit-tire", name)
+    tire = write_text(folder / f"{name}.yaml", _tire_file(fit, options, data))
+    figure = fit_figure(data, fit, f"{options.data.name} and its {options.model}")
+    return Report(
+        name="fit-tire",
+        metrics=_entries(fit, options.model, data),
+        text=_text(fit, options.model, data),
+        files=(tire, save_figure(figure, folder.resolve() / f"{name}.png")),
+        hints=(f"use it: ./omni run --set vehicle.tire={tire}, or copy it into config/tires",),
+        summary=folder,
+    )
 
 
 def _units(model: str) -> dict[str, str]:
@@ -136,40 +130,33 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
     """Return the YAML that a vehicle names as its tire."""
-    import yaml
-
-    from omni_analysis.vehicles.estimates import tire_stiffness
+    from omni_loop.commented_yaml import commented_yaml
+    from omni_tools.vehicles.estimates import tire_stiffness
 
     model, source = options.model, options.data.name
     mapping = fit.mapping | tire_stiffness(fit.tire.largest_load, options.wheel_radius)
     lines = [
-        f"# {model} fitted to {data.slip.size} rows of {source}, loads from "
+        f"{model} fitted to {data.slip.size} rows of {source}, loads from "
         f"{data.load.min():g} to {data.load.max():g} N,",
-        f"# slips from {data.slip.min():g} to {data.slip.max():g}; differences {fit.residual:.3g} "
+        f"slips from {data.slip.min():g} to {data.slip.max():g}; differences {fit.residual:.3g} "
         "N (standard deviation).",
-        "# Stiffness and damping are not in steady data: estimates from load and radius.",
-        "# Values with their standard errors:",
+        "Stiffness and damping are not in steady data: estimates from load and radius.",
+        "Values with their standard errors:",
     ]
     lines += [
-        f"#   {key} = {value:.6g} +- {error:.2g}{' (on its bound)' if fixed else ''}"
+        f"  {key} = {value:.6g} +- {error:.2g}{' (on its bound)' if fixed else ''}"
         for key, value, error, fixed in _rows(fit)
     ]
-    return "\n".join(lines) + "\n" + yaml.safe_dump(mapping, sort_keys=False)
+    return commented_yaml(mapping, "\n".join(lines))
 
 
-def _print(fit: TireFit, model: str, data: TireData, files: tuple[Path, Path]) -> None:
-    from rich.console import Console
+def _text(fit: TireFit, model: str, data: TireData) -> Iterator[Any]:
     from rich.table import Table
 
     units = _units(model)
-    console = Console()
     table = Table("parameter", "unit", "value", "standard error", pad_edge=False)
     for key, value, error, fixed in _rows(fit):
         note = " (on its bound)" if fixed else ""
         table.add_row(key, units[key], f"{value:.6g}", f"{error:.2g}{note}")
-    console.print(table)
-    console.print(f"{data.slip.size} rows, differences of {fit.residual:.3g} N", highlight=False)
-    for path in files:
-        console.print(f"wrote {path}", soft_wrap=True, highlight=False)
-    use = f"use it: ./omni run --set vehicle.tire={files[0]}, or copy it into config/tires"
-    console.print(use, soft_wrap=True, highlight=False)
+    yield table
+    yield f"{data.slip.size} rows, differences of {fit.residual:.3g} N"

@@ -1,4 +1,4 @@
-"""``./omni limit``: tell how short a stop can be at best.
+"""``./omni limit``: bound from below how short a stop can be.
 
 Bound the stopping distance from below by what friction, loads and pedal allow, with and without
 keeping heading and line.
@@ -6,25 +6,25 @@ keeping heading and line.
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_OK
-from omni_bringup.noting import noting_library
+from omni_bringup.command_report import Report
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from omni_analysis.limit.bounds import Bound, Maneuver
-    from omni_analysis.limit.front import Load, Stop
-    from omni_analysis.loop.experiment import ExperimentLibrary
-    from omni_sim.simulator import GroundConfiguration
+    from omni_loop.experiment import ExperimentLibrary
+    from omni_sim.configuration import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
+    from omni_tools.limit.bounds import Bound, Maneuver
+    from omni_tools.limit.front import Load, Stop
 
 _WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, any path"}
 
@@ -74,13 +74,12 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Compute the bounds as the command line asks and return the exit code."""
-    # Imported late: the help answers at once.
-    from omni_analysis.limit.bounds import any_heading_bound, straight_bound
-    from omni_analysis.loop.metrics import Metric, results_document
+def run(options: Options, workspace: Workspace) -> Report:
+    """Compute the bounds, and with ``--best`` the shortest stops."""
+    from omni_loop.metrics import Metric, results_document
+    from omni_tools.limit.bounds import any_heading_bound, straight_bound
 
-    library = noting_library(workspace, "omni limit")
+    library = workspace.checked_library()
     name, vehicle, ground, maneuver = _question(options, library)
     bounds = {
         "bound": straight_bound(vehicle, ground, maneuver),
@@ -94,10 +93,10 @@ def run(options: Options, workspace: Path) -> int:
         }
         for case, bound in bounds.items()
     }
-    figure = None
+    text = list(_text(name, vehicle, ground, maneuver, bounds))
     if options.best:
-        from omni_analysis.figures.style import save_figure
-        from omni_analysis.limit.front import draw_front, front
+        from omni_figures.style import save_figure
+        from omni_tools.limit.front import draw_front, front
 
         stops = front(_loader(options, library), maneuver)
         metrics |= {
@@ -107,16 +106,10 @@ def run(options: Options, workspace: Path) -> int:
             }
             for case, stop in stops.items()
         }
-        folder = options.out or workspace / "results" / "limit" / name
         drawn = draw_front(name, stops, bounds["bound"].distance)
-        figure = save_figure(drawn, folder / "front.png")
-    if options.json:
-        print(json.dumps(results_document(name, metrics), indent=2, allow_nan=False))
-    else:
-        _print(name, vehicle, ground, maneuver, bounds)
-        if figure is not None:
-            _print_front(stops, figure)
-    return EXIT_OK
+        figure = save_figure(drawn, workspace.results(options.out, "limit", name) / "front.png")
+        text += [_front_table(stops), f"figure: {figure}"]
+    return Report(**results_document(name, metrics), text=text)
 
 
 def _question(
@@ -124,8 +117,8 @@ def _question(
 ) -> tuple[str, VehicleConfiguration, GroundConfiguration, Maneuver]:
     import numpy as np
 
-    from omni_analysis.limit.bounds import Maneuver, maneuver_of
-    from omni_sim.simulator import GroundConfiguration
+    from omni_sim.configuration import GroundConfiguration
+    from omni_tools.limit.bounds import Maneuver, maneuver_of
 
     alone = {"speed": options.speed, "direction": options.direction, "friction": options.friction}
     if options.vehicle is None:
@@ -176,16 +169,14 @@ def _loader(options: Options, library: ExperimentLibrary) -> Load:
     return lambda changes: library.load("straight_line", "assisted", (*moving, *changes))
 
 
-def _print_front(stops: dict[str, Stop], figure: Path) -> None:
-    from rich.console import Console
+def _front_table(stops: dict[str, Stop]) -> Table:
     from rich.table import Table
 
     table = Table("stop", "distance [m]", "rotation [deg]", pad_edge=False)
     for case, stop in stops.items():
         found = "-" if math.isnan(stop.distance) else f"{stop.distance:.2f}"
         table.add_row(case.replace("_", " "), found, f"{stop.rotation:.1f}")
-    Console().print(table)
-    Console().print(f"figure: {figure}", highlight=False)
+    return table
 
 
 def _clean(value: float) -> float:
@@ -193,20 +184,18 @@ def _clean(value: float) -> float:
     return 0.0 if abs(value) < 1e-12 else value
 
 
-def _print(
+def _text(
     name: str,
     vehicle: VehicleConfiguration,
     ground: GroundConfiguration,
     maneuver: Maneuver,
     bounds: dict[str, Bound],
-) -> None:
-    from rich.console import Console
+) -> Iterator[Any]:
     from rich.table import Table
 
-    from omni_analysis.figures.comparison_table import in_small_units, metric_number
-    from omni_analysis.loop.metrics import Metric
+    from omni_figures.comparison_table import in_small_units, metric_number
+    from omni_loop.metrics import Metric
 
-    console = Console()
     unit, distances = in_small_units([Metric(one.distance, "m") for one in bounds.values()])
     table = Table("no stop is shorter", unit, "gap", r"tolerance \[mm]", pad_edge=False)
     for (case, bound), distance in zip(bounds.items(), distances, strict=True):
@@ -215,13 +204,13 @@ def _print(
         else:
             row = metric_number(distance.value, unit), f"{bound.gap:.1e}"
             table.add_row(_WORDS[case], *row, f"{1e3 * bound.tolerance:.2g}")
-    console.print(name)
-    console.print(table)
+    yield name
+    yield table
     for case, bound in bounds.items():
         if bound.reason:
-            console.print(f"{_WORDS[case]}: none, {bound.reason}", highlight=False)
+            yield f"{_WORDS[case]}: none, {bound.reason}"
     if not math.isnan(bounds["bound"].distance):
-        console.print(_forces(vehicle, ground, maneuver))
+        yield _forces(vehicle, ground, maneuver)
 
 
 def _forces(
@@ -231,7 +220,7 @@ def _forces(
     import numpy as np
     from rich.table import Table
 
-    from omni_analysis.limit.forces import Case, LimitVehicle
+    from omni_tools.limit.forces import Case, LimitVehicle
 
     velocity = maneuver.twist[:2]
     case = Case(np.full(len(vehicle.wheels), ground.friction), straight=True)

@@ -5,13 +5,13 @@ Print names and what each is; every one can be looked at with ./omni show NAME.
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from omni_bringup.command_report import Report
 from omni_bringup.commands import commands_of
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
 
@@ -33,29 +33,27 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Print the names and return the exit code."""
+def run(options: Options, workspace: Workspace) -> Report:
+    """Return the names of every kind."""
     for kind in options.kinds:
         if kind not in EVERY:
             raise ConfigurationError(
                 "KIND", f"{kind!r} is not one of {', '.join(EVERY)}{did_you_mean(kind, EVERY)}"
             )
-    found = {kind: names_of(kind, workspace) for kind in options.kinds or EVERY}
-    if options.json:
-        print(json.dumps(found, indent=2))
-        return EXIT_OK
+    found = {kind: names_of(kind, workspace.folder) for kind in options.kinds or EVERY}
     width = max(len(name) for names in found.values() for name in names)
-    for kind, names in found.items():
-        print(kind)
-        for name, words in names.items():
-            print(f"  {name:<{width}}  {words}".rstrip())
-    return EXIT_OK
+    lines = {
+        kind: [f"  {name:<{width}}  {words}".rstrip() for name, words in names.items()]
+        for kind, names in found.items()
+    }
+    text = [line for kind in found for line in (kind, *lines[kind])]
+    return Report(name="list", details=found, text=text)
 
 
 def names_of(kind: str, workspace: Path) -> dict[str, str]:
     """Return the names of a kind of `EVERY`, and what each is."""
     if kind == STUDIES:
-        return commands_of("omni_analysis.studies")
+        return commands_of("omni_studies.studies")
     if kind == LAWS:
         from omni_brake_assist.configuration import LAWS as BUILT_IN
 
@@ -65,7 +63,7 @@ def names_of(kind: str, workspace: Path) -> dict[str, str]:
 
 
 def first_sentence(path: Path) -> str:
-    """Return what the comment at the head of a configuration file says first."""
+    """Return the first sentence of the comment at the head of a configuration file."""
     words: list[str] = []
     for line in path.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

@@ -1,19 +1,22 @@
 """``./omni new-vehicle``: write the files of your vehicle from a few measured numbers.
 
-Write a vehicle, its line cameras and a stop into a folder, with estimates that say that they are
-estimates, and say what does not fit together. Asks for what is not given, on a terminal.
+Write a vehicle, its line cameras and a stop into a folder. Estimates are marked as estimates, and
+implausible values are noted. On a terminal it asks for values that are not given.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omni_bringup.exit_codes import EXIT_OK
-from omni_platform.command_options import option
+from omni_bringup.command_report import Report, entries
+from omni_bringup.workspace import Workspace
+from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
@@ -46,18 +49,23 @@ class Options(Configuration):
         unit="N m",
         description="largest torque of a drive at its wheel (default: an estimate)",
     )
+    brakes: str | None = parameter(
+        None,
+        description="what brakes: valves (on-off, default), spring (spring-applied, on-off), "
+        "proportional, or torque_drives",
+    )
     out: Path | None = option(
         None, metavar="DIR", description="new folder of the files (default: NAME)"
     )
+    json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Write the files and return the exit code."""
-    from omni_analysis.loop.experiment import ExperimentLibrary
-    from omni_analysis.vehicles.estimates import Measured, new_vehicle
-    from omni_analysis.vehicles.plausibility import plain, remarks, wheel_facts
+def run(options: Options, workspace: Workspace) -> Report:
+    """Write the files; report loads and forces of each wheel."""
     from omni_bringup.graph.run_folder import check_unused
     from omni_platform.configuration import from_mapping
+    from omni_tools.vehicles.estimates import Measured, new_vehicle
+    from omni_tools.vehicles.plausibility import plain, remarks, wheel_facts
 
     folder = options.out or Path(options.name)
     check_unused(folder)
@@ -67,25 +75,37 @@ def run(options: Options, workspace: Path) -> int:
         flag = "--" + error.key.replace("_", "-")
         raise ConfigurationError(flag, error.problem) from None
     paths = new_vehicle(options.name, measured).write(folder)
-    library = ExperimentLibrary(workspace / "config")
-    experiment = library.load(str(folder / "experiment.yaml"), "assisted")
-    for path in paths:
-        print(f"wrote {path}")
+    experiment = workspace.library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
-    for name, fact in facts.items():
-        print(
-            f"{name}: carries {plain(fact.load)} N, the ground holds {plain(fact.grip)} N, the "
-            f"brake {plain(fact.brake_force)} N"
-        )
-    for remark in remarks(experiment):
-        print(f"note: {remark}")
-    print("estimates are marked in vehicle.yaml; replace what you can measure")
-    print(f"brake it: ./omni run {folder / 'experiment.yaml'}")
-    return EXIT_OK
+    notes = list(remarks(experiment))
+    return Report(
+        name="new-vehicle",
+        metrics=entries(
+            {
+                f"{quantity}.{name}": (value, "N")
+                for name, fact in facts.items()
+                for quantity, value in dataclasses.asdict(fact).items()
+            }
+        ),
+        details={"notes": notes, "files": list(map(str, paths))},
+        files=paths,
+        hints=(
+            *(
+                f"{name}: carries {plain(fact.load)} N, the ground holds {plain(fact.grip)} N, "
+                f"the brake {plain(fact.brake_force)} N"
+                for name, fact in facts.items()
+            ),
+            *(f"note: {note}" for note in notes),
+            "estimates are marked in vehicle.yaml; replace what you can measure",
+            f"brake it: ./omni run {folder / 'experiment.yaml'}",
+        ),
+    )
 
 
 def _answers(options: Options) -> dict[str, Any]:
     """Return what was given, and asked for on a terminal, as values of `Measured`."""
+    from omni_tools.vehicles.estimates import BRAKES
+
     values: dict[str, Any] = {
         "length": _asked("--length", options.length, "length of the chassis [m]", float),
         "width": _asked("--width", options.width, "width of the chassis [m]", float),
@@ -95,7 +115,7 @@ def _answers(options: Options) -> dict[str, Any]:
         ),
     }
     words = f"kind of its wheels, {', '.join(KINDS)}"
-    kind = _asked("--kind", options.kind, words, _kind, _MECANUM)
+    kind = _asked("--kind", options.kind, words, partial(_one_of, KINDS), _MECANUM)
     usual = _USUAL[kind]
     values["wheels"] = _asked("--wheels", options.wheels, "number of wheels", int, usual)
     if kind == _KIWI and values["wheels"] != usual:
@@ -106,11 +126,15 @@ def _answers(options: Options) -> dict[str, Any]:
     )
     words = "largest torque of a drive at its wheel [N m], 0 for an estimate"
     torque = _asked("--drive-torque", options.drive_torque, words, float, 0)
+    words = f"what brakes, {', '.join(BRAKES)}"
+    values["brakes"] = _asked(
+        "--brakes", options.brakes, words, partial(_one_of, BRAKES), BRAKES[0]
+    )
     return values | ({"drive_torque": torque} if torque or options.drive_torque is not None else {})
 
 
-def _kind(text: str) -> str:
-    if text not in KINDS:
+def _one_of(choices: Sequence[str], text: str) -> str:
+    if text not in choices:
         raise ValueError(text)
     return text
 
@@ -123,7 +147,7 @@ def _asked(flag: str, given: Any, words: str, kind: Callable[[str], Any], usual:
         given: its value, if any.
         words: what is asked for.
         kind: makes a value of an answer, or raises ValueError.
-        usual: taken for an empty answer, and where nobody can be asked; None if there is none.
+        usual: taken for an empty answer, and where there is no terminal; None if there is none.
     """
     if given is not None:
         return given

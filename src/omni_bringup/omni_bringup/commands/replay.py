@@ -6,16 +6,14 @@ recording, and compare it with what was recorded.
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, entries
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, WorkError, parameter
 
 if TYPE_CHECKING:
     from omni_recording.actions.compare import TopicComparison
@@ -71,11 +69,8 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Replay a recording as the command line asks and return the exit code."""
-    from omni_analysis.loop.experiment import ExperimentLibrary
-    from omni_bringup.graph.domain import NoFreeDomainError
-    from omni_bringup.graph.process_group import ProcessError
+def run(options: Options, workspace: Workspace) -> Report:
+    """Check the recording, replay it and compare the results with it."""
     from omni_bringup.graph.run_folder import write_configuration
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
@@ -83,78 +78,65 @@ def run(options: Options, workspace: Path) -> int:
     from omni_recording.actions.compare import compare_topics
     from omni_recording.error import BagError
     from omni_recording.folder import open_vehicle
-    from omni_recording.write import RecordingError
 
-    library = ExperimentLibrary(workspace / "config")
-    try:
-        bag = open_vehicle(options.bag)
-        configuration = replay_configuration(bag, library, options.experiment, options.overrides)
-        plan = replay_plan(configuration, options.nodes)
-        counts = check_inputs(bag, plan)
-        known = [topic for topic in plan.outputs if counts.get(topic)]
-        if options.check and len(known) < len(plan.outputs):
-            lacking = ", ".join(sorted(plan.outputs.keys() - known))
-            raise BagError(bag.path, f"holds nothing to compare the results with on {lacking}")
-        folder = _result_folder(options)
-    except (BagError, ConfigurationError) as error:
-        print(f"omni replay: {error}", file=sys.stderr)
-        return EXIT_REFUSED
+    bag = open_vehicle(options.bag)
+    configuration = replay_configuration(
+        bag, workspace.library(), options.experiment, options.overrides
+    )
+    plan = replay_plan(configuration, options.nodes)
+    counts = check_inputs(bag, plan)
+    known = [topic for topic in plan.outputs if counts.get(topic)]
+    if options.check and len(known) < len(plan.outputs):
+        lacking = ", ".join(sorted(plan.outputs.keys() - known))
+        raise BagError(bag.path, f"holds nothing to compare the results with on {lacking}")
+    folder = _result_folder(options)
     try:
         if options.offline:
             replay_offline(bag, plan, folder)
         else:
             replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
-        comparisons = compare_topics(bag.path, folder, known)
-    except (BagError, ProcessError, NoFreeDomainError, RecordingError) as error:
-        print(f"omni replay: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    except OSError as error:
-        print(f"omni replay: cannot write to {folder}: {error.strerror}", file=sys.stderr)
-        return EXIT_FAILED
-    _report(options, folder, comparisons.values())
-    agree = all(one.agrees(options.tolerance) for one in comparisons.values())
-    return EXIT_FAILED if options.check and not agree else EXIT_OK
+        comparisons = compare_topics(bag.path, folder, known).values()
+    except BagError as error:  # found out only in the middle of the recording
+        raise WorkError(str(error)) from None
+    return Report(
+        name="replay",
+        metrics={
+            key: entry
+            for one in comparisons
+            for key, entry in _entries(one, options.tolerance).items()
+        },
+        details={"folder": str(folder)},
+        text=(
+            *(f"{one.topic}: {_in_words(one, options.tolerance)}" for one in comparisons),
+            f"recorded in {folder}",
+        ),
+        ok=not options.check or all(one.agrees(options.tolerance) for one in comparisons),
+    )
 
 
 def _result_folder(options: Options) -> Path:
+    from omni_bringup.commands.bag import beside
     from omni_bringup.graph.run_folder import check_unused, time_in_name
 
     if options.out is None:
-        path: Path = options.bag.absolute()
-        name = path.stem if path.is_file() else path.name
-        return path.with_name(f"{name}_replayed_{time_in_name()}")
+        return beside(options.bag, f"replayed_{time_in_name()}")
     folder: Path = options.out.absolute()
     check_unused(folder)
     return folder
 
 
-def _report(options: Options, folder: Path, comparisons: Collection[TopicComparison]) -> None:
-    if options.json:
-        metrics: dict[str, Any] = {}
-        for one in comparisons:
-            counts = {
-                "recorded": one.first,
-                "replayed": one.second,
-                "identical": one.identical,
-                "unpaired": one.unpaired,
-                "different_texts": one.different_texts,
-            }
-            metrics |= {
-                f"{name}.{one.topic}": {"value": value, "unit": "1"}
-                for name, value in counts.items()
-            }
-            metrics[f"largest_difference.{one.topic}"] = {
-                "value": one.largest_difference,
-                "unit": "SI",
-                "limit": options.tolerance,
-            }
-        document = {"name": "replay", "metrics": metrics, "folder": str(folder)}
-        print(json.dumps(document, indent=2, allow_nan=False))
-        return
-    for one in comparisons:
-        print(f"{one.topic}: {_in_words(one, options.tolerance)}")
-    print(f"recorded in {folder}")
+def _entries(one: TopicComparison, tolerance: float) -> dict[str, dict[str, Any]]:
+    counts = {
+        "recorded": one.first,
+        "replayed": one.second,
+        "identical": one.identical,
+        "unpaired": one.unpaired,
+        "different_texts": one.different_texts,
+    }
+    found = entries({f"{name}.{one.topic}": (value, "1") for name, value in counts.items()})
+    difference = {"value": one.largest_difference, "unit": "SI", "limit": tolerance}
+    return {**found, f"largest_difference.{one.topic}": difference}
 
 
 def _in_words(one: TopicComparison, tolerance: float) -> str:
@@ -167,5 +149,5 @@ def _in_words(one: TopicComparison, tolerance: float) -> str:
         words += f", {one.different_texts} differ in more than numbers"
     if one.worst:
         words += f", the largest difference is {one.largest_difference:.3g} in {one.worst}"
-    verdict = "within" if one.agrees(tolerance) else "not within"
-    return f"{words}: {verdict} the tolerance of {tolerance:g}"
+    relation = "within" if one.agrees(tolerance) else "not within"
+    return f"{words}: {relation} the tolerance of {tolerance:g}"

@@ -1,18 +1,18 @@
 """``./omni ros-params``: write parameter files for a real vehicle.
 
 Turn a vehicle file, or the configuration of a run, into the parameter files of odometry and
-assistant and a URDF; docs/real_vehicle.md says what to do with them.
+assistant and a URDF; docs/real_vehicle.md explains their use.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
-from omni_platform.command_options import option
-from omni_platform.configuration import Configuration
+from omni_bringup.command_report import Report
+from omni_bringup.workspace import Workspace
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, ConfigurationError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,18 +25,25 @@ class Options(Configuration):
         description="such as config/hardware/mecanum_agv.yaml, or the configuration.yaml of a run",
     )
     out: Path = option(metavar="DIR", description="folder of the files; made if it is missing")
+    force: bool = option(
+        False, description="write the files even where a roller angle seems to have a wrong sign"
+    )
+    json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Write the files and say where they are; return the exit code."""
+def run(options: Options, workspace: Workspace) -> Report:
+    """Write the files."""
     from omni_bringup.graph.hardware import read_hardware, write_parameters
+    from omni_tools.vehicles.rollers import roller_remarks
 
     hardware = read_hardware(options.configuration)
-    try:
-        written = write_parameters(hardware, options.out)
-    except OSError as error:
-        print(f"omni ros-params: cannot write to {options.out}: {error.strerror}", file=sys.stderr)
-        return EXIT_FAILED
-    for path in written:
-        print(path)
-    return EXIT_OK
+    for remark in roller_remarks(hardware.brake_assist.wheels):
+        if not options.force:
+            raise ConfigurationError("", f"{remark}; --force writes the files nonetheless")
+        workspace.note(remark)
+    written = write_parameters(hardware, options.out)
+    return Report(
+        name="ros-params",
+        details={"files": list(map(str, written))},
+        text=map(str, written),
+    )

@@ -1,19 +1,18 @@
 """``./omni show``: see a vehicle, ground, tire, placement or experiment, in words and drawn.
 
-Print what a name of ./omni list stands for, and draw it; of a study or law, say what it does.
+Describe a name of ./omni list and draw it; of a study or law, print its purpose and options.
 """
 
 from __future__ import annotations
 
 import importlib
-import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import (
     Configuration,
@@ -25,7 +24,7 @@ from omni_platform.configuration import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from omni_analysis.loop.experiment import ExperimentLibrary
+    from omni_loop.experiment import ExperimentLibrary
 
 
 _DPI = 300.0  # of a ground that is drawn
@@ -51,35 +50,29 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Print and draw it; return the exit code."""
-    from omni_analysis.figures.style import save_figure
-    from omni_analysis.loop.experiment import ExperimentLibrary
-
-    kind, path = _find(options, workspace / "config")
+def run(options: Options, workspace: Workspace) -> Report:
+    """Describe it in words, and draw what can be drawn."""
+    kind, path = _find(options, workspace)
     if kind in (STUDIES, LAWS):
-        return _tell(kind, options)
-    library = ExperimentLibrary(workspace / "config")
-    facts, figure = _shown(kind, options.name, library)
-    picture = options.out or workspace / "results" / "show" / f"{path.stem}.png"
-    try:
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        save_figure(figure, picture)
-    except OSError as error:
-        raise ConfigurationError("--out", f"cannot write {picture}: {error.strerror}") from None
-    if options.json:
-        document = {"name": path.stem, "kind": kind, "facts": facts, "picture": str(picture)}
-        print(json.dumps(document, indent=2))
-        return EXIT_OK
-    print(f"{path.stem} ({path})")
-    print(first_sentence(path))
-    for key, words in facts.items():
-        print(f"  {key}: {words}")
-    print(f"figure {picture}")
-    return EXIT_OK
+        return _described(kind, options)
+    from omni_figures.style import save_figure
+
+    facts, figure = _shown(kind, options.name, workspace.library())
+    picture = options.out or workspace.results(None, "show") / f"{path.stem}.png"
+    save_figure(figure, picture)
+    return Report(
+        name=path.stem,
+        details={"kind": kind, "facts": facts, "picture": str(picture)},
+        text=(
+            f"{path.stem} ({path})",
+            first_sentence(path),
+            *(f"  {key}: {words}" for key, words in facts.items()),
+            f"figure {picture}",
+        ),
+    )
 
 
-def _find(options: Options, config: Path) -> tuple[str, Path]:
+def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     """Return the kind of a name and its file."""
     if options.name.endswith(".yaml"):
         if options.kind is None:
@@ -89,30 +82,32 @@ def _find(options: Options, config: Path) -> tuple[str, Path]:
         return options.kind, Path(options.name)
     kinds = [kind for kind in KINDS if options.kind in (None, kind)]
     found = [
-        (kind, path) for kind in kinds if (path := config / kind / f"{options.name}.yaml").is_file()
+        (kind, path)
+        for kind in kinds
+        if (path := workspace.config / kind / f"{options.name}.yaml").is_file()
     ]
     texts = [kind for kind in (STUDIES, LAWS) if options.kind in (None, kind)]
-    found += [(kind, Path()) for kind in texts if options.name in names_of(kind, config.parent)]
+    found += [(kind, Path()) for kind in texts if options.name in names_of(kind, workspace.folder)]
     if not found:
         looked_in = [kind for kind in EVERY if options.kind in (None, kind)]
-        known = sorted({name for kind in looked_in for name in names_of(kind, config.parent)})
+        known = sorted({name for kind in looked_in for name in names_of(kind, workspace.folder)})
         raise ConfigurationError(
             "NAME",
             f"{options.name!r} is not known{did_you_mean(options.name, known) or ';'} ./omni list "
             "names all",
         )
     for kind, _ in found[1:]:
-        print(f"omni show: --kind {kind} shows the one of that name there", file=sys.stderr)
+        workspace.note(f"--kind {kind} shows the one of that name there")
     return found[0]
 
 
-def _tell(kind: str, options: Options) -> int:
-    """Print what a study or a law says of itself, and the options of a study."""
+def _described(kind: str, options: Options) -> Report:
+    """Return the description of a study or a law, and the options of a study."""
     import inspect
 
     facts: dict[str, str] = {}
     if kind == STUDIES:
-        from omni_analysis.studies import load_study
+        from omni_studies.study import load_study
 
         study = load_study(options.name)
         words = study.__doc__
@@ -121,19 +116,20 @@ def _tell(kind: str, options: Options) -> int:
     else:
         words = importlib.import_module(f"omni_brake_assist.laws.{options.name}").__doc__ or ""
     words = inspect.cleandoc(words).replace("``", "")
-    if options.json:
-        print(json.dumps({"name": options.name, "kind": kind, "words": words, "facts": facts}))
-        return EXIT_OK
-    print(f"{options.name} ({kind})\n\n{words}\n")
-    for key, what in facts.items():
-        print(f"  {key}: {what}")
     use = f"study {options.name}" if kind == STUDIES else f"run --law {options.name}"
-    print(f"try it: ./omni {use}")
-    return EXIT_OK
+    return Report(
+        name=options.name,
+        details={"kind": kind, "words": words, "facts": facts},
+        text=(
+            f"{options.name} ({kind})\n\n{words}\n",
+            *(f"  {key}: {what}" for key, what in facts.items()),
+            f"try it: ./omni {use}",
+        ),
+    )
 
 
 def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, str], Figure]:
-    from omni_analysis.vehicles import drawings
+    from omni_tools.vehicles import drawings
 
     if kind == "vehicles":
         vehicle = library.vehicle(name)

@@ -11,6 +11,7 @@ import math
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -41,6 +42,7 @@ _DEMAND_PERIOD = 0.02  # [s]
 _STATE_PERIOD = 0.033  # [s] of what the page shows
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
+_POSES = 50  # half a second of the vehicle's poses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,6 +91,7 @@ class DriverConfiguration(Configuration):
     stamped_cmd_vel: bool = parameter(
         True, description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist"
     )
+    host: str = parameter("127.0.0.1", description="IP address of this machine for the page")
     port: int = parameter(
         0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
     )
@@ -98,7 +101,7 @@ class DriverConfiguration(Configuration):
 
 
 class DriverNode(Node):
-    """Says what the person in the seat asks for, and shows what the vehicle does."""
+    """Publishes the demands of the person in the seat, and shows the motion of the vehicle."""
 
     def __init__(self) -> None:
         super().__init__("driver")
@@ -113,19 +116,21 @@ class DriverNode(Node):
                 self.seat,
                 largest=(speed, speed, configuration.max_yaw_rate),
                 greeting={"vehicle": _drawing(configuration), "choices": choices},
-                hear=self._hear,
+                receive=self._receive,
                 token=configuration.token,
                 clock=time.monotonic,
-                port=configuration.port,
+                address=(configuration.host, configuration.port),
             )
         except OSError as error:
-            raise ConfigurationError("port", f"cannot be used: {error.strerror}") from None
+            raise ConfigurationError(
+                "port", f"cannot be used at {configuration.host}: {error.strerror}"
+            ) from None
         self.state: dict[str, Any] = {"assist": configuration.assist}
         self._pedal = self.create_publisher(JointState, "driver/pedal", RELIABLE)
         self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", RELIABLE)
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
-        self.heard = 0
+        self.received = 0
         kind = TwistStamped if configuration.stamped_cmd_vel else Twist
         self._listen(kind, "cmd_vel", self._on_command)
         self._listen(Odometry, "ground_truth/odom", self._on_truth)
@@ -135,10 +140,13 @@ class DriverNode(Node):
         self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
         self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
+        # A recording's stop begins where the vehicle is at the stamp of the pedal.
+        self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=_POSES)
+        self._pedal_down_ns: int | None = None
 
     def _listen(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
         def on_message(message: Any) -> None:
-            self.heard += 1
+            self.received += 1
             take(message)
 
         self.create_subscription(kind, topic, on_message, RELIABLE)
@@ -151,7 +159,7 @@ class DriverNode(Node):
         self._command.publish(planar_twist(self._stamp_ns, np.array(demand.twist)))
         self._pedal.publish(pedal)
 
-    def _hear(self, demand: Demand) -> None:
+    def _receive(self, demand: Demand) -> None:
         # Nothing is lost where the assistant is not there yet: the page shows what holds.
         switched = demand.assist is not None and demand.assist != self.state["assist"]
         if switched and self._assist.service_is_ready():
@@ -178,9 +186,22 @@ class DriverNode(Node):
         self.state["time"] = self._stamp_ns / 1e9
         self.state["pose"] = [place.x, place.y, yaw]
         self.state["twist"] = [twist.linear.x, twist.linear.y, twist.angular.z]
+        self._poses.append((self._stamp_ns, self.state["pose"], self.state["twist"]))
+        self._note_start()
 
     def _on_pedal(self, message: JointState) -> None:
-        self.state["pedal"] = float(message.position[0])
+        before, pedal = self.state.get("pedal", 0.0), float(message.position[0])
+        if pedal > 0.0 and not before > 0.0:
+            self._pedal_down_ns = to_nanoseconds(message.header.stamp)
+            self._note_start()
+        self.state["pedal"] = pedal
+
+    def _note_start(self) -> None:
+        """Note pose and speed at the stamp at which the pedal went down, once they are there."""
+        for stamp_ns, pose, twist in self._poses:
+            if stamp_ns == self._pedal_down_ns:
+                start = {"time": stamp_ns / 1e9, "pose": pose, "speed": math.hypot(*twist[:2])}
+                self.state["start"], self._pedal_down_ns = start, None
 
     def _on_enable(self, message: JointState) -> None:
         self.state["enable"] = self._by_wheel(message.name, message.effort)
@@ -242,15 +263,15 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
 def _take_in(node: DriverNode, spinner: Spinner) -> None:
     """Run the callbacks of all that has arrived; one call serves one topic."""
     before = -1
-    while node.heard != before:
-        before = node.heard
+    while node.received != before:
+        before = node.received
         spinner.spin_once(0.0)
 
 
 async def _drive(node: DriverNode, spinner: Spinner) -> None:
     async with node.server.running():
         report({"url": node.server.url})
-        if REPORT_VARIABLE not in os.environ:  # nobody reads reports, as under ros2 launch
+        if REPORT_VARIABLE not in os.environ:  # no process reads reports, as under ros2 launch
             node.get_logger().info(f"the page is at {node.server.url}")
         demand_due = state_due = 0.0
         while not spinner.stop:
@@ -266,7 +287,7 @@ async def _drive(node: DriverNode, spinner: Spinner) -> None:
 
 
 def drive(node: DriverNode, spinner: Spinner) -> None:
-    """Serve the page and say the demands until a signal asks to stop."""
+    """Serve the page and publish the demands until a signal asks to stop."""
     asyncio.run(_drive(node, spinner))
 
 

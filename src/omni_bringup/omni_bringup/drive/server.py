@@ -1,8 +1,9 @@
 """The page that a person drives with: files over HTTP, demands and state over a WebSocket.
 
-Only this machine reaches it, and of its users only who knows the random token in the address:
+Only this machine reaches it unless another address is given, and only who knows the random token
+in the address:
 another page in the same browser knows no token and comes from another origin; one whose host name
-was bound to this address anew still says its own host.
+was bound to this address anew still sends its own host.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ from websockets.typing import Origin
 
 from omni_bringup.drive.seat import DriverSeat, Twist
 
-_HOST = "127.0.0.1"
 _LARGEST_MESSAGE = 1024  # [B] that a page may send at once
 _FILES = {
     "": ("index.html", "text/html; charset=utf-8"),
@@ -43,7 +43,7 @@ class PageError(ValueError):
 
 
 class Demand(NamedTuple):
-    """What a page says.
+    """A message of a page.
 
     Attributes:
         pedal: 0..1.
@@ -59,7 +59,7 @@ class Demand(NamedTuple):
 
 
 def parse_demand(text: str | bytes) -> Demand:
-    """Return what a page's message says.
+    """Return the demand in a page's message.
 
     Args:
         text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0], "assist": true}`` or with
@@ -112,21 +112,21 @@ class DriveServer:
         *,
         largest: Twist,
         greeting: Mapping[str, Any],
-        hear: Callable[[Demand], None],
+        receive: Callable[[Demand], None],
         token: str,
         clock: Callable[[], float],
-        port: int = 0,
+        address: tuple[str, int] = ("127.0.0.1", 0),
     ) -> None:
         """Take the port.
 
         Args:
             seat: whose page this is.
             largest: body twist that a full stick means [m/s, m/s, rad/s].
-            greeting: what a page is told when it opens.
-            hear: called with what else than pedal and stick a page says.
+            greeting: sent to a page when it opens.
+            receive: called with the messages of a page other than pedal and stick.
             token: that the address shall hold; a new one where it is empty.
             clock: time [s] that only goes forward.
-            port: TCP port; 0 for any free one.
+            address: IP address of this machine, and TCP port; 0 for any free one.
 
         Raises:
             OSError: the port is taken.
@@ -134,12 +134,15 @@ class DriveServer:
         self._seat = seat
         self._largest = largest
         self._greeting = json.dumps(greeting)
-        self._hear = hear
+        self._receive = receive
         self._clock = clock
         self._driver: ServerConnection | None = None
         self._token = token or secrets.token_urlsafe(24)
-        self._listener = socket.create_server((_HOST, port))
-        self._address = f"{_HOST}:{self._listener.getsockname()[1]}"
+        host = address[0]
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._listener = socket.create_server(address, family=family)
+        port = self._listener.getsockname()[1]
+        self._address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self.url = f"http://{self._address}/{self._token}/"
 
     @asynccontextmanager
@@ -192,7 +195,7 @@ class DriveServer:
             stick[2] * self._largest[2],
         )
         self._seat.take_page(demand.pedal, twist, self._clock())
-        self._hear(demand)
+        self._receive(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """Return a file or a refusal; None lets the WebSocket's opening go on."""

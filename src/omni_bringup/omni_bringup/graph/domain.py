@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+from omni_platform.configuration import InputError
 from omni_ros.environment import chosen_domain
 
 # Domains 0-101 work with the default port range of every operating system; 0 is everybody's.
@@ -19,16 +20,16 @@ _FIRST_PORT, _PORTS_OF_DOMAIN, _FIRST_PAIR = 7400, 250, 10
 _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
-class NoFreeDomainError(RuntimeError):
+class NoFreeDomainError(InputError):
     """The chosen ROS domain, or every one of this machine, is taken by another run."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other run on this machine holds, whoever started it.
+    """Reserve a ROS domain that no other run on this machine holds, of any user.
 
     One that is not chosen holds no other ROS program of this machine either. In a chosen one there
-    may be some, to look on; the recorder of the run sees to it that they say nothing.
+    may be some, to look on; the recorder of the run refuses what they publish.
 
     Yields:
         The domain's number; that in ``ROS_DOMAIN_ID`` where the user has set it.

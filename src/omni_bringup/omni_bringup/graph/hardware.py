@@ -1,17 +1,17 @@
-"""What the nodes of a real vehicle are told: parameter files from one file about the vehicle."""
+"""Parameter files of the nodes of a real vehicle, from one file about the vehicle."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_analysis.loop.experiment import load_yaml, recorded_experiment
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_loop.experiment import load_yaml, recorded_experiment
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -19,7 +19,7 @@ from omni_platform.configuration import (
     from_mapping,
 )
 from omni_platform.description import urdf
-from omni_platform.flat_parameters import flatten
+from omni_ros.flat_parameters import flatten
 
 _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a third of the time
 
@@ -27,6 +27,19 @@ DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
 LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
+_TWIST = "odometry/twist"
+_REFUSED = 2  # exit code of a node whose configuration is wrong, which another start cannot mend
+
+# Launch arguments: default, None where one is required, and description.
+ARGUMENTS = {
+    "parameters": (None, "Folder of the parameter files"),
+    "namespace": ("", "Namespace of the vehicle, such as robot1"),
+    "frame_prefix": ("", "Before every frame, such as robot1/"),
+    "twist": (_TWIST, "Topic of the body twist; another one starts no odometry"),
+    "log_only": ("true", "true: decide and report, but release no brake; false: assist"),
+    "robot_state_publisher": ("false", "true: publish the wheels' frames, from wheel_states"),
+    "respawn": ("true", "Start a node again that has died; until then all brakes are on"),
+}
 
 _PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
 
@@ -44,8 +57,80 @@ class Hardware:
     odometry: OdometryConfiguration | None
 
 
+@dataclasses.dataclass(frozen=True)
+class HardwareNode:
+    """A node that the launch file starts.
+
+    Attributes:
+        package: of the node.
+        executable: of the package, and the node's name.
+        files: parameter files, the last of which holds.
+        remappings: pairs of topics.
+        ros_arguments: further words behind ``--ros-args``.
+    """
+
+    package: str
+    executable: str
+    name: str
+    files: tuple[Path, ...]
+    remappings: tuple[tuple[str, str], ...] = ()
+    ros_arguments: tuple[str, ...] = ()
+
+
+def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[HardwareNode]:
+    """Return the nodes that launch arguments ask for.
+
+    Args:
+        given: the arguments by name.
+        words: ``NAME:=VALUE`` as given on the command line.
+
+    Raises:
+        ConfigurationError: an argument is not known or has a wrong value, or the folder has not the
+            files that are needed.
+    """
+    for word in words:
+        name, assigned, _ = word.partition(":=")
+        if assigned and name not in ARGUMENTS:
+            hint = did_you_mean(name, ARGUMENTS)
+            raise ConfigurationError(name, f"is not one of {', '.join(ARGUMENTS)}{hint}")
+    for name, (default, _) in ARGUMENTS.items():
+        if default in ("true", "false") and given[name] not in ("true", "false"):
+            raise ConfigurationError(name, f"is {given[name]!r}, must be true or false")
+    folder = Path(given["parameters"]).resolve()
+    if not (folder / f"{BRAKE_ASSIST}.yaml").is_file():
+        raise ConfigurationError(
+            "parameters",
+            f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} makes "
+            "it",
+        )
+    # Parameters given as mappings would become files that launch leaves in the temporary folder.
+    prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
+    own = given["twist"] == _TWIST
+    nodes = []
+    if own and (folder / f"{ODOMETRY}.yaml").exists():
+        file = folder / f"{ODOMETRY}.yaml"
+        nodes.append(HardwareNode(ODOMETRY, "odometry", ODOMETRY, (file,), ros_arguments=prefix))
+    assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
+    files = tuple(folder / f"{name}.yaml" for name in assistant)
+    remappings = () if own else ((_TWIST, given["twist"]),)
+    nodes.append(HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, remappings))
+    if given["robot_state_publisher"] == "true":
+        files = (folder / f"{FRAMES}.yaml",)
+        joints = (("joint_states", "wheel_states"),)
+        nodes.append(HardwareNode(FRAMES, FRAMES, FRAMES, files, joints, prefix))
+    for path in (path for node in nodes for path in node.files):
+        if not path.is_file():
+            raise ConfigurationError("parameters", f"{path} is missing; write the folder anew")
+    return nodes
+
+
+def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
+    """Return whether a node that has ended with an exit code is started again."""
+    return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
+
+
 def read_hardware(path: Path) -> Hardware:
-    """Return what a file says of a vehicle.
+    """Return the description of a vehicle in a file.
 
     Args:
         path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` or
@@ -120,7 +205,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
     """Return the text of a parameter file for a node of any name and namespace.
 
     Args:
-        configuration: what the node is told.
+        configuration: of the node.
         **others: further parameters.
     """
     # An empty list has no type in a parameter file; left out, the declared one holds.

@@ -13,9 +13,6 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from omni_analysis.figures.comparison_table import comparison_table
-from omni_analysis.loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_analysis.loop.metrics import results_document
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.process_group import NodeProcess, ProcessError
@@ -26,6 +23,9 @@ from omni_bringup.graph.run_variant import (
     check_report,
     measured,
 )
+from omni_figures.comparison_table import comparison_table
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.metrics import results_document
 from omni_platform.configuration import ConfigurationError
 
 # Launch arguments: default and description.
@@ -34,6 +34,7 @@ ARGUMENTS = {
     "experiment": ("straight_line", "A file of config/experiments/"),
     "variant": ("", "Variant of the experiment; its last if empty"),
     "overrides": ("", "KEY=VALUE words, as --set of omni takes them"),
+    "namespace": ("", "Namespace of the vehicle, such as robot1"),
     "out": ("", "Folder of the recording; must not exist"),
 }
 LOCKSTEP, REAL_TIME, DRIVE = "lockstep", "real_time", "drive"
@@ -69,7 +70,8 @@ class LaunchPlan:
         """Write configuration, versions and results beside a finished recording.
 
         Raises:
-            ProcessError: the run did not come to its end; likewise RunError where data are lost.
+            ProcessError: the run did not come to its end.
+            RunError: data are lost.
         """
         if self.folder is None:
             raise ConfigurationError("out", "is needed: the folder of the recording")
@@ -116,6 +118,9 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
         nodes = drive_nodes(configuration, scratch, {}, folder)
     else:
         nodes = graph.run_nodes(configuration, folder, scratch, lockstep=mode == LOCKSTEP)
+    if given["namespace"]:
+        words = ("-r", f"__ns:=/{given['namespace'].strip('/')}")
+        nodes = [dataclasses.replace(node, arguments=(*node.arguments, *words)) for node in nodes]
     name = Path(experiment).stem
     return LaunchPlan(nodes, scratch, name, variant, configuration, folder, mode != DRIVE)
 

@@ -1,4 +1,4 @@
-"""The nodes of a run, what they are told, and what of theirs is recorded."""
+"""The nodes of a run, their parameters, and the topics that are recorded."""
 
 from __future__ import annotations
 
@@ -7,51 +7,44 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_brake_assist.configuration import LAWS
 from omni_bringup.graph.hardware import parameters_text
 from omni_bringup.graph.process_group import NodeProcess
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform import topics
 from omni_platform.configuration import Configuration
-from omni_platform.flat_parameters import flatten
-from omni_sim.simulator import SimulatorConfiguration
+from omni_ros.flat_parameters import flatten
+from omni_sim.configuration import SimulatorConfiguration
 
-COMMAND = "/driver/command"  # the velocity that the drive follows
-GROUND_TRUTH = "/ground_truth/odom"  # a recording shows the platform where this says it is
-
-_SHARED = ("/clock", "/diagnostics")
+_SHARED = (topics.CLOCK.path, topics.DIAGNOSTICS.path)
+_IMU = "imu"  # frame of its messages
+_LONGEST_START = 300.0  # [s] of another node, which may have to compile kernels first
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
 def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
     """Return the message type of every topic of the graph, by absolute name."""
-    topics = {
-        "/clock": "rosgraph_msgs/msg/Clock",
-        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-        "/wheel_states": "sensor_msgs/msg/JointState",
-        "/brake/pedal": "sensor_msgs/msg/JointState",
-        "/brake/enable": "sensor_msgs/msg/JointState",
-        "/brake_assist/error": "sensor_msgs/msg/JointState",
-        COMMAND: "geometry_msgs/msg/TwistStamped",
-        "/odom": "nav_msgs/msg/Odometry",
-        "/odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
-        "/velocity_sensor/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
-        GROUND_TRUTH: "nav_msgs/msg/Odometry",
-        "/markers": "visualization_msgs/msg/MarkerArray",
-    }
-    if configuration.imu.enabled:
-        topics["/imu"] = "sensor_msgs/msg/Imu"
-    if configuration.odometry.sideslip:
-        topics["/odometry/sideslip"] = "sensor_msgs/msg/JointState"
+    found = [
+        topics.CLOCK,
+        topics.DIAGNOSTICS,
+        topics.WHEEL_STATES,
+        topics.PEDAL,
+        topics.ENABLE,
+        topics.SLIDING,
+        topics.TEST_RATIOS,
+        topics.COMMAND,
+        topics.ODOM,
+        topics.TWIST,
+        topics.VELOCITY_SENSOR,
+        topics.GROUND_TRUTH,
+        topics.MARKERS,
+    ]
+    found += [topics.IMU] if configuration.imu.enabled else []
+    found += [topics.SIDESLIP] if configuration.odometry.sideslip else []
     for sensor in configuration.sensors:
-        topics[f"/line_scan/{sensor}/lines"] = "sensor_msgs/msg/Image"
-        topics[f"/line_scan/{sensor}/camera_info"] = "sensor_msgs/msg/CameraInfo"
-    for sensor in configuration.flow_sensors:
-        topics[f"/flow/{sensor}/twist"] = "geometry_msgs/msg/TwistWithCovarianceStamped"
-    return topics
-
-
-def latched_topics(configuration: ExperimentConfiguration) -> list[str]:
-    """Return the topics that are said once and kept for whoever comes later."""
-    return [f"/line_scan/{sensor}/camera_info" for sensor in configuration.sensors]
+        found += [topics.lines(sensor), topics.camera_info(sensor)]
+    found += map(topics.flow, configuration.flow_sensors)
+    return {topic.path: topic.type for topic in found}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,26 +65,29 @@ def recorder(
     folder: Path,
     scratch: Path,
     options: RecordingOptions = RecordingOptions(),
-    topics: Mapping[str, str] | None = None,
+    chosen: Mapping[str, str] | None = None,
 ) -> NodeProcess:
-    """Return the process that records into a rosbag2 folder: every topic, or only `topics`."""
-    topics = recorded_topics(configuration) if topics is None else topics
+    """Return the process that records into a rosbag2 folder: every topic, or only `chosen`."""
+    chosen = recorded_topics(configuration) if chosen is None else chosen
     parameters: dict[str, Any] = {
         "folder": str(folder),
-        "topics": [_relative(topic) for topic in topics],
-        "types": list(topics.values()),
+        "topics": [_relative(topic) for topic in chosen],
+        "types": list(chosen.values()),
         "compression": options.compression,
         "synchronize": options.synchronize,
     }
-    if GROUND_TRUTH in topics:
+    if topics.GROUND_TRUTH.path in chosen:
         mounts = {**configuration.sensors, **configuration.flow_sensors}
-        poses = [(mount.x, mount.y, mount.heading) for mount in mounts.values()]
-        parameters["transforms_from"] = _relative(GROUND_TRUTH)
-        parameters["fixed_frames"] = list(mounts)
-        parameters["fixed_poses"] = [float(value) for pose in poses for value in pose]
-    latched = [name for name in latched_topics(configuration) if name in topics]
+        poses = {name: (mount.x, mount.y, mount.heading) for name, mount in mounts.items()}
+        imu = configuration.imu
+        poses |= {_IMU: (imu.x, imu.y, 0.0)} if imu.enabled else {}
+        parameters["transforms_from"] = topics.GROUND_TRUTH.name
+        parameters["fixed_frames"] = list(poses)
+        parameters["fixed_poses"] = [float(value) for pose in poses.values() for value in pose]
+    infos = map(topics.camera_info, configuration.sensors)
+    latched = [info.name for info in infos if info.path in chosen]
     if latched:  # an empty list has no type in a parameter file
-        parameters["latched_topics"] = [_relative(topic) for topic in latched]
+        parameters["latched_topics"] = latched
     return _node("recorder", "omni_recording", "recorder", parameters, scratch)
 
 
@@ -100,10 +96,17 @@ def odometry(
 ) -> NodeProcess:
     """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
     listeners = listeners or _RECORDER + 1 + configuration.hears_lines
-    parameters = _flat(configuration.odometry) | _timing(lockstep) | {"subscribers": listeners}
+    parameters = _flat(configuration.odometry) | _timing(lockstep) | _listeners(listeners)
     if configuration.own_odometry:
         parameters["own_odometry"] = configuration.own_odometry
-    return _node("linescan_odometry", "linescan_odometry", "odometry", parameters, scratch)
+    return _node(
+        "linescan_odometry",
+        "linescan_odometry",
+        "odometry",
+        parameters,
+        scratch,
+        own_code=bool(configuration.own_odometry),
+    )
 
 
 def brake_assist(
@@ -117,13 +120,22 @@ def brake_assist(
     parameters = (
         _flat(configuration.brake_assist)
         | _timing(lockstep)
-        | {"subscribers": listeners, "lockstep": lockstep}
+        | _listeners(listeners)
+        | {"lockstep": lockstep}
         | {"await_imu": configuration.imu.enabled, "twist_period": configuration.twist_period}
     )
     remaps = []
     if not configuration.hears_lines:
-        remaps = ["-r", "odometry/twist:=velocity_sensor/twist"]
-    return _node("brake_assist", "omni_brake_assist", "brake_assist", parameters, scratch, remaps)
+        remaps = ["-r", f"{topics.TWIST.name}:={topics.VELOCITY_SENSOR.name}"]
+    return _node(
+        "brake_assist",
+        "omni_brake_assist",
+        "brake_assist",
+        parameters,
+        scratch,
+        remaps,
+        own_code=configuration.brake_assist.law not in LAWS,
+    )
 
 
 def simulator(
@@ -136,14 +148,14 @@ def simulator(
     listeners: int = _RECORDER + 1,
 ) -> NodeProcess:
     """Return the process of the simulator, scripted or `driven` by the node of the driver."""
-    parameters = _flat(configuration, SimulatorConfiguration) | {
-        "subscribers": listeners,
+    parameters = _flat(configuration, SimulatorConfiguration) | _listeners(listeners)
+    parameters |= {
         "mode": "lockstep" if lockstep else "real_time",
         "driver": "topics" if driven else "scripted",
         "lines_recorded": lines_recorded,
         "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
     }
-    # The seat decides between its page and what a teleoperation node says on cmd_vel.
+    # The seat decides between its page and a teleoperation node on cmd_vel.
     remaps = ["-r", "cmd_vel:=driver/cmd_vel"] if driven else []
     return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
 
@@ -215,8 +227,12 @@ def _relative(topic: str) -> str:
 
 
 def _timing(lockstep: bool) -> dict[str, Any]:
-    """Return what makes a node repeat bit for bit, or stamp what it says unasked like the rest."""
+    """Return the parameters for runs that repeat bit for bit, or for simulated time."""
     return {"diagnostics_period": 0.0} if lockstep else {"use_sim_time": True}
+
+
+def _listeners(count: int) -> dict[str, Any]:
+    return {"subscribers": count, "match_timeout": _LONGEST_START}
 
 
 def _flat(configuration: Configuration, part: type[Configuration] | None = None) -> dict[str, Any]:
@@ -232,8 +248,10 @@ def _node(
     parameters: Mapping[str, Any],
     scratch: Path,
     remaps: list[str] | None = None,
+    *,
+    own_code: bool = False,
 ) -> NodeProcess:
     path = scratch / f"{name}.yaml"
     path.write_text(parameters_text(parameters), encoding="utf-8")
     arguments = ["--ros-args", "--params-file", str(path), *(remaps or [])]
-    return NodeProcess(name, package, executable, arguments)
+    return NodeProcess(name, package, executable, arguments, own_code)

@@ -9,12 +9,14 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from omni_platform.configuration import WorkError
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 
 _STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
@@ -23,7 +25,7 @@ _POLL = 0.02  # [s]
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
 
 
-class ProcessError(RuntimeError):
+class ProcessError(WorkError):
     """A process could not be found, or ended when it should not."""
 
 
@@ -36,12 +38,14 @@ class NodeProcess:
         package: package in the ament index.
         executable: name below ``lib/PACKAGE``.
         arguments: command-line arguments.
+        own_code: whether it runs code of the user's own, whose output belongs on the screen.
     """
 
     name: str
     package: str
     executable: str
     arguments: Sequence[str] = ()
+    own_code: bool = False
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -74,16 +78,18 @@ class RunningProcess:
         self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
+        shown = {"PYTHONUNBUFFERED": "1"} if node.own_code else {}
         # A process group of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in
         # order. No session of its own: of one that is halted when the bring-up dies, the kernel
         # takes care with SIGHUP and SIGCONT, and so it ends too.
         self.process = subprocess.Popen(
             command,
-            env={**environment, REPORT_VARIABLE: str(descriptor)},
+            env={**environment, **shown, REPORT_VARIABLE: str(descriptor)},
             pass_fds=(descriptor,),
             stdin=subprocess.DEVNULL,
-            stdout=self._output,
-            stderr=self._errors,
+            # Standard error in both cases: a document on standard output must stand there alone.
+            stdout=sys.stderr.fileno() if node.own_code else self._output,
+            stderr=None if node.own_code else self._errors,
             preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
         )
         self._read_until = 0
@@ -227,7 +233,8 @@ def describe_end(process: RunningProcess) -> str:
     code = process.returncode
     how = f"exit code {code}" if code is None or code >= 0 else f"signal {-code}"
     complaint = process.complaint().splitlines()
-    words = complaint[-1] if complaint else "without a message"
+    silent = "its output is above" if process.node.own_code else "without a message"
+    words = complaint[-1] if complaint else silent
     return f"{process.node.name} ended ({how}): {words}"
 
 

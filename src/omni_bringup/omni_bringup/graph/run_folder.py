@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 from mcap.writer import MCAP0_MAGIC
 
-from omni_analysis.loop.experiment import ExperimentConfiguration
+from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError, to_mapping
 
 CONFIGURATION = "configuration.yaml"
@@ -70,7 +70,7 @@ def write_summary(document: Mapping[str, Any], folder: Path) -> None:
 def unfinished_recordings(folder: Path) -> list[Path]:
     """Return the recordings of the runs in a folder that lack their end, as after a kill.
 
-    Whoever starts at the beginning can read such a file up to its last whole chunk; its index,
+    A reader that starts at the beginning gets such a file up to its last whole chunk; its index,
     which stands at the end, is missing.
     """
     return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]

@@ -10,11 +10,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omni_analysis.limit.share import limit_share
-from omni_analysis.loop.experiment import ExperimentConfiguration
-from omni_analysis.loop.history import RunHistory
-from omni_analysis.loop.metrics import Metric, run_metrics, still_rolls
-from omni_analysis.loop.recorded_run import read_run
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import (
@@ -27,7 +22,13 @@ from omni_bringup.graph.process_group import (
     wait_for,
 )
 from omni_bringup.graph.run_folder import write_configuration
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.history import RunHistory
+from omni_loop.metrics import Metric, run_metrics, still_rolls
+from omni_loop.recorded_run import read_run
+from omni_platform.configuration import WorkError
 from omni_ros.environment import node_environment
+from omni_tools.limit.share import limit_share
 
 _POLL = 0.05  # [s]
 _HALTED = "{} was halted by a signal during the run, which counts no more"
@@ -39,7 +40,7 @@ _PLAIN_RECORDING = graph.RecordingOptions()
 Progress = Callable[[Mapping[str, float]], None]
 
 
-class RunError(RuntimeError):
+class RunError(WorkError):
     """A run that did not come to its end; the bag keeps what was recorded."""
 
 
@@ -59,17 +60,14 @@ class VariantResult:
     history: RunHistory
     metrics: Mapping[str, Metric]
 
-    def check_rest(self) -> None:
-        """See that a vehicle whose pedal was down to the end came to rest.
-
-        Raises:
-            RunError: it rolls on.
-        """
-        if still_rolls(self.history):
-            raise RunError(
-                f"{self.variant}: the pedal is down and the vehicle still moves at "
-                f"{self.history.time[-1]:.2f} s, the end of the run (simulation.duration_limit)"
-            )
+    def still_moving(self) -> str:
+        """Return a sentence about a vehicle that rolls on with the pedal down, else nothing."""
+        if not still_rolls(self.history):
+            return ""
+        return (
+            f"{self.variant}: the pedal is down and the vehicle still moves at "
+            f"{self.history.time[-1]:.2f} s, the end of the run (simulation.duration_limit)"
+        )
 
 
 def run_variant(
@@ -149,7 +147,10 @@ def _run_graph(
             check_report(report)
         _check_life(group)  # the recorder listens to their end
     except ProcessError as error:
-        raise RunError(str(error)) from None
+        # A halted node silences those that wait for it: it is the cause, whichever was noticed.
+        halted = (one.node.name for one in group.running if one.was_halted)
+        cause = next((name for name in halted if name != simulator.node.name), None)
+        raise RunError(_HALTED.format(cause) if cause else str(error)) from None
     check_counts((recorder.new_reports() or [{}])[-1], report)
     return report
 
@@ -173,22 +174,22 @@ def _follow(
     """Wait for the end of the simulator and return its last report.
 
     Raises:
-        ProcessError: a node has ended before, or the simulator stands still.
+        ProcessError: a node has ended before, or the simulator makes no progress.
     """
     report: dict[str, Any] = {}
-    heard = running = time.monotonic()
+    received = running = time.monotonic()
     halted = False
     while wait_for(simulator, _POLL) is None:
         group.raise_if_ended(besides=simulator)
         now = time.monotonic()
         for report in simulator.new_reports():
             on_progress(report)
-            heard = now
+            received = now
         running = running if simulator.is_halted else now
         halted = simulator.was_halted  # the end of a process takes what is known of it along
         if now - running > _HALTED_PATIENCE:
             raise ProcessError("the simulator stands still: a signal has halted it")
-        if now - heard > _PATIENCE:
+        if now - received > _PATIENCE:
             raise ProcessError(f"the simulator has made no step for {_PATIENCE:g} s")
     group.raise_if_ended(besides=simulator)
     report = (simulator.new_reports() or [report])[-1]
@@ -203,17 +204,17 @@ def check_report(report: Mapping[str, Any]) -> None:
     """See by the simulator's last report that a run came to its end and no node fell silent.
 
     Raises:
-        ProcessError: says what did not.
+        ProcessError: names the node.
     """
     if report["finished"] == "running":
         raise ProcessError(
             f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
         )
-    for node, silence in report["silence"].items():
-        if silence > _LONGEST_SILENCE:
-            raise ProcessError(
-                f"{node} said nothing for {silence:.1f} s: the vehicle braked on all wheels"
-            )
+    silence, node = max(((time, node) for node, time in report["silence"].items()), default=(0, ""))
+    if silence > _LONGEST_SILENCE:  # of several the one that was silent first
+        raise ProcessError(
+            f"{node} published nothing for {silence:.1f} s: the vehicle braked on all wheels"
+        )
 
 
 def _check_life(group: ProcessGroup) -> None:
@@ -229,7 +230,7 @@ def _check_life(group: ProcessGroup) -> None:
 
 
 def check_counts(kept_report: Mapping[str, Any], report: Mapping[str, Any]) -> None:
-    """Compare what the recorder's last report says was kept with what the simulator sent.
+    """Compare the counts in the recorder's last report with those of the simulator.
 
     Raises:
         RunError: something is missing.

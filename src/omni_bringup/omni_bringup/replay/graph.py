@@ -18,6 +18,7 @@ from omni_bringup.graph.process_group import (
     wait_for,
 )
 from omni_bringup.replay.plan import BRAKE_ASSIST, ODOMETRY, ReplayPlan, node_listeners
+from omni_platform.topics import CLOCK
 from omni_ros.environment import node_environment
 
 _POLL = 0.05  # [s]
@@ -38,9 +39,9 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
         place = Path(scratch)
-        topics = {"/clock": "rosgraph_msgs/msg/Clock", **plan.outputs}
+        topics = {CLOCK.path: CLOCK.type, **plan.outputs}
         with process_group(node_environment(domain)) as group:
-            recorder = group.start(graph.recorder(plan.configuration, folder, place, topics=topics))
+            recorder = group.start(graph.recorder(plan.configuration, folder, place, chosen=topics))
             _start_nodes(group, plan, place)
             player = group.start(graph.player(bag, plan.inputs, plan.outputs, rate, place))
             report = _follow(group, player)

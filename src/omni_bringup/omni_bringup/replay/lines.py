@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from linescan_odometry.measurements import LineBatch, Lines
 from linescan_odometry.messages import line_batch_of
-from omni_bringup.replay.plan import lines_topic
+from omni_platform import topics
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch, Lines
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
@@ -17,7 +17,6 @@ from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.write import Rosbag2Writer
 from omni_ros.messages import line_image
 
-_IMAGE = "sensor_msgs/msg/Image"
 _DEPTH = 200
 
 
@@ -49,15 +48,11 @@ def write_lines(
             newest = start_ns + round(1e9 * (first + len(part) - 1) / rate)
             messages.append((newest, name, part))
     messages.sort(key=lambda message: message[0])
-    definition, qos = find_message_definition(_IMAGE), RecordedQos(_DEPTH)
-    writer = Rosbag2Writer(
-        folder, [RecordedTopic(lines_topic(n), definition, qos) for n in lines], compression="zstd"
-    )
-    try:
+    definition, qos = find_message_definition(topics.IMAGE), RecordedQos(_DEPTH)
+    recorded = [RecordedTopic(topics.lines(name).path, definition, qos) for name in lines]
+    with Rosbag2Writer(folder, recorded, compression="zstd") as writer:
         for stamp_ns, name, part in messages:
-            writer.write(lines_topic(name), stamp_ns, line_image(stamp_ns, name, part))
-    finally:
-        writer.close()
+            writer.write(topics.lines(name).path, stamp_ns, line_image(stamp_ns, name, part))
     return {name: sum(own == name for _, own, _ in messages) for name in lines}
 
 
@@ -75,11 +70,11 @@ def read_batches(
     Raises:
         BagError: a message cannot be read, or there is none of a camera.
     """
-    topics = {lines_topic(name): name for name in sensors}
+    names = {topics.lines(name).path: name for name in sensors}
     decoder = MessageDecoder()
-    batches: dict[str, list[LineBatch]] = {name: [] for name in topics.values()}
+    batches: dict[str, list[LineBatch]] = {name: [] for name in names.values()}
     begin: int | None = None
-    for recorded in in_time_order(m for m in bag_messages(bag) if m.channel.topic in topics):
+    for recorded in in_time_order(m for m in bag_messages(bag) if m.channel.topic in names):
         topic = recorded.channel.topic
         try:
             batch = line_batch_of(decoder.decode(recorded))
@@ -90,8 +85,10 @@ def read_batches(
         if elapsed > start + duration:
             break
         if elapsed >= start:
-            batches[topics[topic]].append(batch)
-    silent = [name for name, own in batches.items() if not any(len(b.lines) for b in own)]
+            batches[names[topic]].append(batch)
+    silent = [
+        topic for topic, name in names.items() if not any(len(b.lines) for b in batches[name])
+    ]
     if silent:
-        raise BagError(bag.path, f"holds no lines then on {', '.join(map(lines_topic, silent))}")
+        raise BagError(bag.path, f"holds no lines then on {', '.join(silent)}")
     return batches

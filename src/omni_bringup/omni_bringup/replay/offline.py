@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.measurements import LineBatch
 from linescan_odometry.messages import flow_of, line_batch_of
 from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip.meter import SideslipMonitor, angles
-from omni_analysis.loop.experiment import ExperimentConfiguration
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
@@ -23,10 +21,10 @@ from omni_bringup.replay.plan import (
     ODOMETRY,
     ReplayPlan,
     feedback_topic,
-    flow_topic,
-    lines_topic,
 )
-from omni_platform.signals import Flow, Twist
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform import topics
+from omni_platform.signals import Flow, LineBatch, TwistSample
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
@@ -63,18 +61,15 @@ def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     decoder = MessageDecoder()
     cores = _Cores(plan)
-    topics = [
+    outputs = [
         RecordedTopic(topic, find_message_definition(kind), RecordedQos(_DEPTH))
         for topic, kind in plan.outputs.items()
     ]
-    writer = Rosbag2Writer(folder, topics)
-    try:
+    with Rosbag2Writer(folder, outputs) as writer:
         for recorded in in_time_order(_chosen(bag, plan)):
             for topic, stamp_ns, answer in cores.take(bag, recorded, decoder):
                 data = bytes(store.serialize_cdr(answer, plan.outputs[topic]))
                 writer.write(topic, stamp_ns, data)
-    finally:
-        writer.close()
 
 
 def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[RecordedMessage]:
@@ -90,16 +85,16 @@ class _Cores:
         self._brakes: _Brakes | None = None
         if BRAKE_ASSIST in plan.nodes:
             self._brakes = _Brakes(configuration)
-            self._takers["/wheel_states"] = self._brakes.take_wheel_states
-            self._takers["/imu"] = self._brakes.take_imu
-            self._takers["/brake/pedal"] = self._brakes.take_pedal
-            self._takers[feedback_topic(configuration)] = self._brakes.take_twist
+            self._takers[topics.WHEEL_STATES.path] = self._brakes.take_wheel_states
+            self._takers[topics.IMU.path] = self._brakes.take_imu
+            self._takers[topics.PEDAL.path] = self._brakes.take_pedal
+            self._takers[feedback_topic(configuration).path] = self._brakes.take_twist
         if ODOMETRY in plan.nodes:
             odometry = _Odometry(configuration)
             for sensor in configuration.odometry.sensors:
-                self._takers[lines_topic(sensor)] = odometry.taker(sensor, line_batch_of)
+                self._takers[topics.lines(sensor).path] = odometry.taker(sensor, line_batch_of)
             for sensor in configuration.odometry.flow_sensors:
-                self._takers[flow_topic(sensor)] = odometry.taker(sensor, flow_of)
+                self._takers[topics.flow(sensor).path] = odometry.taker(sensor, flow_of)
 
     def take(self, bag: Bag, recorded: RecordedMessage, decoder: MessageDecoder) -> list[Result]:
         topic = recorded.channel.topic
@@ -135,9 +130,9 @@ class _Odometry:
             if self._has_wheels:
                 sideslip = self._sideslip.measure(estimate)
                 state = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
-                yield "/odometry/sideslip", stamp_ns, _with_arrays(state)
+                yield topics.SIDESLIP.path, stamp_ns, _with_arrays(state)
             answer = planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
-            yield "/odometry/twist", stamp_ns, answer
+            yield topics.TWIST.path, stamp_ns, answer
 
 
 class _Brakes:
@@ -170,7 +165,9 @@ class _Brakes:
 
     def take_twist(self, message: Any) -> Iterable[Result]:
         twist, covariance = planar_twist_of(message)
-        self._pairing.take_feedback(Twist(to_nanoseconds(message.header.stamp), twist, covariance))
+        self._pairing.take_feedback(
+            TwistSample(to_nanoseconds(message.header.stamp), twist, covariance)
+        )
         return self._answer()
 
     def _answer(self) -> Iterable[Result]:
@@ -181,8 +178,8 @@ class _Brakes:
         stamp_ns = decision.stamp_ns
         enable = joint_state(stamp_ns, self._wheels, effort=decision.enable)
         error = joint_state(stamp_ns, self._wheels, velocity=decision.error)
-        yield "/brake/enable", stamp_ns, _with_arrays(enable)
-        yield "/brake_assist/error", stamp_ns, _with_arrays(error)
+        yield topics.ENABLE.path, stamp_ns, _with_arrays(enable)
+        yield topics.SLIDING.path, stamp_ns, _with_arrays(error)
 
 
 def _with_arrays(message: Any) -> Any:

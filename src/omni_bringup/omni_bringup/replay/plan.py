@@ -5,22 +5,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from omni_analysis.loop.experiment import (
+from omni_bringup.graph.run_folder import CONFIGURATION
+from omni_loop.experiment import (
     ExperimentConfiguration,
     ExperimentLibrary,
     recorded_experiment,
 )
-from omni_bringup.graph.run_folder import CONFIGURATION
+from omni_platform import topics
 from omni_platform.configuration import ConfigurationError, did_you_mean
+from omni_platform.topics import Topic
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_summary
 
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 NODES = (ODOMETRY, BRAKE_ASSIST)
-
-_JOINTS = "sensor_msgs/msg/JointState"
-_TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
-_LARGEST_CONFIGURATION = 1 << 22  # [B]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,40 +50,30 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
             raise ConfigurationError("--nodes", f"{node!r} is not one of {', '.join(NODES)}{hint}")
     if len(set(nodes)) != len(nodes):
         raise ConfigurationError("--nodes", "names a node twice")
-    inputs: dict[str, str] = {}
-    outputs: dict[str, str] = {}
+    inputs: list[Topic] = []
+    outputs: list[Topic] = []
     if ODOMETRY in nodes:
-        for sensor in configuration.odometry.sensors:
-            inputs[lines_topic(sensor)] = "sensor_msgs/msg/Image"
-        for sensor in configuration.odometry.flow_sensors:
-            inputs[flow_topic(sensor)] = _TWIST
-        outputs["/odometry/twist"] = _TWIST
-        if configuration.odometry.sideslip:
-            outputs["/odometry/sideslip"] = _JOINTS
+        inputs += map(topics.lines, configuration.odometry.sensors)
+        inputs += map(topics.flow, configuration.odometry.flow_sensors)
+        outputs.append(topics.TWIST)
+        outputs += [topics.SIDESLIP] if configuration.odometry.sideslip else []
     if BRAKE_ASSIST in nodes:
-        inputs |= {"/wheel_states": _JOINTS, feedback_topic(configuration): _TWIST}
-        inputs["/brake/pedal"] = _JOINTS
+        inputs += [topics.WHEEL_STATES, feedback_topic(configuration), topics.PEDAL]
         if configuration.brake_assist.second_opinion and configuration.imu.enabled:
-            inputs["/imu"] = "sensor_msgs/msg/Imu"
-        outputs |= {"/brake/enable": _JOINTS, "/brake_assist/error": _JOINTS}
-    # What one node answers, the other hears from it and not from the recording.
-    inputs = {topic: kind for topic, kind in inputs.items() if topic not in outputs}
-    return ReplayPlan(configuration, tuple(nodes), inputs, outputs)
+            inputs.append(topics.IMU)
+        outputs += [topics.ENABLE, topics.SLIDING]
+    # The output of one node is the input of the other; it is not taken from the recording.
+    return ReplayPlan(
+        configuration,
+        tuple(nodes),
+        {topic.path: topic.type for topic in inputs if topic not in outputs},
+        {topic.path: topic.type for topic in outputs},
+    )
 
 
-def lines_topic(sensor: str) -> str:
-    """Return the topic of a camera's lines."""
-    return f"/line_scan/{sensor}/lines"
-
-
-def flow_topic(sensor: str) -> str:
-    """Return the topic of what a flow sensor measures."""
-    return f"/flow/{sensor}/twist"
-
-
-def feedback_topic(configuration: ExperimentConfiguration) -> str:
-    """Return the topic that the brake assistant listens to for the twist."""
-    return "/odometry/twist" if configuration.hears_lines else "/velocity_sensor/twist"
+def feedback_topic(configuration: ExperimentConfiguration) -> Topic:
+    """Return the topic from which the brake assistant takes the twist."""
+    return topics.TWIST if configuration.hears_lines else topics.VELOCITY_SENSOR
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
@@ -148,8 +136,6 @@ def recorded_configuration(
         words = f"there is no {CONFIGURATION} beside the recording; {remedy}"
         raise ConfigurationError(option, words)
     try:
-        if path.stat().st_size > _LARGEST_CONFIGURATION:
-            raise ConfigurationError(str(path), f"is larger than {_LARGEST_CONFIGURATION} bytes")
         return recorded_experiment(path.read_text(encoding="utf-8"), overrides)
     except OSError as error:
         raise ConfigurationError(str(path), f"cannot be read: {error.strerror}") from None
@@ -160,6 +146,6 @@ def recorded_configuration(
 def node_listeners(plan: ReplayPlan, node: str) -> int:
     """Return how many will listen to each output of a node: recorder, player, other nodes."""
     hears_odometry = BRAKE_ASSIST in plan.nodes and (
-        feedback_topic(plan.configuration) == "/odometry/twist"
+        feedback_topic(plan.configuration) == topics.TWIST
     )
     return 2 + (node == ODOMETRY and hears_odometry)

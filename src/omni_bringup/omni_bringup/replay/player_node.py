@@ -2,8 +2,8 @@
 
 A round, one message of each topic, goes out only when the round before has its result: topics
 cannot overtake each other then, no queue runs over, and the results do not depend on the speed.
-Where a result does not come, because a sensor is silent say, one more round is sent ahead. At the
-end the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
+Where a result does not come, as while a sensor is silent, one more round is sent ahead. At the end
+the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
 """
 
 from __future__ import annotations

@@ -7,18 +7,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_analysis.loop.experiment import ExperimentConfiguration
-from omni_analysis.loop.recorded_run import read_streams
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.recorded_run import read_streams
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
+from omni_platform.topics import GROUND_TRUTH, WHEEL_STATES
 from omni_recording.error import BagError
 from omni_recording.folder import Bag
 
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
-_TOPICS = {TRUTH: "ground_truth/odom", WHEELS: "wheel_states"}
-_TYPES = {_TOPICS[TRUTH]: "nav_msgs/msg/Odometry", _TOPICS[WHEELS]: "sensor_msgs/msg/JointState"}
+_TOPICS = {TRUTH: GROUND_TRUTH.name, WHEELS: WHEEL_STATES.name}
+_TYPES = {topic.name: topic.type for topic in (GROUND_TRUTH, WHEEL_STATES)}
 _STEADY = 1.0  # m/s^2, beyond which wheels slip on the ground
 _SPREAD = 3  # samples to either side over which the acceleration is taken
 

@@ -41,7 +41,7 @@ def check_bag(path: Path | str) -> BagCheck:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: it cannot be read to its end; says where and why.
+        BagError: it cannot be read to its end; names place and reason.
     """
     bag = open_bag(path)
     findings = _Findings()
@@ -117,7 +117,7 @@ class _Findings:
 
     def _decode(self, message: RecordedMessage) -> None:
         if self._decoder.problem(message.channel):
-            return  # said once for the channel
+            return  # reported once for the channel
         try:
             self._decoder.decode(message)
         except DecodeError as error:

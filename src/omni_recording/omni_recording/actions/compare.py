@@ -41,7 +41,7 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Tell whether there is something to compare and all of it differs by no more than this.
+        """Return whether there is something to compare and all of it differs by no more than this.
 
         Args:
             tolerance: largest absolute difference of two values, in the unit of each.

@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from omni_platform.configuration import InputError
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 from omni_recording.mcap import RecordedChannel
@@ -24,8 +25,8 @@ _MOST_TOPICS = 500  # files that are open at a time
 _ROWS_AT_ONCE = 4096
 
 
-class ExportError(ValueError):
-    """An export that cannot be made; the message says why in one sentence."""
+class ExportError(InputError):
+    """An export that cannot be made; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)

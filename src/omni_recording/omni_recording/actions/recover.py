@@ -69,10 +69,9 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     if not survey.count:
         words = "; ".join(survey.problems) or "it holds none"
         raise BagError(path, f"there is no message to save: {words}")
-    writer = Rosbag2Writer(folder, [_topic(path, channel) for channel in survey.channels])
-    for message in _whole_messages(files, [], []):
-        writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
-    writer.close()
+    with Rosbag2Writer(folder, [_topic(path, one) for one in survey.channels]) as writer:
+        for message in _whole_messages(files, [], []):
+            writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     if path.is_dir():
         _copy_notes(path, folder)
     return Recovery(folder, writer.counts, survey.first_ns, survey.last_ns, tuple(survey.problems))

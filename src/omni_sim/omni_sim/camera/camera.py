@@ -3,7 +3,7 @@
 Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
 the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
 noise, quantised to 8 or 16 bits. By default the exposure is instantaneous and the optics are
-perfect; `camera_configuration` says what else there is.
+perfect; see `camera_configuration` for the other effects.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import Lines
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
 from omni_sim.camera.footprint.integral import integrate_lines
@@ -33,8 +34,6 @@ from omni_sim.camera.optics import (
 from omni_sim.texture.texture import GroundTexture
 
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
-
-LineArray = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @lean
@@ -142,7 +141,7 @@ class LineCamera:
 
     def lines(
         self, poses: FloatArray, first_line: int, velocities: FloatArray | None = None
-    ) -> LineArray:
+    ) -> Lines:
         """Return exposed lines of shape (m, pixels), uint8 or uint16.
 
         Args:
@@ -158,7 +157,7 @@ class LineCamera:
         self.render(poses, first_line, lines, velocities)
         return lines
 
-    def blank(self, count: int) -> LineArray:
+    def blank(self, count: int) -> Lines:
         """Return room for some lines, shape (count, pixels)."""
         shape = (count, self.sensor.pixels)
         if self._configuration.bit_depth == 8:
@@ -169,14 +168,14 @@ class LineCamera:
         self,
         poses: FloatArray,
         first_line: int,
-        lines: LineArray,
+        lines: Lines,
         velocities: FloatArray | None = None,
     ) -> None:
         """Fill `lines`, an array like that of `blank`, as `lines()` does."""
         self.develop(self.ground(poses, velocities), first_line, lines)
 
-    def develop(self, ground: NDArray[np.float32], first_line: int, lines: LineArray) -> None:
-        """Fill `lines` with what the camera makes of a ground that lies below perfect optics.
+    def develop(self, ground: NDArray[np.float32], first_line: int, lines: Lines) -> None:
+        """Fill `lines` with the exposures of a ground as perfect optics see it.
 
         Args:
             ground: grey levels, see `ground`, shape (m, pixels).
@@ -242,7 +241,7 @@ class LineCameraArray:
         self,
         poses: Mapping[str, FloatArray],
         velocities: Mapping[str, FloatArray] | None = None,
-    ) -> dict[str, LineArray]:
+    ) -> dict[str, Lines]:
         """Return the next lines of each camera, shape (m, pixels), oldest first.
 
         Args:
@@ -261,7 +260,7 @@ class LineCameraArray:
 
     def render_next(
         self, name: str, poses: FloatArray, velocities: FloatArray | None = None
-    ) -> LineArray:
+    ) -> Lines:
         """Return the next lines of one camera; see `render`."""
         camera = self.cameras[name]
         lines = camera.blank(len(poses))

@@ -16,8 +16,9 @@ import statistics
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from omni_platform.kernels import njit
 
 _TABLE_BITS = 12
 

@@ -79,7 +79,7 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """What the pixels say besides the light of the ground, in grey levels of an 8-bit scale.
+    """Signal of the pixels besides the light of the ground, in grey levels of an 8-bit scale.
 
     Attributes:
         offset: dark signal, and the light of what hides the ground, shape (pixels,).

@@ -30,13 +30,13 @@ def interpolate_poses(
         x, y, yaw, shape (m, 3) [m, m, rad].
 
     Raises:
-        ValueError: a time lies outside the trajectory.
+        ValueError: a time is outside the trajectory.
     """
     poses = np.empty((len(times_ns), 3))
     rows = np.ascontiguousarray(trajectory)
     if not _interpolate(rows, float(start_ns), float(step_ns), times_ns, poses):
         raise ValueError(
-            f"times from {times_ns.min()} ns to {times_ns.max()} ns lie outside the trajectory, "
+            f"times from {times_ns.min()} ns to {times_ns.max()} ns are outside the trajectory, "
             f"{start_ns} ns to {start_ns + (len(trajectory) - 1) * step_ns} ns"
         )
     return poses
@@ -46,7 +46,7 @@ def interpolate_poses(
 def _interpolate(
     trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray, poses: FloatArray
 ) -> bool:
-    """Set poses; return whether all times lie within the trajectory."""
+    """Set poses; return whether all times are within the trajectory."""
     steps = len(trajectory) - 1
     step = step_ns * 1e-9
     for i in range(len(times_ns)):

@@ -6,8 +6,8 @@ the planar motion follows at the height h. A line of sight perpendicular to it m
     h (p, r)
 
 further ahead and to the left than it would at rest, wherever it is mounted: so all views move
-alike, at h (p', r') over the ground, which no sensor that looks at the ground can tell from a
-motion of the vehicle. Between two control stamps p and r are those of a cubic with the values and
+alike, at h (p', r') over the ground, which no sensor that looks at the ground can distinguish from
+a motion of the vehicle. Between two control stamps p and r are those of a cubic with the values and
 rates of both; the heave only changes the magnification, of second order are the slant of the view
 and the cosine of the tilt.
 """

@@ -1,6 +1,6 @@
-"""A driver who is told from outside what to do: pedal and velocity, period by period.
+"""A driver commanded from outside: pedal and velocity, period by period.
 
-Full braking holds whenever nobody says anything (the dead man's switch). The drive does not follow
+Full braking holds while no command arrives (the dead man's switch). The drive does not follow
 a joystick's jumps but accelerates within limits, from the velocity that the vehicle has.
 """
 
@@ -44,7 +44,7 @@ class DemandInbox:
     Args:
         timeout: age at which a demand no longer counts [s].
         pedal_required: whether there is a pedal for sure; without, a velocity alone drives, until
-            a pedal has been heard for the first time.
+            the first pedal has been received.
     """
 
     def __init__(self, timeout: float, pedal_required: bool = True) -> None:
@@ -80,7 +80,7 @@ class DemandInbox:
 
 
 class ManualDriver:
-    """Starts at rest where the maneuver starts, and does what `steer` says.
+    """Starts at rest where the maneuver starts, and follows `steer`.
 
     Args:
         configuration: limits of the driver.
@@ -115,7 +115,7 @@ class ManualDriver:
         Args:
             pedal: position of the brake pedal, 0..1.
             target: body twist to go to [m/s, m/s, rad/s], shape (3,).
-            twist: body twist that the vehicle has, likewise.
+            twist: body twist of the vehicle [m/s, m/s, rad/s], shape (3,).
             period: control period [s].
         """
         self._pedal = pedal

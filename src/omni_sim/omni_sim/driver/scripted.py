@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
 
 
@@ -44,7 +44,7 @@ class DemandConfiguration(Configuration):
         if self.time and self.time[0] < 0.0:
             raise ConfigurationError("time", "must not begin before 0")
         if any(not 0.0 <= pedal <= 1.0 for pedal in self.pedal):
-            raise ConfigurationError("pedal", "must lie in 0..1")
+            raise ConfigurationError("pedal", "must be in 0..1")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -149,8 +149,8 @@ class ScriptedDriver:
 
     def __init__(self, configuration: ManeuverConfiguration) -> None:
         self.configuration = configuration
-        self._brake_ns = round(configuration.brake_time * 1e9)
-        self._ramp_ns = round(configuration.pedal_ramp_time * 1e9)
+        self._brake_ns = round(configuration.brake_time * SECOND_NS)
+        self._ramp_ns = round(configuration.pedal_ramp_time * SECOND_NS)
         demands = configuration.demands
         self._times = np.array(demands.time)
         self._rows = np.array((demands.forward, demands.left, demands.turn, demands.pedal))
@@ -189,7 +189,7 @@ class ScriptedDriver:
     def settled_ns(self) -> int:
         """Time from which on pedal and command stay as they are [ns]."""
         if self._times.size:
-            return round(float(self._times[-1]) * 1e9)
+            return round(float(self._times[-1]) * SECOND_NS)
         return self._brake_ns + self._ramp_ns
 
     def pedal(self, stamp_ns: int) -> float:

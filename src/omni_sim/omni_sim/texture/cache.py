@@ -51,7 +51,7 @@ class TextureCache:
         base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
         try:
             folder = Path(base).expanduser()
-        except RuntimeError:  # nobody knows where the user is at home
+        except RuntimeError:  # the home folder of the user is unknown
             folder = Path(os.environ.get("OMNI_CACHE_DIR") or tempfile.gettempdir())
         return cls(folder / "omni_sim" / "textures")
 

@@ -12,17 +12,17 @@ import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from omni_platform.kernels import njit
+from omni_platform.quantities import Float32Array
 
 
 class _Mosaic(NamedTuple):
     """Cells as the kernel draws them; see `Cells`."""
 
-    points: Floats
-    grey: Floats
+    points: Float32Array
+    grey: Float32Array
     border_grey: np.float32
     border: np.float32
 
@@ -30,7 +30,7 @@ class _Mosaic(NamedTuple):
 class Pattern(Protocol):
     """One layer of a picture."""
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw over what the layers below have drawn.
 
         Args:
@@ -49,7 +49,7 @@ class Plain:
 
     grey: float
 
-    def draw(self, band: Floats, first_row: int) -> None:  # noqa: ARG002
+    def draw(self, band: Float32Array, first_row: int) -> None:  # noqa: ARG002
         """Fill the band."""
         band[:] = self.grey
 
@@ -67,14 +67,14 @@ class Cells:
         darken: draw only where this is darker than what is below.
     """
 
-    points: Floats
-    grey: Floats
+    points: Float32Array
+    grey: Float32Array
     border_grey: float
     border: float
-    warp: Floats
+    warp: Float32Array
     darken: bool = False
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the cells."""
         warped = bool(self.warp.any())
         shift = np.zeros((2, *band.shape) if warped else (2, 1, 1), np.float32)
@@ -96,9 +96,9 @@ class Noise:
         lattice: values at the nodes, any number of them along y and along x.
     """
 
-    lattice: Floats
+    lattice: Float32Array
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Add the noise."""
         texels = band.shape[1]
         row, row_blend = _places(texels, len(self.lattice))
@@ -113,14 +113,14 @@ class Leaves:
 
     Attributes:
         leaves: rows of centre x, y [periods], long half axis [periods], axis ratio, direction of
-            the long axis [rad], grey level; the first one lies lowest.
+            the long axis [rad], grey level; the first one is lowest.
         softness: width of the transition at the edge [periods].
     """
 
     leaves: NDArray[np.float64]
     softness: float
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Paint the ellipses."""
         _dead_leaves(band, first_row, self.leaves, self.softness)
 
@@ -134,10 +134,10 @@ class Rings:
         bend: displacement in y of the profile, layers of `Noise` [periods].
     """
 
-    profile: Floats
+    profile: Float32Array
     bend: tuple[Noise, ...]
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the profile."""
         shift = np.zeros(band.shape, np.float32)
         for noise in self.bend:
@@ -157,13 +157,13 @@ class Bond:
         staggered: whether every other row is moved by half a rectangle.
     """
 
-    grey: Floats
+    grey: Float32Array
     joint_grey: float
     joint: float
     softness: float
     staggered: bool
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the rectangles."""
         rows, columns = self.grey.shape
         texels = band.shape[1]
@@ -189,7 +189,7 @@ class Added:
 
     pattern: Pattern
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Add the pattern."""
         added = np.zeros_like(band)
         self.pattern.draw(added, first_row)
@@ -209,14 +209,14 @@ class Studs:
         glare: how much brighter the lit and darker the averted edges are [grey levels].
     """
 
-    grey: Floats
+    grey: Float32Array
     groove_grey: float
     top: float
     bevel: float
     corner: float
     glare: float
 
-    def draw(self, band: Floats, first_row: int) -> None:
+    def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the studs."""
         cells, texels = len(self.grey), band.shape[1]
         y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) * (cells / texels)
@@ -233,7 +233,7 @@ class Studs:
         band[:] = tops + (self.groove_grey - tops) * level + self.glare * math.sqrt(0.5) * lit
 
 
-def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Floats]:
+def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
     """Return the lattice node before each texel and its blend with the one behind."""
     place = (np.arange(texels) + 0.5) * (nodes / texels)
     node = place.astype(np.int64)
@@ -242,7 +242,9 @@ def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Floats]:
 
 
 @njit(cache=True, nogil=True)
-def _voronoi(band: Floats, first_row: int, mosaic: _Mosaic, warped: bool, shift: Floats) -> None:
+def _voronoi(
+    band: Float32Array, first_row: int, mosaic: _Mosaic, warped: bool, shift: Float32Array
+) -> None:
     points, grey, border_grey, border = mosaic
     texels = band.shape[1]
     cells = len(points)
@@ -283,12 +285,12 @@ def _voronoi(band: Floats, first_row: int, mosaic: _Mosaic, warped: bool, shift:
 
 @njit(cache=True, nogil=True)
 def _add_noise(
-    band: Floats,
-    lattice: Floats,
+    band: Float32Array,
+    lattice: Float32Array,
     row_node: NDArray[np.int64],
-    row_blend: Floats,
+    row_blend: Float32Array,
     column_node: NDArray[np.int64],
-    column_blend: Floats,
+    column_blend: Float32Array,
 ) -> None:
     rows, cells = lattice.shape
     mixed = np.empty(cells + 1, np.float32)
@@ -304,7 +306,7 @@ def _add_noise(
 
 
 @njit(cache=True, nogil=True)
-def _bent(band: Floats, first_row: int, profile: Floats, shift: Floats) -> None:
+def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
     """Set each texel to the profile at its own y plus its shift [periods]."""
     texels = band.shape[1]
     count = len(profile)
@@ -320,7 +322,7 @@ def _bent(band: Floats, first_row: int, profile: Floats, shift: Floats) -> None:
 
 @njit(cache=True, nogil=True)
 def _dead_leaves(
-    band: Floats, first_row: int, leaves: NDArray[np.float64], softness: float
+    band: Float32Array, first_row: int, leaves: NDArray[np.float64], softness: float
 ) -> None:
     texels = band.shape[1]
     rows = len(band)

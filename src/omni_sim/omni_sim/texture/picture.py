@@ -1,7 +1,7 @@
 """Grounds from the user's own scan or photo.
 
 A picture becomes a ground as the dissertation's scans did (section 4.4): its pixels are texels of
-known size, taken from the dots per inch on the ground, which nothing in a file tells reliably. The
+known size, taken from the dots per inch on the ground, which no file states reliably. The
 largest square from its middle is used, in grey (ITU-R 601) and 8 bits. A strip along two edges,
 a sixteenth of the square, is blended into what would come after the opposite edges, so that the
 ground is seamless when tiled.

@@ -1,6 +1,6 @@
 """Grounds: periodic grey-level pictures of known physical size.
 
-Eight procedural materials (`ground_materials`), all seamless when tiled, at any resolution, and
+Procedural materials (`materials`), all seamless when tiled, at any resolution, and
 the user's own scan or photo (`ground_picture`).
 """
 

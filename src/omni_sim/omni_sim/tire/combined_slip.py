@@ -20,17 +20,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import FloatArray, Pair
 from omni_sim.tire.model import flat_together
-from omni_sim.tire.tmeasy import (
+from omni_sim.tire.models.tmeasy import (
     CurvePoint,
     TMeasyConfiguration,
-    curve_at_load,
+    TMeasyParameters,
+    curve_at,
+    curve_through,
     direction_coefficients,
-    steady_force,
+    force_at,
 )
-
-Pair = tuple[float, float]
 
 
 class _Contacts(NamedTuple):
@@ -50,12 +50,12 @@ def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
         x: longitudinal curve.
         y: lateral curve.
     """
-    if x[2] <= 0.0 or y[2] <= 0.0:
+    if x.peak_force <= 0.0 or y.peak_force <= 0.0:
         return 1.0, 1.0
-    peak = x[1] + y[1]
-    knee_x, knee_y = x[2] / x[0], y[2] / y[0]
+    peak = x.peak_slip + y.peak_slip
+    knee_x, knee_y = x.peak_force / x.slope, y.peak_force / y.slope
     knee = knee_x + knee_y
-    return x[1] / peak + knee_x / knee, y[1] / peak + knee_y / knee
+    return x.peak_slip / peak + knee_x / knee, y.peak_slip / peak + knee_y / knee
 
 
 @lean
@@ -69,13 +69,14 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
         q: unit vector of the normalised slip [1].
     """
     c, s = abs(q[0]), abs(q[1])
-    return CurvePoint(
-        math.hypot(x[0] * norms[0] * c, y[0] * norms[1] * s),
-        math.hypot(x[1] / norms[0] * c, y[1] / norms[1] * s),
-        math.hypot(x[2] * c, y[2] * s),
-        math.hypot(x[3] / norms[0] * c, y[3] / norms[1] * s),
-        math.hypot(x[4] * c, y[4] * s),
+    curve: CurvePoint = curve_through(
+        math.hypot(x.slope * norms[0] * c, y.slope * norms[1] * s),
+        math.hypot(x.peak_slip / norms[0] * c, y.peak_slip / norms[1] * s),
+        math.hypot(x.peak_force * c, y.peak_force * s),
+        math.hypot(x.slide_slip / norms[0] * c, y.slide_slip / norms[1] * s),
+        math.hypot(x.slide_force * c, y.slide_force * s),
     )
+    return curve
 
 
 @lean
@@ -83,7 +84,7 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
     """Return the steady force, with the signs of the slips.
 
     Args:
-        x: longitudinal curve at the wheel's load, from `tmeasy.curve_at_load`.
+        x: longitudinal curve at the wheel's load, from `tmeasy.curve_at`.
         y: lateral curve.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
@@ -97,18 +98,21 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
     if slip == 0.0:
         return 0.0, 0.0
     q = along / slip, across / slip
-    curve = combined_curve(x, y, norms, q)
-    force = steady_force(curve[0], curve[1], curve[2], curve[3], curve[4], slip)
+    force = force_at(combined_curve(x, y, norms, q), slip)[0]
     return force * q[0], force * q[1]
 
 
 @lean
 def _combined_forces(
-    x: FloatArray, y: FloatArray, largest_load: float, contacts: _Contacts, force: FloatArray
+    x: TMeasyParameters,
+    y: TMeasyParameters,
+    largest_load: float,
+    contacts: _Contacts,
+    force: FloatArray,
 ) -> None:
     for i in range(contacts.load.size):
         load, friction = min(max(contacts.load[i], 0.0), largest_load), contacts.friction[i]
-        at_x, at_y = curve_at_load(x, load, friction), curve_at_load(y, load, friction)
+        at_x, at_y = curve_at(x, load, friction), curve_at(y, load, friction)
         force[i] = combined_force(at_x, at_y, contacts.slip_x[i], contacts.slip_y[i])
 
 
@@ -134,6 +138,6 @@ def combined_forces(
     """
     shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
-    coefficients = direction_coefficients(tire, "x"), direction_coefficients(tire, "y")
-    _combined_forces(*coefficients, tire.nominal_load_2, _Contacts(*flat), force)
+    x, y = (TMeasyParameters(direction_coefficients(tire, axis)) for axis in ("x", "y"))
+    _combined_forces(x, y, tire.nominal_load_2, _Contacts(*flat), force)
     return force.reshape((*shape, 2))

@@ -27,7 +27,7 @@ from omni_platform.quantities import FloatArray
 
 
 class Curve(Protocol):
-    """What the curve of every model tells: slope and forces in [N], slip in [1]."""
+    """Numbers that the curve of every model has: slope and forces in [N], slip in [1]."""
 
     @property
     def slope(self) -> float:
@@ -158,7 +158,7 @@ def contact_friction(
 ) -> tuple[float, float, bool]:
     """Solve ``demand = damping w + gain F(w / speed)`` for the sliding speed of the patch.
 
-    Also inside kernels; `wheel` says where the equation comes from.
+    Also inside kernels; see `wheel` for its derivation.
 
     Args:
         demand: ``|A|`` [N].

@@ -1,7 +1,7 @@
 """The tire of a roller in both its directions, for every tire model.
 
 TMeasy has a curve for each direction, which `combined_slip` joins. Any other model has one curve,
-which then holds in all directions alike: the force lies against the slip.
+which then holds in all directions: the force is opposite to the slip.
 """
 
 from __future__ import annotations
@@ -11,12 +11,10 @@ from typing import Any
 from numba import types
 from numba.extending import overload
 
+from omni_platform.quantities import Pair
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
-from omni_sim.tire.models.tmeasy import TMeasyParameters
+from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters, direction_coefficients
 from omni_sim.tire.tire import TireConfiguration
-from omni_sim.tire.tmeasy import CurvePoint, direction_coefficients
-
-Pair = tuple[float, float]
 
 
 def passive_parameters(tire: TireConfiguration) -> Any:

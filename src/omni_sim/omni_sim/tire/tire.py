@@ -135,7 +135,7 @@ class Tire:
         self._parameters = configuration.kernel_parameters
 
     def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
-        """Tell where a load [N] lies beyond the model, so that it is clamped; any shape."""
+        """Return where a load [N] is beyond the model, so that it is clamped; any shape."""
         beyond: NDArray[np.bool_] = np.asarray(load) > self.configuration.largest_load
         return beyond
 

@@ -60,7 +60,7 @@ class DriveConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelCondition(Configuration):
-    """What tells a wheel from the others: a worn or oily tire, a brake that fails."""
+    """Differences of a wheel from the others: a worn or oily tire, a faulty brake."""
 
     friction: float = parameter(
         1.0,
@@ -81,7 +81,7 @@ class WheelCondition(Configuration):
     open_valve: float = parameter(
         0.0,
         description="Share of the pedal's pressure that the valve of this brake lets pass whatever "
-        "it is told, 1 for one that cannot release",
+        "is commanded, 1 for one that cannot release",
         minimum=0.0,
         maximum=1.0,
     )
@@ -90,6 +90,13 @@ class WheelCondition(Configuration):
         description="Share of its torque that this brake exerts even with the pedal up",
         minimum=0.0,
         maximum=1.0,
+    )
+    onset: float = parameter(
+        0.0,
+        description="Time from which brake, open_valve and stuck_brake apply",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
     )
 
 
@@ -192,6 +199,11 @@ class VehicleConfiguration(Configuration):
     def stuck_brakes(self) -> FloatArray:
         """Share of its torque that each brake exerts in any case [1], shape (N,)."""
         return np.array([self._condition(name).stuck_brake for name in self.wheels])
+
+    @property
+    def brake_fault_onsets(self) -> FloatArray:
+        """Time from which the brake of each wheel is faulty, if it is [s], shape (N,)."""
+        return np.array([self._condition(name).onset for name in self.wheels])
 
     def _condition(self, name: str) -> WheelCondition:
         return self.conditions.get(name, _SOUND)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 
 from omni_platform.kernels import lean, lean_inline
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.loads import GRAVITY, wheel_loads
@@ -29,14 +29,12 @@ from omni_sim.vehicle.state import (
     Control,
     Energies,
     Log,
-    Pair,
     Plant,
     Record,
     Rollers,
     State,
     Step,
     Structured,
-    Triple,
 )
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
@@ -90,7 +88,7 @@ def advance(state: State, control: Control, log: Log) -> None:
     Args:
         state: of the vehicle.
         control: inputs, constant over the call.
-        log: tells the number of steps and receives what happens.
+        log: holds the number of steps and receives the results.
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt = plant.dt
@@ -147,11 +145,17 @@ def advance(state: State, control: Control, log: Log) -> None:
         if traced:
             _write_pose(plant, body, log.trajectory[k + 1])
         if log.wheels.shape[0] > 0:
-            for i in range(wheels.shape[0]):
-                log.wheels[k, i] = wheels[i]
-            energy = energies(state)
-            for j in range(len(energy)):
-                log.energy[k, j] = energy[j]
+            _log_step(state, log, k)
+
+
+@lean
+def _log_step(state: State, log: Log, k: int) -> None:
+    """Record the wheels and energies after step k."""
+    for i in range(state.wheels.shape[0]):
+        log.wheels[k, i] = state.wheels[i]
+    energy = energies(state)
+    for j in range(len(energy)):
+        log.energy[k, j] = energy[j]
 
 
 @lean_inline

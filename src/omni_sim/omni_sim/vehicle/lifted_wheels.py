@@ -8,12 +8,9 @@ zero-moment point relative to the centre of gravity [m]; `loads`, receives the l
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
-
-IntArray = NDArray[np.int64]
+from omni_platform.quantities import FloatArray, IntArray
 
 _MAXIMUM_ITERATIONS = 100
 

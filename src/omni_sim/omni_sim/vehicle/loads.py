@@ -1,7 +1,7 @@
 """Masses of the vehicle and the vertical loads of its wheels.
 
 Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
-chassis, so their loads lie on a plane ``a + b x + c y`` over the wheel positions that balances
+chassis, so their loads are on a plane ``a + b x + c y`` over the wheel positions that balances
 the weight and its moments, including those of inertia at the height of the centre of gravity:
 the loads balance about the zero-moment point ``z = r_g - h a / g``. A wheel never pulls: those
 that the plane would pull are lifted, and the rest carry the weight. Where no such balance exists
@@ -15,14 +15,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import LARGEST_OFFSET, FloatArray, IntArray
 from omni_sim.vehicle.lifted_wheels import stand_on_edge, stand_on_some, stand_on_triangle
-
-IntArray = NDArray[np.int64]
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
@@ -37,10 +34,18 @@ class MassConfiguration(Configuration):
 
     mass: float = parameter(description="Mass", unit="kg", minimum=0.0, maximum=1.0e5)
     x: float = parameter(
-        0.0, description="Centre of gravity, forward of the platform centre", unit="m"
+        0.0,
+        description="Centre of gravity, forward of the platform centre",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
     )
     y: float = parameter(
-        0.0, description="Centre of gravity, left of the platform centre", unit="m"
+        0.0,
+        description="Centre of gravity, left of the platform centre",
+        unit="m",
+        minimum=-LARGEST_OFFSET,
+        maximum=LARGEST_OFFSET,
     )
     height: float = parameter(
         description="Centre of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
@@ -50,6 +55,7 @@ class MassConfiguration(Configuration):
         description="Moment of inertia about the vertical through its own centre of gravity",
         unit="kg m^2",
         minimum=0.0,
+        maximum=1.0e9,
     )
 
 
@@ -136,7 +142,7 @@ def wheel_loads(
         hull: from `support_polygon`.
         weight: m g [N].
         z_x: zero-moment point relative to the centre of gravity, ``-h a_x / g`` [m].
-        z_y: likewise in y [m].
+        z_y: the same point in y, ``-h a_y / g`` [m].
         loads: receives the loads [N], shape (N,).
 
     Returns:

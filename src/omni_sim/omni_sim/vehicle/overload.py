@@ -1,7 +1,7 @@
-"""Wheels that carry more than their tire model covers: counted, named and told in a sentence.
+"""Wheels that carry more than their tire model covers: counted, named and reported in a sentence.
 
 Above the largest permissible load the parabola (3) has no physical meaning (section 2.3.1), so
-the dynamics compute with the force at that load. Here is what a user must be told of it.
+the dynamics compute with the force at that load. This module reports it to the user.
 """
 
 from __future__ import annotations

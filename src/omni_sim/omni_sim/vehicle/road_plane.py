@@ -55,9 +55,9 @@ def road_plane_at(
     Args:
         terrain: height of the ground.
         x: projection of the wheel centre in the world [m].
-        y: likewise [m].
+        y: position in y [m].
         cos: of the direction that counts as forward.
-        sin: likewise.
+        sin: its sine [1].
 
     Returns:
         Height [m] and ``e_n`` in the world frame [1], three components.
@@ -119,7 +119,7 @@ def wheel_contact(centre: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> Wheel
         plane: local road plane.
 
     Raises:
-        ValueError: the axis is along the normal, so that the wheel lies on its side, or the
+        ValueError: the axis is along the normal, so that the wheel is on its side, or the
             centre is not above the plane.
     """
     middle = np.asarray(centre, dtype=np.float64)
@@ -128,7 +128,7 @@ def wheel_contact(centre: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> Wheel
     along = np.cross(e_yr, e_n)
     size = float(np.linalg.norm(along))
     if size < 1e-9:
-        raise ValueError("the wheel axis is along the road's normal: the wheel lies on its side")
+        raise ValueError("the wheel axis is along the road's normal: the wheel is on its side")
     e_x = along / size
     e_zr = np.cross(e_x, e_yr)
     clearance = float(e_n @ (middle - plane.point))

@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean
+from omni_platform.quantities import Pair
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
-from omni_sim.vehicle.state import Pair, Plant, Record, Rollers, Step, Structured
+from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
 from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact

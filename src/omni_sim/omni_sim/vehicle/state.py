@@ -1,6 +1,6 @@
 """What the kernels of a vehicle work on: constants, inputs and state, all by name.
 
-State lies in structured arrays, so that a kernel reads ``wheel.speed`` and Python
+State is in structured arrays, so that a kernel reads ``wheel.speed`` and Python
 ``wheels["speed"]``; constants and inputs travel as NamedTuples.
 """
 
@@ -11,17 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import FloatArray, IntArray, Pair, Triple
 from omni_sim.ground.elevation import Terrain
 from omni_sim.wheel.brake_pressure import BrakePressure
 
-IntArray = NDArray[np.int64]
 Structured = NDArray[np.void]
 Record = Any
 """One entry of a structured array, by reference."""
-
-Pair = tuple[float, float]
-Triple = tuple[float, float, float]
 
 
 def _floats(*names: str) -> np.dtype[np.void]:
@@ -183,7 +179,7 @@ class Rollers(NamedTuple):
         damping: of a roller's tread [N s/m].
         overlap: see `roller_configuration.RollerConfiguration`.
         constant: friction that opposes a roller's turning, at its surface per load [1].
-        growing: likewise per load and load, Eq. (19) [1/N].
+        growing: that friction per load and load, Eq. (19) [1/N].
         state: of the rollers, `ROLLER`, shape (N, n).
         push: forces [N] and moment about the centre of gravity [N m] of each wheel in the last
             step, body frame, shape (N, 3).
@@ -262,12 +258,12 @@ class Control(NamedTuple):
 
     Attributes:
         brake: torque of a brake that gets all pressure that the pedal asks for [N m].
-        enable: share of it that each valve is told to let pass [1], shape (N,).
+        enable: commanded share of it that each valve lets pass [1], shape (N,).
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         in_world: whether its linear part keeps its direction in the world while the body turns.
         force_x: constant force at the centre of gravity, world frame [N].
-        force_y: likewise in y [N].
+        force_y: that force in y [N].
     """
 
     brake: float

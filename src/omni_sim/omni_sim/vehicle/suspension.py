@@ -57,7 +57,8 @@ class SuspensionConfiguration(Configuration):
     )
     roll_inertia: float = parameter(
         0.0,
-        description="Likewise about the longitudinal axis; 0: of a box as wide as the chassis",
+        description="Moment of inertia about the longitudinal axis; 0: of a box as wide as the "
+        "chassis",
         unit="kg m^2",
         minimum=0.0,
     )

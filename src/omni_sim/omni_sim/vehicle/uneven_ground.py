@@ -1,6 +1,6 @@
 """How a vehicle follows uneven ground: heave, roll and pitch, the path's tilt, gravity.
 
-The vehicle keeps to the ground. Under each wheel lies a road plane, Eq. (5), of height ``z_i`` and
+The vehicle keeps to the ground. Under each wheel is a road plane, Eq. (5), of height ``z_i`` and
 gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the shares ``w_i`` at
 rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the centre of gravity
 stands over ``Z = sum w_i z_i`` and moves in the plane of the gradient ``sum w_i s_i`` (the *path
@@ -41,7 +41,7 @@ def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, floa
         tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, which changes nothing.
         tilt_y: ``n_y`` [1].
         x: component in the frame of the path plane.
-        y: likewise.
+        y: position in y [m].
     """
     normal = math.sqrt(1.0 - tilt_x * tilt_x - tilt_y * tilt_y)
     along = (tilt_x * x + tilt_y * y) / (1.0 + normal)
@@ -108,7 +108,7 @@ def orientation(yaw: float, forward: float, left: float) -> FloatArray:
     Args:
         yaw: in the frame of the vehicle's plane [rad].
         forward: gradient of that plane forward [1].
-        left: likewise to the left [1].
+        left: gradient to the left [1].
     """
     cos, sin = math.cos(yaw), math.sin(yaw)
     c = 1.0 / math.sqrt(1.0 + forward * forward + left * left)

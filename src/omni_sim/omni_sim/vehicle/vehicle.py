@@ -5,46 +5,27 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.vehicle import dynamics
+from omni_sim.vehicle import dynamics, placing
+from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
-from omni_sim.vehicle.plant import (
-    build_losses,
-    build_plant,
-    build_rollers,
-    build_suspension,
-    static_loads,
-)
+from omni_sim.vehicle.placing import along_active, rolling_radius
+from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, build_suspension
 from omni_sim.vehicle.road_plane import RoadPlane, WheelContact, road_plane_at, wheel_contact
-from omni_sim.vehicle.state import (
-    BODY,
-    COUNTERS,
-    ROLLER,
-    WHEEL,
-    Control,
-    Energies,
-    Log,
-    State,
-    Structured,
-)
 from omni_sim.vehicle.suspension import fastest_motion, settle
-from omni_sim.vehicle.uneven_ground import level, orientation
-from omni_sim.wheel.brake_pressure import build_brake_pressure, release
-from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
-
-BoolArray = NDArray[np.bool_]
+from omni_sim.vehicle.uneven_ground import orientation
+from omni_sim.wheel.brake_pressure import build_brake_pressure
 
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
 
 _COARSEST = 0.5  # angle of the fastest motion on the springs in a step [rad]
-_PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
 
 
 class VehicleInputError(ValueError):
@@ -102,47 +83,72 @@ class Vehicle:
         self.kinematics = PlatformKinematics.of(configuration.wheels)
         self.masses = MassProperties.of(configuration.body, configuration.load)
         self.physics_step = physics_step
-        plant = build_plant(
-            configuration, self.kinematics, self.masses, friction or FrictionMap(), physics_step
-        )
-        plant, losses = build_losses(configuration, self.kinematics, self.masses, plant)
+        self.state = self._build_state(friction or FrictionMap(), elevation)
         n = len(configuration.wheels)
-        brake = configuration.brake
-        self.state = State(
-            plant=plant,
-            terrain=(elevation or ElevationConfiguration()).terrain,
-            losses=losses,
-            suspension=build_suspension(configuration, self.masses),
-            body=np.zeros(1, BODY),
-            contacts=plant.contact.copy(),
-            rollers=build_rollers(configuration),
-            wheels=np.zeros(n, WHEEL),
-            counters=np.zeros(1, COUNTERS),
-            pressure=build_brake_pressure(
-                brake.time_constant, brake.dead_time, n, physics_step, brake.grain
-            ),
-            loads=np.empty(n),
-        )
         self._rest = np.zeros(3)
         if self.state.suspension.stiffness > 0.0:
-            fastest = fastest_motion(plant, self.state.suspension)
-            if fastest * physics_step > _COARSEST:
-                raise VehicleInputError(
-                    f"springs of {configuration.suspension.stiffness:g} N/m swing with "
-                    f"{fastest:.3g} rad/s; softer ones or a physics step below "
-                    f"{_COARSEST / fastest:.2g} s are needed"
-                )
-            level_springs = self.state.suspension._replace(mounted=np.zeros(n))
-            settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
-            self._rest = self._chassis
-        self.state.pressure.open[:] = configuration.open_valves
-        self.state.pressure.stuck[:] = brake.max_torque * configuration.stuck_brakes
+            self._rest = self._settled()
+        self.brake_fault_onsets = configuration.brake_fault_onsets
+        self.apply_brake_faults(0.0)
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
         self._tipping = False
         self._force = np.zeros(2)
         self.place(pose, twist)
+
+    def _build_state(
+        self, friction: FrictionMap, elevation: ElevationConfiguration | None
+    ) -> layout.State:
+        configuration, brake = self.configuration, self.configuration.brake
+        plant = build_plant(
+            configuration, self.kinematics, self.masses, friction, self.physics_step
+        )
+        plant, losses = build_losses(configuration, self.kinematics, self.masses, plant)
+        n = len(configuration.wheels)
+        return layout.State(
+            plant=plant,
+            terrain=(elevation or ElevationConfiguration()).terrain,
+            losses=losses,
+            suspension=build_suspension(configuration, self.masses),
+            body=np.zeros(1, layout.BODY),
+            contacts=plant.contact.copy(),
+            rollers=build_rollers(configuration),
+            wheels=np.zeros(n, layout.WHEEL),
+            counters=np.zeros(1, layout.COUNTERS),
+            pressure=build_brake_pressure(
+                brake.time_constant,
+                brake.dead_time,
+                n,
+                self.physics_step,
+                brake.grain,
+                brake.release_time,
+            ),
+            loads=np.empty(n),
+        )
+
+    def _settled(self) -> FloatArray:
+        """Return how the chassis stands on its springs with all wheels mounted alike, (3,)."""
+        plant, suspension = self.state.plant, self.state.suspension
+        fastest = fastest_motion(plant, suspension)
+        if fastest * self.physics_step > _COARSEST:
+            raise VehicleInputError(
+                f"springs of {suspension.stiffness:g} N/m swing with "
+                f"{fastest:.3g} rad/s; softer ones or a physics step below "
+                f"{_COARSEST / fastest:.2g} s are needed"
+            )
+        n = len(self.state.wheels)
+        level_springs = suspension._replace(mounted=np.zeros(n))
+        settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
+        return self._chassis
+
+    def apply_brake_faults(self, time: float) -> None:
+        """Set the brakes as they are at a time [s]: faulty from their onset on."""
+        faults, begun = self.configuration, self.brake_fault_onsets <= time
+        self.state.plant.brake_share[:] = np.where(begun, faults.brake_share, 1.0)
+        self.state.pressure.open[:] = np.where(begun, faults.open_valves, 0.0)
+        stuck = faults.brake.max_torque * faults.stuck_brakes
+        self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
         """Put the vehicle somewhere, wheels and rollers turning as it moves, its tires at rest.
@@ -151,73 +157,9 @@ class Vehicle:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: of base_link in the body frame [m/s, m/s, rad/s].
         """
-        x, y, yaw = _finite("pose", pose, (3,))
-        twist_body = _finite("twist", twist, (3,))
-        g = self.masses.centre
-        v = twist_body[:2] + twist_body[2] * np.array([-g[1], g[0]])
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        plant, body, wheels = self.state.plant, self.state.body[0], self.state.wheels
-        for array in (self.state.body, wheels, self.state.counters):
-            array[:] = np.zeros((), array.dtype)
-        body["x"] = x + cos * g[0] - sin * g[1]
-        body["y"] = y + sin * g[0] + cos * g[1]
-        body["yaw"] = yaw
-        self._lean_on_ground(x, y)
-        body["v_x"] = cos * v[0] - sin * v[1]
-        body["v_y"] = sin * v[0] + cos * v[1]
-        body["yaw_rate"] = twist_body[2]
-        release(self.state.pressure)
-        wheels["speed"] = plant.rolling @ twist_body
-        pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
-        wheels["load"] = pressing * static_loads(plant)
-        wheels["angle"] = self._start_angle
-        if self.state.suspension.stiffness > 0.0:
-            dynamics.standing(self.state, 0.0)
-            weight = pressing * plant.mass * GRAVITY
-            wheels["load"] = settle(plant, self.state.suspension, wheels["angle"], weight)
-        if plant.roller_pitch > 0.0:
-            wheels["speed"] = self._rolling_speed(v, twist_body[2])
-        wheels["last_speed"] = wheels["speed"]
-        self._place_rollers()
+        where, moving = _finite("pose", pose, (3,)), _finite("twist", twist, (3,))
+        placing.place(self.state, self.masses, where, moving, self._start_angle)
         self._tipping = False
-
-    def _rolling_speed(self, velocity: FloatArray, yaw_rate: float) -> FloatArray:
-        """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
-        self.state.wheels["speed"] = 0.0
-        dynamics.displace_contacts(self.state.plant, self.state.wheels, self.state.contacts)
-        hub = self._along_active(np.array([*velocity, yaw_rate]))
-        speed: FloatArray = hub / (self._rolling_radius * self.state.contacts["rim"])
-        return speed
-
-    def _along_active(self, twist: FloatArray) -> FloatArray:
-        """Return the contacts' velocities along ``n_w`` from that of the centre of gravity."""
-        contacts = self.state.contacts
-        columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
-        return np.asarray(columns @ twist, dtype=np.float64)
-
-    def _place_rollers(self) -> None:
-        """Let every roller spin as it would roll on the ground, ``k`` of Eq. (13)."""
-        rollers, plant, body = self.state.rollers, self.state.plant, self.state.body[0]
-        if rollers is None:
-            return
-        rollers.push[:] = 0.0
-        rollers.state[:] = np.zeros((), ROLLER)
-        rollers.state["q_a"] = 1.0
-        self.state.contacts[:] = plant.contact
-        cos, sin = math.cos(body["yaw"]), math.sin(body["yaw"])
-        v_x, v_y = self.velocity_of_gravity_centre
-        rate, pitch = body["yaw_rate"], plant.roller_pitch
-        for i, radius in enumerate(self._rolling_radius):
-            wheel, contact, axis = self.state.wheels[i], plant.contact[i], plant.rollers[i]
-            angle = wheel["angle"]
-            gamma = angle - pitch * nearest_roller(angle, pitch)
-            n_x, n_y, x, y, _, length, depth = roller_contact(gamma, axis)
-            r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
-            rim = radius * wheel["speed"]
-            slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]
-            slip_y = cos * v_y - sin * v_x + rate * r_x - rim * axis["u_y"]
-            spin = (slip_x * n_y - slip_y * n_x) / ((radius - depth) * length)
-            rollers.state["spin"][i] = spin
 
     def advance(
         self,
@@ -256,7 +198,7 @@ class Vehicle:
         command_twist: ArrayLike,
         *,
         hold_world_direction: bool = False,
-    ) -> Log:
+    ) -> layout.Log:
         """Advance like `advance` and record every step."""
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
         return self._run(n_steps, control, traced=True, logged=True)
@@ -280,22 +222,6 @@ class Vehicle:
         """
         return np.asarray(np.asarray(twist) @ self.state.plant.rolling.T, dtype=np.float64)
 
-    def _lean_on_ground(self, x: float, y: float) -> None:
-        """Find the path plane at a position of base_link; it tells where the wheels reach."""
-        body = self.state.body[0]
-        g_x, g_y = body["x"] - x, body["y"] - y
-        for _ in range(_PLACEMENTS if len(self.state.terrain.parts) else 0):
-            body["tilt_x"], body["tilt_y"] = dynamics.standing(self.state, 0.0)[3:5]
-            d_x, d_y = level(body["tilt_x"], body["tilt_y"], g_x, g_y)
-            body["x"], body["y"] = x + d_x, y + d_y
-
-    @property
-    def _rolling_radius(self) -> FloatArray:
-        """``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
-        plant = self.state.plant
-        radius: FloatArray = plant.radius - self.state.wheels["load"] / plant.vertical_stiffness
-        return radius
-
     def _control(
         self,
         n_steps: int,
@@ -303,7 +229,7 @@ class Vehicle:
         enable: ArrayLike,
         command_twist: ArrayLike,
         hold_world: bool,
-    ) -> Control:
+    ) -> layout.Control:
         if n_steps < 0:
             raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
         shares = _finite("enable", enable, (len(self.state.wheels),))
@@ -314,7 +240,7 @@ class Vehicle:
         drive = self.configuration.drive
         engaged = pedal < drive.clutch_threshold
         twist = _finite("command twist", command_twist, (3,))
-        return Control(
+        return layout.Control(
             brake=pedal * self.configuration.brake.max_torque,
             enable=shares,
             drive_stiffness=drive.stiffness if engaged else 0.0,
@@ -324,8 +250,10 @@ class Vehicle:
             force_y=float(self._force[1]),
         )
 
-    def _run(self, n_steps: int, control: Control, *, traced: bool, logged: bool) -> Log:
-        log = Log.of(n_steps, len(self.state.wheels), traced=traced, logged=logged)
+    def _run(
+        self, n_steps: int, control: layout.Control, *, traced: bool, logged: bool
+    ) -> layout.Log:
+        log = layout.Log.of(n_steps, len(self.state.wheels), traced=traced, logged=logged)
         before = self.tipping_steps
         dynamics.advance(self.state, control, log)
         self._tipping = self.tipping_steps > before
@@ -443,7 +371,7 @@ class Vehicle:
         base = np.array([body["x"], body["y"], height])
         levers, directions = self.state.plant.position, self.kinematics.geometry.rolling
         contacts = []
-        for lever, rolling, r_s in zip(levers, directions, self._rolling_radius, strict=True):
+        for lever, rolling, r_s in zip(levers, directions, rolling_radius(self.state), strict=True):
             centre = base + turn @ [*lever, r_s]
             c_x, c_y = float(centre[0]), float(centre[1])
             z, *normal = road_plane_at(self.state.terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
@@ -453,12 +381,12 @@ class Vehicle:
         return tuple(contacts)
 
     @property
-    def wheels(self) -> Structured:
+    def wheels(self) -> layout.Structured:
         """State of each wheel by name, `state.WHEEL`: a copy, shape (N,)."""
         return self.state.wheels.copy()
 
     @property
-    def rollers(self) -> Structured:
+    def rollers(self) -> layout.Structured:
         """State of each individual roller by name, `state.ROLLER`: a copy, shape (N, n).
 
         Raises:
@@ -474,7 +402,7 @@ class Vehicle:
         geometry = self.kinematics.geometry
         rim = np.sum(geometry.passive * geometry.rolling, axis=1)
         hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
-        speed = self.state.wheels["speed"] * self._rolling_radius
+        speed = self.state.wheels["speed"] * rolling_radius(self.state)
         return np.asarray(hub - speed * rim, dtype=np.float64)
 
     @property
@@ -490,14 +418,14 @@ class Vehicle:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
         v_x, v_y, rate = self.twist
         g_x, g_y = self.masses.centre
-        hub = self._along_active(np.array([v_x - rate * g_y, v_y + rate * g_x, rate]))
-        speed = self.state.wheels["speed"] * self._rolling_radius
+        hub = along_active(self.state, np.array([v_x - rate * g_y, v_y + rate * g_x, rate]))
+        speed = self.state.wheels["speed"] * rolling_radius(self.state)
         return np.asarray(hub - speed * self.state.contacts["rim"], dtype=np.float64)
 
     @property
-    def energies(self) -> Energies:
+    def energies(self) -> layout.Energies:
         """Energies of motion, of the tires' deflection and of the height [J]."""
-        energies: Energies = dynamics.energies(self.state)
+        energies: layout.Energies = dynamics.energies(self.state)
         return energies
 
     @property

@@ -8,7 +8,8 @@ and the torque that the brake can then exert builds up and falls with a first-or
 
 Within a physics step ``c`` is constant, so the solution is exact: ``p' = c + (p - c) exp(-dt/T)``.
 A step is given the mean of ``p`` over it, so that the brake's impulse is exact too. The dead time
-is rounded to whole physics steps.
+is rounded to whole physics steps. A brake that releases later than it is applied, after ``t_r``,
+takes the largest torque asked between ``t - t_r`` and ``t - t_d``.
 """
 
 from __future__ import annotations
@@ -17,12 +18,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_platform.kernels import lean, lean_inline
-from omni_platform.quantities import FloatArray
-
-IntArray = NDArray[np.int64]
+from omni_platform.quantities import FloatArray, IntArray
 
 
 class BrakePressure(NamedTuple):
@@ -34,11 +32,12 @@ class BrakePressure(NamedTuple):
         asked: of each brake, by pedal and valve [N m], shape (N,).
         torque: that each can exert at the end of the step [N m], shape (N,).
         acting: that each can exert on average over the step [N m], shape (N,).
-        delayed: what was asked in the last D steps of the dead time [N m], shape (D, N).
+        delayed: torque asked in the last D steps of the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: share that each valve lets pass whatever it is told [1], shape (N,).
-        stuck: torque that each exerts whatever pedal and valve say [N m], shape (N,).
+        open: share that each valve lets pass whatever is commanded [1], shape (N,).
+        stuck: torque that each exerts independently of pedal and valve [N m], shape (N,).
         grain: step of the share that a valve can let pass [1], 1 for on and off, 0 for any.
+        release_lag: steps by which a release takes effect later than an application.
     """
 
     remainder: float
@@ -51,10 +50,16 @@ class BrakePressure(NamedTuple):
     open: FloatArray
     stuck: FloatArray
     grain: float = 0.0
+    release_lag: int = 0
 
 
 def build_brake_pressure(
-    time_constant: float, dead_time: float, wheels: int, physics_step: float, grain: float = 0.0
+    time_constant: float,
+    dead_time: float,
+    wheels: int,
+    physics_step: float,
+    grain: float = 0.0,
+    release_time: float = 0.0,
 ) -> BrakePressure:
     """Return brakes without pressure.
 
@@ -64,12 +69,13 @@ def build_brake_pressure(
         wheels: number of them.
         physics_step: [s].
         grain: step of the share that a valve can let pass [1].
+        release_time: ``t_r`` [s], 0 for ``t_d``.
     """
     remainder = mean_remainder = 0.0
     if time_constant > 0.0:
         ratio = physics_step / time_constant
         remainder, mean_remainder = math.exp(-ratio), -math.expm1(-ratio) / ratio
-    delay = round(dead_time / physics_step)
+    delay = round(max(dead_time, release_time) / physics_step)
     return BrakePressure(
         remainder,
         mean_remainder,
@@ -81,6 +87,7 @@ def build_brake_pressure(
         np.zeros(wheels),
         np.zeros(wheels),
         grain,
+        delay - round(dead_time / physics_step),
     )
 
 
@@ -93,7 +100,7 @@ def release(pressure: BrakePressure) -> None:
 
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
-    """Return the share of the pressure that a valve lets pass when told to [1]."""
+    """Return the share of the pressure that a valve lets pass at a command [1]."""
     if pressure.grain > 0.0:
         return min(math.floor(share / pressure.grain + 0.5) * pressure.grain, 1.0)
     return share
@@ -106,7 +113,7 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
     Args:
         pressure: changed in place.
         demand: of the pedal, the torque of a brake that gets all of it [N m].
-        enable: share that each valve is told to let pass [1], shape (N,).
+        enable: commanded share that each valve lets pass [1], shape (N,).
     """
     for i in range(enable.size):
         share = max(passed(pressure, enable[i]), pressure.open[i])
@@ -122,6 +129,11 @@ def press(pressure: BrakePressure) -> None:
         target = pressure.asked[i]
         if delay > 0:
             target = pressure.delayed[row, i]
+            for later in range(1, pressure.release_lag + 1):
+                newer = pressure.asked[i]
+                if later < delay:
+                    newer = pressure.delayed[(row + later) % delay, i]
+                target = max(target, newer)
             pressure.delayed[row, i] = pressure.asked[i]
         if pressure.remainder == 0.0:
             pressure.acting[i] = target

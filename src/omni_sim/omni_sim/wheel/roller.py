@@ -15,7 +15,7 @@ which rubber passes through the contact, to which wheel and roller both add:
 
 Solution: along the unit vector ``q`` of the friction the contact is a single-roller wheel with
 the levers and mobilities projected on ``q``, so each step is `drivetrain.wheel_step` itself,
-repeated until ``q`` lies along the sliding that its force leaves (a few times; the last direction
+repeated until ``q`` is along the sliding that its force leaves (a few times; the last direction
 is the first guess). The deflection has two components; the roller's spin is solved with it.
 
 Neglected: that a roller's spin turns with the wheel.
@@ -27,11 +27,10 @@ import math
 from typing import Any, NamedTuple
 
 from omni_platform.kernels import lean
+from omni_platform.quantities import Pair
 from omni_sim.tire.roller import curve_in_direction
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
-
-Pair = tuple[float, float]
 
 _MAXIMUM_ITERATIONS = 20
 _TOLERANCE = 1e-16  # of the squared change of direction
@@ -94,7 +93,7 @@ class RollerStep(NamedTuple):
 
     Attributes:
         force: on the vehicle along the roller's axis and across it [N].
-        deflection: likewise [m].
+        deflection: along the axis and across it [m].
         spin: of the roller [rad/s].
         speed: of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].

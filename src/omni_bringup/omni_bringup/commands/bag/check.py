@@ -1,4 +1,4 @@
-"""``./omni bag check``: read everything and say what is wrong.
+"""``./omni bag check``: read everything and list the problems.
 
 Read a recording from end to end: every checksum, every message of a known type, the counts against
 the metadata, and gaps in the numbers of the messages. Exit code 1 if anything is wrong.
@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from omni_bringup.commands.bag import bag_option, document, print_json, printable, refusing
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
+from omni_bringup.command_report import Report, entries, printable
+from omni_bringup.commands.bag import bag_option
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
-
-if TYPE_CHECKING:
-    from omni_recording.actions.check import BagCheck
 
 WORK = "reading every message"
 
@@ -29,31 +26,23 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Do it and return the exit code."""
-    return refusing("check", lambda: _check(options))
-
-
-def _check(options: Options) -> int:
+def run(options: Options, _workspace: Workspace) -> Report:
+    """Read the recording from end to end."""
     from omni_recording.actions.check import check_bag
 
     result = check_bag(options.bag)
-    code = EXIT_FAILED if result.problems else EXIT_OK
-    if options.json:
-        metrics = {f"messages.{topic}": (float(n), "1") for topic, n in result.counts.items()}
-        metrics["problems"] = (float(len(result.problems)), "1")
-        counted = document("bag_check", metrics)
-        print_json(counted | {"problems": result.problems, "remarks": result.remarks})
-    else:
-        _print_check(options.bag, result)
-    return code
-
-
-def _print_check(path: Path, result: BagCheck) -> None:
-    for line in result.problems:
-        print(f"wrong: {printable(line)}")
-    for line in result.remarks:
-        print(f"note: {printable(line)}")
+    metrics = {f"messages.{topic}": (float(n), "1") for topic, n in result.counts.items()}
+    metrics["problems"] = (float(len(result.problems)), "1")
+    summary = f"{len(result.problems)} problem(s)" if result.problems else "sound"
     total = sum(result.counts.values())
-    verdict = f"{len(result.problems)} problem(s)" if result.problems else "sound"
-    print(f"{path}: {verdict}, {total} messages on {len(result.counts)} topics read")
+    return Report(
+        name="bag_check",
+        metrics=entries(metrics),
+        details={"problems": result.problems, "remarks": result.remarks},
+        text=(
+            *(f"wrong: {printable(line)}" for line in result.problems),
+            *(f"note: {printable(line)}" for line in result.remarks),
+            f"{options.bag}: {summary}, {total} messages on {len(result.counts)} topics read",
+        ),
+        ok=not result.problems,
+    )

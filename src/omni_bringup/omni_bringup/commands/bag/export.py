@@ -9,16 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.commands.bag import (
-    bag_option,
-    beside,
-    document,
-    out_option,
-    print_json,
-    printable,
-    refusing,
-)
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.command_report import Report, entries, printable
+from omni_bringup.commands.bag import bag_option, beside, out_option
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration, parameter
 
@@ -36,23 +29,24 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Do it and return the exit code."""
-    return refusing("export", lambda: _export(options))
-
-
-def _export(options: Options) -> int:
+def run(options: Options, _workspace: Workspace) -> Report:
+    """Write the tables."""
     from omni_recording.actions.export import export_bag
 
     folder = options.out or beside(options.bag, "exported")
     result = export_bag(options.bag, folder, options.format, options.topic)
-    if options.json:
-        metrics = {f"rows.{topic}": (float(count), "1") for topic, count in result.rows.items()}
-        files = {topic: str(file) for topic, file in result.files.items()}
-        print_json(document("bag_export", metrics) | {"files": files, "skipped": result.skipped})
-        return EXIT_OK
-    for topic, file in result.files.items():
-        print(f"wrote {file}: {result.rows[topic]} rows")
-    for topic, why in result.skipped.items():
-        print(f"left out {printable(topic)}: {printable(why)}")
-    return EXIT_OK
+    return Report(
+        name="bag_export",
+        metrics=entries({f"rows.{topic}": (float(n), "1") for topic, n in result.rows.items()}),
+        details={
+            "files": {topic: str(file) for topic, file in result.files.items()},
+            "skipped": result.skipped,
+        },
+        text=(
+            *(f"wrote {file}: {result.rows[topic]} rows" for topic, file in result.files.items()),
+            *(
+                f"left out {printable(topic)}: {printable(why)}"
+                for topic, why in result.skipped.items()
+            ),
+        ),
+    )

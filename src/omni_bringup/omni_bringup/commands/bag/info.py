@@ -5,12 +5,14 @@ Show what a recording claims to hold, without reading its messages.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.commands.bag import bag_option, document, print_json, printable, refusing
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.command_report import Report, entries, printable
+from omni_bringup.commands.bag import bag_option
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
 from omni_platform.quantities import SECOND_NS
@@ -32,40 +34,35 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Do it and return the exit code."""
-    return refusing("info", lambda: _info(options))
-
-
-def _info(options: Options) -> int:
+def run(options: Options, _workspace: Workspace) -> Report:
+    """Read the index of the recording."""
     from omni_recording.folder import bag_summary, open_bag
 
     found = open_bag(options.bag)
     summary = bag_summary(found)
-    size = sum(file.stat().st_size for file in found.files)
-    if options.json:
-        types = {channel.topic: channel.type_name for channel in summary.channels}
-        counted = document("bag_info", _info_metrics(summary, size))
-        print_json(counted | {"topics": types, "ros_distro": found.ros_distro})
-    else:
-        _print_info(found, summary, size)
-    return EXIT_OK
-
-
-def _info_metrics(summary: McapSummary, size: int) -> dict[str, tuple[float, str]]:
-    duration = (summary.last_ns - summary.first_ns) / SECOND_NS
     metrics: dict[str, tuple[float, str]] = {
-        "size": (size, "B"),
+        "size": (sum(file.stat().st_size for file in found.files), "B"),
         "start": (summary.first_ns / SECOND_NS, "s"),
-        "duration": (duration, "s"),
+        "duration": ((summary.last_ns - summary.first_ns) / SECOND_NS, "s"),
         "messages": (sum(summary.counts.values()), "1"),
         "chunks": (summary.chunks, "1"),
     }
-    return metrics | {f"messages.{topic}": (n, "1") for topic, n in summary.counts.items()}
+    metrics |= {f"messages.{topic}": (n, "1") for topic, n in summary.counts.items()}
+    return Report(
+        name="bag_info",
+        metrics=entries(metrics),
+        details={
+            "topics": {channel.topic: channel.type_name for channel in summary.channels},
+            "ros_distro": found.ros_distro,
+        },
+        text=_text(found, summary, metrics),
+    )
 
 
-def _print_info(found: Bag, summary: McapSummary, size: int) -> None:
-    duration = (summary.last_ns - summary.first_ns) / SECOND_NS
+def _text(
+    found: Bag, summary: McapSummary, metrics: Mapping[str, tuple[float, str]]
+) -> Iterator[str]:
+    duration = metrics["duration"][0]
     rows = [("topic", "type", "messages", "per second")]
     for channel in sorted(summary.channels, key=lambda channel: channel.topic):
         count = summary.counts[channel.topic]
@@ -73,11 +70,11 @@ def _print_info(found: Bag, summary: McapSummary, size: int) -> None:
         rows.append((printable(channel.topic), printable(channel.type_name), str(count), rate))
     left, right = (max(len(row[column]) for row in rows) for column in (0, 1))
     for topic, kind, messages, rate in rows:
-        print(f"{topic:<{left}}  {kind:<{right}}  {messages:>8}  {rate:>10}".rstrip())
-    total = sum(summary.counts.values())
-    print(f"{total} messages in {duration:.3f} s from {summary.first_ns / SECOND_NS:.3f} s on")
+        yield f"{topic:<{left}}  {kind:<{right}}  {messages:>8}  {rate:>10}".rstrip()
+    total, start = metrics["messages"][0], metrics["start"][0]
+    yield f"{total} messages in {duration:.3f} s from {start:.3f} s on"
     packed = ", ".join(printable(word or "uncompressed") for word in summary.compressions)
-    print(
-        f"{size / _MEGABYTE:.1f} MB in {len(found.files)} file(s), {summary.chunks} chunks, "
-        f"{packed or 'empty'}"
+    yield (
+        f"{metrics['size'][0] / _MEGABYTE:.1f} MB in {len(found.files)} file(s), "
+        f"{summary.chunks} chunks, {packed or 'empty'}"
     )

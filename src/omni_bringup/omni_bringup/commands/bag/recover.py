@@ -1,6 +1,6 @@
 """``./omni bag recover``: save what is whole of an unfinished or damaged recording.
 
-Write every whole message into a new recording with index and metadata, and say what was kept. The
+Write every whole message into a new recording with index and metadata, and report the counts. The
 recording itself is not touched.
 """
 
@@ -9,16 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.commands.bag import (
-    bag_option,
-    beside,
-    document,
-    out_option,
-    print_json,
-    printable,
-    refusing,
-)
-from omni_bringup.exit_codes import EXIT_OK
+from omni_bringup.command_report import Report, entries, printable
+from omni_bringup.commands.bag import bag_option, beside, out_option
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option
 from omni_platform.configuration import Configuration
 from omni_platform.quantities import SECOND_NS
@@ -35,38 +28,32 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Path) -> int:
-    """Do it and return the exit code."""
-    return refusing("recover", lambda: _recover(options))
-
-
-def _recover(options: Options) -> int:
+def run(options: Options, _workspace: Workspace) -> Report:
+    """Write the whole messages into a new recording."""
     from omni_recording.actions.recover import recover
 
     result = recover(options.bag, options.out or beside(options.bag, "recovered"))
     if result is None:
-        if options.json:
-            print_json(document("bag_recover", {}) | {"folder": None, "problems": []})
-        else:
-            print(f"{options.bag}: nothing is wrong with it, so nothing was written")
-        return EXIT_OK
+        return Report(
+            name="bag_recover",
+            details={"folder": None, "problems": []},
+            text=(f"{options.bag}: nothing is wrong with it, so nothing was written",),
+        )
     total = sum(result.counts.values())
+    start, end = result.first_ns / SECOND_NS, result.last_ns / SECOND_NS
     metrics: dict[str, tuple[float, str]] = {
         "messages": (total, "1"),
-        "start": (result.first_ns / SECOND_NS, "s"),
-        "end": (result.last_ns / SECOND_NS, "s"),
+        "start": (start, "s"),
+        "end": (end, "s"),
     }
     metrics |= {f"messages.{topic}": (n, "1") for topic, n in result.counts.items()}
-    if options.json:
-        counted = document("bag_recover", metrics)
-        print_json(counted | {"folder": str(result.folder), "problems": result.problems})
-        return EXIT_OK
-    for line in result.problems:
-        print(f"wrong: {printable(line)}")
-    for topic, count in sorted(result.counts.items()):
-        print(f"kept {count:>8} {printable(topic)}")
-    print(
-        f"kept {total:>8} messages from {result.first_ns / SECOND_NS:.3f} s to "
-        f"{result.last_ns / SECOND_NS:.3f} s in {result.folder}"
+    return Report(
+        name="bag_recover",
+        metrics=entries(metrics),
+        details={"folder": str(result.folder), "problems": result.problems},
+        text=(
+            *(f"wrong: {printable(line)}" for line in result.problems),
+            *(f"kept {n:>8} {printable(topic)}" for topic, n in sorted(result.counts.items())),
+            f"kept {total:>8} messages from {start:.3f} s to {end:.3f} s in {result.folder}",
+        ),
     )
-    return EXIT_OK

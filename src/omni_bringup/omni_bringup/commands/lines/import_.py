@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_analysis.line_files.options import FileOptions, camera_files
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK
+from omni_bringup.command_report import Report, entries
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import parameter
+from omni_tools.line_files.options import FileOptions, camera_files
 
 WORK = "reading and recording lines"
 
@@ -49,16 +49,14 @@ class Options(FileOptions):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Make the recording and return the exit code."""
-    from omni_analysis.line_files.reading import read_lines
-    from omni_analysis.loop.experiment import ExperimentLibrary
+def run(options: Options, workspace: Workspace) -> Report:
+    """Make the recording."""
     from omni_bringup.graph.run_folder import check_unused, write_configuration
     from omni_bringup.replay.lines import write_lines
     from omni_platform.configuration import to_mapping
-    from omni_recording.write import RecordingError
+    from omni_tools.line_files.reading import read_lines
 
-    library = ExperimentLibrary(workspace / "config")
+    library = workspace.library()
     known = library.sensors(options.sensors)
     files = camera_files(options.sources, known, options.sensors)
     check_unused(options.out)
@@ -71,42 +69,35 @@ def run(options: Options, workspace: Path) -> int:
         )
         for name, own in lines.items()
     }
-    try:
-        start_ns = round(1e9 * options.start)
-        messages = write_lines(options.out, lines, sensors, options.batch, start_ns)
-        missing = [name for name in known if name not in lines]
-        whole = {**known, **sensors}
-        variant = library.variants(options.experiment)[-1]
-        tree = {name: to_mapping(sensor) for name, sensor in whole.items()}
-        changes = (f"sensors={json.dumps(tree)}", *options.overrides)
-        write_configuration(library.load(options.experiment, variant, changes), options.out)
-    except RecordingError as error:
-        print(f"omni lines import: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    except OSError as error:
-        print(f"omni lines import: cannot write to {options.out}: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    if options.json:
-        metrics = {
-            f"{quantity}.{name}": {"value": value, "unit": unit}
-            for name, own in lines.items()
-            for quantity, value, unit in (
-                ("lines", len(own), "1"),
-                ("pixels", own.shape[1], "px"),
-                ("messages", messages[name], "1"),
-                ("duration", len(own) / sensors[name].line_rate, "s"),
-            )
-        }
-        document = {"name": "lines_import", "metrics": metrics, "folder": str(options.out)}
-        print(json.dumps(document, indent=2))
-        return EXIT_OK
+    tree = {name: to_mapping(sensor) for name, sensor in {**known, **sensors}.items()}
+    changes = (f"sensors={json.dumps(tree)}", *options.overrides)
+    variant = library.variants(options.experiment)[-1]
+    configuration = library.load(options.experiment, variant, changes)
+    start_ns = round(1e9 * options.start)
+    messages = write_lines(options.out, lines, sensors, options.batch, start_ns)
+    write_configuration(configuration, options.out)
+    metrics: dict[str, tuple[float, str]] = {}
+    text = []
     for name, own in lines.items():
         rate = sensors[name].line_rate
-        print(
+        duration = len(own) / rate
+        metrics |= {
+            f"lines.{name}": (len(own), "1"),
+            f"pixels.{name}": (own.shape[1], "px"),
+            f"messages.{name}": (messages[name], "1"),
+            f"duration.{name}": (duration, "s"),
+        }
+        text.append(
             f"{name}: {len(own)} lines of {own.shape[1]} px, {8 * own.itemsize} bit, "
-            f"{len(own) / rate:.3g} s at {rate:g} lines/s"
+            f"{duration:.3g} s at {rate:g} lines/s"
         )
+    missing = ", ".join(name for name in known if name not in lines)
     if missing:
-        print(f"no lines of {', '.join(missing)}: the odometry cannot be replayed, only looked at")
-    print(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
-    return EXIT_OK
+        text.append(f"no lines of {missing}: the odometry cannot be replayed, only looked at")
+    text.append(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
+    return Report(
+        name="lines_import",
+        metrics=entries(metrics),
+        details={"folder": str(options.out)},
+        text=text,
+    )

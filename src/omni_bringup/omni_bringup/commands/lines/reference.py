@@ -1,14 +1,12 @@
-"""``./omni lines reference``: tables of what is fixed in the views of line cameras.
+"""``./omni lines reference``: tables of the fixed pattern of line cameras.
 
 Make the tables by which the odometry corrects its lines from the first one on: of dark lines (the
-lens covered) and white ones (an even surface under the lamp), and of what stands still in the
-lines of a recorded drive. `odometry.flat_field_tables` takes the folder.
+lens covered) and white ones (an even surface under the lamp), and of the fixed pattern in
+the lines of a recorded drive. `odometry.flat_field_tables` takes the folder.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omni_analysis.line_files.options import FileOptions, camera_files
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_OK, EXIT_REFUSED
+from omni_bringup.command_report import Report, entries
+from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import ConfigurationError, parameter
+from omni_tools.line_files.options import FileOptions, camera_files
 
 if TYPE_CHECKING:
     from linescan_odometry.measurements import LineBatch, Lines
@@ -41,7 +40,7 @@ class Options(FileOptions):
         (), metavar="CAMERA=FILE", description="lines of an even white surface"
     )
     drive: Path | None = option(
-        None, metavar="BAG", description="recorded drive, whose lines show what stands still"
+        None, metavar="BAG", description="recorded drive, whose lines show the fixed pattern"
     )
     sensors: str = parameter(
         "three_generic", description="the line cameras by name, as of `lines import`"
@@ -50,28 +49,22 @@ class Options(FileOptions):
     json: bool = json_option()
 
 
-def run(options: Options, workspace: Path) -> int:
-    """Make the tables and return the exit code."""
-    from omni_analysis.line_files.reading import read_lines
-    from omni_analysis.loop.experiment import ExperimentLibrary
+def run(options: Options, workspace: Workspace) -> Report:
+    """Make the tables."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import replay_configuration
-    from omni_recording.error import BagError
     from omni_recording.folder import open_vehicle
+    from omni_tools.line_files.reading import read_lines
 
-    library = ExperimentLibrary(workspace / "config")
+    library = workspace.library()
     if not (options.dark or options.white or options.drive):
         raise ConfigurationError("--dark", "nothing is given: neither --dark, --white nor --drive")
     batches: dict[str, list[LineBatch]] = {}
     cameras = library.sensors(options.sensors)
     if options.drive is not None:
-        try:
-            bag = open_vehicle(options.drive)
-            cameras = replay_configuration(bag, library, None, ()).odometry.sensors
-            batches = read_batches(bag, cameras)
-        except BagError as error:
-            print(f"omni lines reference: {error}", file=sys.stderr)
-            return EXIT_REFUSED
+        bag = open_vehicle(options.drive)
+        cameras = replay_configuration(bag, library, None, ()).odometry.sensors
+        batches = read_batches(bag, cameras)
     files = {
         kind: camera_files(given, cameras, options.sensors, f"--{kind}")
         for kind, given in (("dark", options.dark), ("white", options.white))
@@ -86,28 +79,24 @@ def run(options: Options, workspace: Path) -> int:
         field = _field(name, camera.pixels, references, batches.get(name, []))
         if field is not None:
             fields[name] = field
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        for name, field in fields.items():
-            field.save(options.out / f"{name}.npz")
-    except OSError as error:
-        print(f"omni lines reference: cannot write {options.out}: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    rows = {name: _told(field) for name, field in fields.items()}
-    if options.json:
-        metrics = {
-            f"{quantity}.{name}": {"value": value, "unit": unit}
-            for name, row in rows.items()
-            for quantity, (value, unit) in row.items()
-        }
-        document = {"name": "lines_reference", "metrics": metrics, "folder": str(options.out)}
-        print(json.dumps(document, indent=2))
-        return EXIT_OK
-    for name, row in rows.items():
-        words = [f"{quantity.replace('_', ' ')} {v:.3g} {u}" for quantity, (v, u) in row.items()]
-        print(f"{name}: {', '.join(words)}")
-    print(f"wrote {options.out}; use it: --set odometry.flat_field_tables={options.out.resolve()}")
-    return EXIT_OK
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name, field in fields.items():
+        field.save(options.out / f"{name}.npz")
+    rows = {name: _quantities(field) for name, field in fields.items()}
+    text = [
+        f"{name}: "
+        + ", ".join(f"{key.replace('_', ' ')} {v:.3g} {u}" for key, (v, u) in row.items())
+        for name, row in rows.items()
+    ]
+    use = f"use it: --set odometry.flat_field_tables={options.out.resolve()}"
+    return Report(
+        name="lines_reference",
+        metrics=entries(
+            {f"{key}.{name}": entry for name, row in rows.items() for key, entry in row.items()}
+        ),
+        details={"folder": str(options.out)},
+        text=(*text, f"wrote {options.out}; {use}"),
+    )
 
 
 def _field(
@@ -136,8 +125,8 @@ def _field(
     return field
 
 
-def _told(field: FlatField) -> dict[str, tuple[float, str]]:
-    """Return what the tables of a camera say."""
+def _quantities(field: FlatField) -> dict[str, tuple[float, str]]:
+    """Return the figures of a camera's tables, as (value, unit)."""
     dark, white = field.references
     gain = 1.0 / white
     return {

@@ -30,13 +30,28 @@ function gamepad() {
   return { pedal: pad.buttons[7].value, stick: [axis(1), axis(0), axis(2)] };
 }
 
+// Fingers on the top view: one that began on the left half moves, one on the right half turns.
+const fingers = new Map(); // where each began and is [px]
+const FULL = 70; // [px] of a full stick
+
+function touched() {
+  const stick = [0, 0, 0];
+  const share = (pixels) => Math.max(-1, Math.min(1, -pixels / FULL));
+  for (const { x, y, dx, dy } of fingers.values()) {
+    if (x < $("scene").clientWidth / 2) [stick[0], stick[1]] = [share(dy), share(dx)];
+    else stick[2] = share(dx);
+  }
+  return stick;
+}
+
 function demand() {
   const pair = (one, other) => held.has(one) - held.has(other);
   const pad = gamepad();
   const limit = $("limit").value / 100;
   const keys = [pair("forward", "back"), pair("left", "right"), pair("turn-left", "turn-right")];
   const pedal = document.hidden || held.has("brake") ? 1 : pad.pedal;
-  return { pedal, stick: keys.map((key, axis) => limit * (key || pad.stick[axis])) };
+  const drawn = touched();
+  return { pedal, stick: keys.map((key, axis) => limit * (key || drawn[axis] || pad.stick[axis])) };
 }
 
 function send(more = {}) {
@@ -59,7 +74,20 @@ addEventListener("keyup", (event) => {
   held.delete(KEYS[event.code]);
   send();
 });
-const letGo = () => { held.clear(); send(); };
+$("scene").addEventListener("pointerdown", (event) => {
+  $("scene").setPointerCapture(event.pointerId);
+  fingers.set(event.pointerId, { x: event.offsetX, y: event.offsetY, dx: 0, dy: 0 });
+});
+$("scene").addEventListener("pointermove", (event) => {
+  const finger = fingers.get(event.pointerId);
+  if (!finger) return;
+  [finger.dx, finger.dy] = [event.offsetX - finger.x, event.offsetY - finger.y];
+  send();
+});
+for (const name of ["pointerup", "pointercancel"]) {
+  $("scene").addEventListener(name, (event) => { fingers.delete(event.pointerId); send(); });
+}
+const letGo = () => { held.clear(); fingers.clear(); send(); };
 addEventListener("blur", letGo);
 document.addEventListener("visibilitychange", letGo);
 $("brake").addEventListener("pointerdown", (event) => {
@@ -129,6 +157,7 @@ function take(message) {
 
 // ---------------------------------------------------------------- stops
 
+const LATEST = 0.5; // [s] by which the pedal may have gone down before
 const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a metre
 const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
 let stop = null, stops = 0, law = "";
@@ -138,7 +167,8 @@ function follow() {
   const [vx, vy, rate] = state.twist, speed = Math.hypot(vx, vy);
   if (!(state.pedal > 0)) { stop = null; return; }
   if (!stop) {
-    stop = { pose: state.pose, turned: 0, yaw: state.pose[2], speed, time: state.time, done: speed < MOVING, helped: 0, heard: 0 };
+    if (!state.start || state.start.time < state.time - LATEST) return; // of a stop before
+    stop = { ...state.start, turned: 0, yaw: state.start.pose[2], done: state.start.speed < MOVING, helped: 0, heard: 0 };
   }
   if (stop.done) return;
   const change = state.pose[2] - stop.yaw;
@@ -285,6 +315,16 @@ function draw() {
   pen.moveTo(0, 0);
   pen.lineTo(0.5 * vx, 0.5 * vy); // half a second ahead
   pen.stroke();
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.strokeStyle = colour("arrow");
+  pen.lineWidth = 3;
+  for (const { x, y, dx, dy } of fingers.values()) {
+    pen.beginPath();
+    pen.arc(x, y, FULL, 0, 2 * Math.PI);
+    pen.moveTo(x, y);
+    pen.lineTo(x + dx, y + dy);
+    pen.stroke();
+  }
   drawScale(pen, colour, ratio, width, height, scale);
 }
 

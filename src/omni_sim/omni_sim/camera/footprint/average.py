@@ -7,8 +7,9 @@ them: a texel then takes its share of those that its edges cut. All is whole-num
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from omni_platform.kernels import njit
 
 
 @njit(cache=True, nogil=True)

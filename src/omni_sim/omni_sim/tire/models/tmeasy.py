@@ -1,167 +1,294 @@
-"""TMeasy as a tire model: its constants, its curve and its contact equation in kernels.
+"""The TMeasy tire: its parameters, how they depend on the wheel load, and the curve they span.
 
-The model itself is described in `omni_sim.tire.tmeasy`. The wheel works with its longitudinal
-curve. `tire.contact` would solve the contact equation as well, to 1e-13 and with the same verdicts,
-but a step of the vehicle takes 10-15 % longer than with the pieces of this curve in closed form.
+Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
+section 2.3.1 with Table 1 and Eqs. (1)-(4), after W. Hirschberg, G. Rill and H. Weinfurter,
+"Tire model TMeasy", Vehicle System Dynamics 45(S), 2007.
+
+A direction of the tire is five numbers: the slope ``dF0`` at zero slip [N], the slip ``s_max`` [1]
+and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N] where
+sliding begins. They depend on the wheel load: slope and forces by the parabola (3), the slips
+linearly, as in the source of the model. The dissertation's "all parameters are interpolated
+similarly" is not followed there: a parabola through the origin would let the slips vanish with the
+load, and make the curve of a light wheel begin flatter than the chord to its own peak. At the
+nominal loads both agree; at 1 kN the forces differ by up to 26 %. Above the second nominal load the
+parabola has no physical meaning, so the load is clamped there and the caller reports the overload.
 """
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
+from omni_sim.tire.contact import solve_contact
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
-from omni_sim.tire.tmeasy import (
-    CurvePoint,
-    TMeasyConfiguration,
-    adhesion_force,
-    curve_at_load,
-    curve_coefficients,
-    direction_coefficients,
-    falling_force,
-    steady_force,
-)
 
-_TOLERANCE = 1e-13
-_MAXIMUM_ITERATIONS = 60
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TMeasyCurve(Configuration):
+    """Force over slip in one direction at the two nominal loads, a half of Table 1."""
+
+    slope_1: float = parameter(
+        description="Slope dF/ds at zero slip and nominal load 1", unit="N", above=0.0
+    )
+    slope_2: float = parameter(
+        description="Slope dF/ds at zero slip and nominal load 2", unit="N", above=0.0
+    )
+    peak_slip_1: float = parameter(
+        description="Slip of the largest force at nominal load 1", above=0.0
+    )
+    peak_slip_2: float = parameter(
+        description="Slip of the largest force at nominal load 2", above=0.0
+    )
+    peak_force_1: float = parameter(
+        description="Largest force at nominal load 1", unit="N", above=0.0
+    )
+    peak_force_2: float = parameter(
+        description="Largest force at nominal load 2", unit="N", above=0.0
+    )
+    slide_slip_1: float = parameter(
+        description="Slip where sliding begins at nominal load 1", above=0.0
+    )
+    slide_slip_2: float = parameter(
+        description="Slip where sliding begins at nominal load 2", above=0.0
+    )
+    slide_force_1: float = parameter(
+        description="Force of full sliding at nominal load 1", unit="N", above=0.0
+    )
+    slide_force_2: float = parameter(
+        description="Force of full sliding at nominal load 2", unit="N", above=0.0
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a peak beyond the sliding point or below its force."""
+        for load, peak_slip, slide_slip, peak_force, slide_force in (
+            (1, self.peak_slip_1, self.slide_slip_1, self.peak_force_1, self.slide_force_1),
+            (2, self.peak_slip_2, self.slide_slip_2, self.peak_force_2, self.slide_force_2),
+        ):
+            if slide_slip <= peak_slip:
+                raise ConfigurationError(
+                    f"slide_slip_{load}",
+                    f"{slide_slip:g} must be above peak_slip_{load} = {peak_slip:g}",
+                )
+            if slide_force > peak_force:
+                raise ConfigurationError(
+                    f"slide_force_{load}",
+                    f"{slide_force:g} N must be at most peak_force_{load} = {peak_force:g} N",
+                )
+
+
+def _table_1_x() -> TMeasyCurve:
+    return TMeasyCurve(
+        slope_1=50000.0,
+        slope_2=75000.0,
+        peak_slip_1=0.15,
+        peak_slip_2=0.18,
+        peak_force_1=3000.0,
+        peak_force_2=4500.0,
+        slide_slip_1=0.4,
+        slide_slip_2=0.5,
+        slide_force_1=2800.0,
+        slide_force_2=4200.0,
+    )
+
+
+def _table_1_y() -> TMeasyCurve:
+    return TMeasyCurve(
+        slope_1=40000.0,
+        slope_2=60000.0,
+        peak_slip_1=0.21,
+        peak_slip_2=0.24,
+        peak_force_1=2750.0,
+        peak_force_2=4125.0,
+        slide_slip_1=0.6,
+        slide_slip_2=0.8,
+        slide_force_1=2500.0,
+        slide_force_2=3750.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TMeasyConfiguration(Configuration):
+    """A tire; the defaults are Table 1.
+
+    The single-roller omni-wheel uses direction ``x`` along its active direction; ``y`` belongs
+    to the rollers of the individual-roller wheel.
+    """
+
+    nominal_load_1: float = parameter(
+        3000.0, description="Nominal wheel load F_z1", unit="N", above=0.0
+    )
+    nominal_load_2: float = parameter(
+        6000.0, description="Largest permissible wheel load F_z2", unit="N", above=0.0
+    )
+    x: TMeasyCurve = section(_table_1_x, description="Longitudinal curve")
+    y: TMeasyCurve = section(_table_1_y, description="Lateral curve")
+
+    def check_consistency(self) -> None:
+        """Refuse curves that turn negative or cross between zero load and the largest."""
+        if self.nominal_load_2 <= self.nominal_load_1:
+            raise ConfigurationError(
+                "nominal_load_2",
+                f"{self.nominal_load_2:g} N must be above nominal_load_1 = "
+                f"{self.nominal_load_1:g} N",
+            )
+        for name, curve in (("x", self.x), ("y", self.y)):
+            c = curve_coefficients(curve, self.nominal_load_1, self.nominal_load_2)
+            for word, linear in (("slope", c[0]), ("peak_force", c[2]), ("slide_force", c[4])):
+                if linear <= 0.0:
+                    raise ConfigurationError(
+                        f"{name}.{word}_2",
+                        f"with {word}_1 the parabola (3) turns negative at small loads; "
+                        f"make {word}_2 smaller",
+                    )
+            if c[4] > c[2]:
+                raise ConfigurationError(
+                    f"{name}.slide_force_1",
+                    "the parabola (3) makes the sliding force exceed the peak at small loads",
+                )
+            if not 0.0 < c[6] < c[8]:
+                raise ConfigurationError(
+                    f"{name}.peak_slip_1",
+                    "interpolated to zero load the slips must be positive and "
+                    "peak_slip below slide_slip",
+                )
+
+
+def direction_coefficients(tire: TMeasyConfiguration, direction: str = "x") -> FloatArray:
+    """Return `curve_coefficients` of a direction of a tire, ``x`` or ``y``."""
+    curve = {"x": tire.x, "y": tire.y}[direction]
+    return curve_coefficients(curve, tire.nominal_load_1, tire.nominal_load_2)
+
+
+def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> FloatArray:
+    """Return the load interpolation of a curve in the form that the kernels evaluate.
+
+    Eq. (3) is the parabola ``a F_z + b F_z^2`` through the two nominal points and the origin.
+
+    Args:
+        curve: nominal values.
+        load_1: first nominal load [N].
+        load_2: second nominal load [N].
+
+    Returns:
+        ``(a, b)`` [1], [1/N] of slope, peak force and sliding force, then value at zero load [1]
+        and gradient [1/N] of peak slip and sliding slip; shape (10,).
+    """
+    coefficients = []
+    for value_1, value_2 in (
+        (curve.slope_1, curve.slope_2),
+        (curve.peak_force_1, curve.peak_force_2),
+        (curve.slide_force_1, curve.slide_force_2),
+    ):
+        span = load_2 - load_1
+        coefficients += [
+            (value_1 * load_2 / load_1 - value_2 * load_1 / load_2) / span,
+            (value_2 / load_2 - value_1 / load_1) / span,
+        ]
+    for slip_1, slip_2 in (
+        (curve.peak_slip_1, curve.peak_slip_2),
+        (curve.slide_slip_1, curve.slide_slip_2),
+    ):
+        gradient = (slip_2 - slip_1) / (load_2 - load_1)
+        coefficients += [slip_1 - gradient * load_1, gradient]
+    return np.array(coefficients)
+
+
+class CurvePoint(NamedTuple):
+    """A curve at one load and friction factor; slope and forces in [N], slips in [1].
+
+    ``steepest_slip`` is the middle between peak and sliding, where the force falls fastest, and
+    ``steepest_fall`` is ``-dF/ds`` there; see `tire.contact.solve_contact`.
+    """
+
+    slope: float
+    peak_slip: float
+    peak_force: float
+    slide_slip: float
+    slide_force: float
+    steepest_slip: float
+    steepest_fall: float
+
+
+@lean
+def curve_through(
+    slope: float, peak_slip: float, peak_force: float, slide_slip: float, slide_force: float
+) -> CurvePoint:
+    """Return the curve of five numbers: slope and forces in [N], slips in [1]."""
+    fall = 1.5 * (peak_force - slide_force) / (slide_slip - peak_slip)
+    middle = 0.5 * (peak_slip + slide_slip)
+    return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force, middle, fall)
 
 
 class TMeasyParameters(NamedTuple):
-    """Constants of the kernels; ``coefficients`` from `tmeasy.curve_coefficients`, shape (10,)."""
+    """Constants of the kernels; ``coefficients`` from `curve_coefficients`, shape (10,)."""
 
     coefficients: FloatArray
 
 
 @lean
-def _adhesion_root(
-    demand: float, viscous: float, initial: float, bend: float, gain: float
-) -> float:
-    """Solve ``viscous sigma + gain F(sigma) = demand`` on the rising section, 0..1.
-
-    Cleared of its denominator it is a cubic, whose first term matters little unless the wheel
-    turns fast: Halley's rule, confined to the bracket, from the root without that term.
-    """
-    low, high = 0.0, 1.0
-    square, linear = viscous * bend - demand, viscous - demand * bend + gain * initial
-    root = math.sqrt(max(linear * linear + 4.0 * square * demand, 0.0))
-    sigma = min(2.0 * demand / (linear + root), 1.0)
-    for _ in range(_MAXIMUM_ITERATIONS):
-        residual = ((viscous * sigma + square) * sigma + linear) * sigma - demand
-        if abs(residual) <= _TOLERANCE * demand:
-            break
-        if residual > 0.0:
-            high = sigma
-        else:
-            low = sigma
-        curved = 3.0 * viscous * sigma + square
-        slope = (curved + square) * sigma + linear
-        step = sigma - residual * slope / (slope * slope - residual * curved)
-        # Also catches NaN.
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if step == sigma:
-            break
-        sigma = step
-    return sigma
-
-
-@lean
-def _falling_root(
-    demand: float, base: float, viscous: float, drop: float, low: float, high: float
-) -> float:
-    """Solve ``base + viscous sigma - drop sigma^2 (3 - 2 sigma) = demand`` where it rises."""
-    sigma = 0.5 * (low + high)
-    for _ in range(_MAXIMUM_ITERATIONS):
-        residual = base + sigma * (viscous - drop * sigma * (3.0 - 2.0 * sigma)) - demand
-        if abs(residual) <= _TOLERANCE * demand:
-            break
-        if residual > 0.0:
-            high = sigma
-        else:
-            low = sigma
-        step = sigma - residual / (viscous - 6.0 * drop * sigma * (1.0 - sigma))
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if step == sigma:
-            break
-        sigma = step
-    return sigma
-
-
-@lean
-def contact(
-    demand: float,
-    damping: float,
-    gain: float,
-    speed: float,
-    curve: CurvePoint,
-    sliding: bool,
-) -> tuple[float, float, bool]:
-    """Solve the contact equation piece by piece; see `tire_model.contact_friction`."""
-    slope, peak_slip, peak_force, slide_slip, slide_force = curve
-    if peak_force <= 0.0:
-        return 0.0, demand / damping, False
-    viscous = damping * speed
-    at_peak = viscous * peak_slip + gain * peak_force
-    at_slide = viscous * slide_slip + gain * slide_force
-    rise = viscous * (slide_slip - peak_slip)
-    drop = gain * (peak_force - slide_force)
-
-    adheres, slides = demand <= at_peak, demand >= at_slide
-    low, high = 0.0, 1.0
-    # Between peak and sliding the right-hand side dips if its slope, least in the middle, does.
-    dips = rise < 1.5 * drop
-    if dips and not (slides if sliding else adheres):  # else the state is kept
-        half = 0.5 * math.sqrt(1.0 - rise / (1.5 * drop))
-        crest, valley = 0.5 - half, 0.5 + half
-        if sliding:
-            lowest = at_peak + valley * (rise - drop * valley * (3.0 - 2.0 * valley))
-            sliding = demand >= lowest
-        else:
-            highest = at_peak + crest * (rise - drop * crest * (3.0 - 2.0 * crest))
-            sliding = demand > highest
-        if sliding:
-            low = valley
-        else:
-            high = crest
-    if adheres and not (dips and sliding):
-        initial = peak_slip * slope
-        bend = initial / peak_force - 2.0
-        sigma = _adhesion_root(demand, viscous * peak_slip, initial, bend, gain)
-        return adhesion_force(initial, bend, sigma), sigma * peak_slip * speed, False
-    if slides and not (dips and not sliding):
-        return slide_force, (demand - gain * slide_force) / damping, True
-    sigma = _falling_root(demand, at_peak, rise, drop, low, high)
-    slip = peak_slip + sigma * (slide_slip - peak_slip)
-    return falling_force(peak_force, slide_force, sigma), slip * speed, sigma > 0.5
-
-
-@lean
 def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> CurvePoint:
-    """Return the curve at a load [N] and a friction factor [1]."""
-    curve: CurvePoint = curve_at_load(parameters.coefficients, load, friction)
+    """Return the curve at a load, Eq. (3).
+
+    The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, not the slope.
+
+    Args:
+        parameters: constants of a direction.
+        load: wheel load [N] from 0 to the largest permissible one.
+        friction: ``mu/mu_0`` [1].
+    """
+    c = parameters.coefficients
+    curve: CurvePoint = curve_through(
+        (c[0] + c[1] * load) * load,
+        (c[6] + c[7] * load) * friction,
+        (c[2] + c[3] * load) * load * friction,
+        (c[8] + c[9] * load) * friction,
+        (c[4] + c[5] * load) * load * friction,
+    )
     return curve
 
 
 @lean
 def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
-    """Return force [N] and its derivative [N] at ``slip >= 0`` [1]."""
-    slope, peak_slip, peak_force, slide_slip, slide_force = curve
-    force = steady_force(slope, peak_slip, peak_force, slide_slip, slide_force, slip)
-    if peak_force <= 0.0 or slip >= slide_slip:
-        return force, 0.0
+    """Return force [N] and its derivative [N] at ``slip >= 0`` [1].
+
+    A rational function up to the peak, a cubic down to sliding, then a constant.
+    """
+    peak_slip, peak_force = curve.peak_slip, curve.peak_force
+    if peak_force <= 0.0:
+        return 0.0, 0.0
+    if slip >= curve.slide_slip:
+        return curve.slide_force, 0.0
     if slip > peak_slip:
-        width = slide_slip - peak_slip
+        width, drop = curve.slide_slip - peak_slip, peak_force - curve.slide_force
         sigma = (slip - peak_slip) / width
-        return force, -6.0 * (peak_force - slide_force) * sigma * (1.0 - sigma) / width
-    sigma = slip / peak_slip
-    denominator = 1.0 + sigma * (sigma + peak_slip * slope / peak_force - 2.0)
-    return force, slope * (1.0 - sigma * sigma) / (denominator * denominator)
+        force = peak_force - drop * sigma * sigma * (3.0 - 2.0 * sigma)
+        return force, -6.0 * drop * sigma * (1.0 - sigma) / width
+    sigma, initial = slip / peak_slip, peak_slip * curve.slope
+    denominator = 1.0 + sigma * (sigma + initial / peak_force - 2.0)
+    gradient = curve.slope * (1.0 - sigma * sigma) / (denominator * denominator)
+    return initial * sigma / denominator, gradient
+
+
+def curve_of(
+    tire: TMeasyConfiguration, load: float, friction: float = 1.0, direction: str = "x"
+) -> CurvePoint:
+    """Return the curve of a direction of a tire at a load, Eq. (3).
+
+    Args:
+        tire: with both directions, as in Table 1.
+        load: wheel load [N], clamped to the model's range.
+        friction: ``mu/mu_0`` [1].
+        direction: ``x`` or ``y``.
+    """
+    parameters = TMeasyParameters(direction_coefficients(tire, direction))
+    curve: CurvePoint = curve_at(parameters, min(max(load, 0.0), tire.nominal_load_2), friction)
+    return curve
 
 
 _FITTED = (
@@ -220,7 +347,7 @@ MODEL = TireModel(
     largest_load=lambda configuration: configuration.nominal_load_2,
     curve_at=curve_at,
     force_at=force_at,
-    contact=contact,
+    contact=solve_contact,
     fit=FitRecipe(
         keys=tuple(f"x.{key}" for key in _FITTED),
         lower=(1e-9,) * 6 + (1.01,) * 2 + (0.05,) * 2,

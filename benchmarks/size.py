@@ -1,0 +1,111 @@
+"""How large the project is: lines of code and named numbers, by package, apart from tests.
+
+A line of code is one that holds neither a blank, nor a comment, nor a docstring alone. A named
+number is a number that a module gives a name beginning with a capital, as in ``_LIMIT = 0.3``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import json
+import tokenize
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+WORKSPACE = Path(__file__).resolve().parents[1]
+PARTS = ("src", "setup", "benchmarks", "docs", ".ci", "conftest.py", "omni")
+NO_CODE = {
+    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE),
+    *(tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER),
+}
+
+
+def sources() -> Iterator[tuple[str, Path]]:
+    """Yield the files of code, each with the name of its package, or of its folder."""
+    for part in PARTS:
+        place = WORKSPACE / part
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            parts = path.relative_to(WORKSPACE).parts
+            if "test" not in parts:
+                yield (parts[1] if part == "src" else part), path
+
+
+def code_lines(text: str) -> int:
+    """Return the number of lines of a module that hold code."""
+    strings: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        value = node.value if isinstance(node, ast.Expr) else None
+        if isinstance(value, ast.Constant) and isinstance(value.value, str):
+            strings |= set(range(value.lineno, (value.end_lineno or value.lineno) + 1))
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in NO_CODE:
+            lines |= set(range(token.start[0], token.end[0] + 1))
+    return len(lines - strings)
+
+
+def constants(text: str) -> int:
+    """Return how many numbers a module names at its top."""
+    found = 0
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
+            target, value = node.target, node.value
+        else:
+            continue
+        pairs = [(target, value)]
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+            pairs = list(zip(target.elts, value.elts, strict=False))
+        found += sum(
+            name.id.lstrip("_")[:1].isupper() and is_number(number)
+            for name, number in pairs
+            if isinstance(name, ast.Name)
+        )
+    return found
+
+
+def is_number(node: ast.expr) -> bool:
+    """Return whether an expression consists of numbers only."""
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def main() -> None:
+    """Count, and print a table or one JSON document."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    as_json = parser.parse_args().json
+    counts: dict[str, Counter[str]] = {
+        name: Counter() for name in ("code_lines", "constants", "files")
+    }
+    for package, path in sources():
+        text = path.read_text(encoding="utf-8")
+        for name, number in (
+            ("code_lines", code_lines(text)),
+            ("constants", constants(text)),
+            ("files", 1),
+        ):
+            counts[name][package] += number
+            counts[name]["all"] += number
+    if as_json:
+        metrics = {
+            f"{name}.{package}": {"value": number, "unit": "1"}
+            for name, numbers in counts.items()
+            for package, number in numbers.items()
+        }
+        print(json.dumps({"name": "size", "metrics": metrics}, indent=2))
+        return
+    print(f"{'':20}" + "".join(f"{name.replace('_', ' '):>12}" for name in counts))
+    for package in sorted(counts["files"], key=lambda name: (name == "all", name)):
+        print(f"{package:20}" + "".join(f"{n[package]:12}" for n in counts.values()))
+
+
+if __name__ == "__main__":
+    main()

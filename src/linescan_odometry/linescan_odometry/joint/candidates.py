@@ -1,0 +1,289 @@
+"""Candidates for the displacement: peaks of a slant stack, the wideband velocity spectrum.
+
+Whitened correlations of lines some way apart are added along straight lines of constant
+displacement, as an array of sensors adds its channels along a direction of arrival.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # whose fft is loaded by its first use: not where configurations are read
+from numpy.typing import NDArray
+
+from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum, bands, smoothed
+from omni_platform.kernels import kernel
+
+REACH = 0.5  # share of a line, by which lines that are compared may have moved apart
+_PEAKS = 2  # of each stack that are tried
+_APART = 8  # px between two peaks
+_SAME = 0.15  # px per line, within which two candidates are one
+_DETAIL = 6.0, 100.0  # px, smallest and largest structures that the stack is made of
+COMPARED = 0.15  # cycles per pixel, up to which candidates are compared
+_OVERSAMPLED = 0.5  # independent frequencies per bin, of lines padded to twice their length
+_LAGS = 4  # distances between lines that are correlated
+_STACKED = 3  # of them make the stack, the last one the fraction of a pixel
+
+
+@kernel
+def lags(lines: int) -> NDArray[np.int64]:
+    """Return distances between lines that are correlated, from 1 to a third of m, shape (4,)."""
+    distance = np.empty(_LAGS, np.int64)
+    for which in range(_LAGS):
+        distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
+    return distance
+
+
+class Layout(NamedTuple):
+    """Sizes of a batch.
+
+    Attributes:
+        lines: m.
+        pixels: n of a line.
+        size: of the transform [px].
+        limit: largest displacement per line [px].
+    """
+
+    lines: int
+    pixels: int
+    size: int
+    limit: int
+
+
+class Products(NamedTuple):
+    """Correlations along the lines of a batch, for all frequencies.
+
+    Attributes:
+        lagged: mean products of lines as far apart as `lags`, shape (4, F).
+        newer: mean of the newer lines in each, shape (4, F).
+        older: mean of the older ones, shape (4, F).
+        mean: of all lines, shape (F,).
+        power: mean power of the lines, shape (F,).
+    """
+
+    lagged: Spectrum
+    newer: Spectrum
+    older: Spectrum
+    mean: Spectrum
+    power: Doubles
+
+
+def band_pass(size: int, count: int) -> Floats:
+    """Return the weight of each frequency in the stack, shape (count,)."""
+    f = np.arange(count) / size
+    weight = -np.expm1(-((_DETAIL[1] * f) ** 2)) * np.exp(-((_DETAIL[0] * f) ** 2))
+    return weight.astype(np.float32)
+
+
+@kernel
+def correlate(spectra: Spectrum) -> Products:
+    """Return the correlations along the lines of a batch, shape (m, F)."""
+    m, count = spectra.shape
+    distances = lags(m)
+    lagged, newer, older = (
+        np.zeros((_LAGS, count), np.complex64),
+        np.zeros((_LAGS, count), np.complex64),
+        np.zeros((_LAGS, count), np.complex64),
+    )
+    total, power = np.zeros(count, np.complex64), np.zeros(count, np.float32)
+    for k in range(m):
+        row = spectra[k]
+        for f in range(count):
+            total[f] += row[f]
+            power[f] += row[f].real * row[f].real + row[f].imag * row[f].imag
+    for which in range(_LAGS):
+        lag = distances[which]
+        if lag >= m:
+            continue
+        products, ahead, behind = lagged[which], newer[which], older[which]
+        ahead[:], behind[:] = total, total
+        for k in range(lag):
+            ahead -= spectra[k]
+            behind -= spectra[m - 1 - k]
+        for k in range(lag, m):
+            new, old = spectra[k], spectra[k - lag]
+            for f in range(count):
+                products[f] += new[f] * np.conj(old[f])
+        scale = np.float32(1.0 / (m - lag))
+        products *= scale
+        ahead *= scale
+        behind *= scale
+    one = np.float32(1.0 / m)
+    return Products(lagged, newer, older, total * one, (power * one).astype(np.float64))
+
+
+@kernel
+def find(
+    products: Products, layout: Layout, pattern: Spectrum, weight: Floats, last: float
+) -> Doubles:
+    """Return candidates for the displacement per line [px], shape (c,).
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        pattern: spectrum of the fixed pattern as known, shape (F,).
+        weight: of the frequencies, see `band_pass`.
+        last: displacement of the batch before, NaN for none [px].
+    """
+    lines, pixels, size, limit = layout
+    count = len(pattern)
+    distances = lags(lines)
+    found = np.empty(1 + 2 * _PEAKS)
+    number = 0
+    if np.isfinite(last):
+        found[0], number = last, 1
+    # What is left without the mean of all lines has no fixed pattern at all.
+    for removed in (pattern, products.mean):
+        rest = smoothed(
+            products.power
+            - 2.0 * (removed * np.conj(products.mean)).real
+            + (removed * np.conj(removed)).real
+        )
+        correlation = np.zeros((_LAGS, size), np.float32)
+        for which in range(_LAGS):
+            if distances[which] >= lines:
+                continue
+            whitened = np.zeros(size // 2 + 1, np.complex64)
+            ahead, behind = products.newer[which], products.older[which]
+            for f in range(1, count):
+                value = (
+                    products.lagged[which, f]
+                    - ahead[f] * np.conj(removed[f])
+                    - removed[f] * np.conj(behind[f])
+                    + removed[f] * np.conj(removed[f])
+                )
+                whitened[f] = value * (weight[f] / np.float32(max(rest[f], 1e-9)))
+            correlation[which] = scipy.fft.irfft(whitened, size)
+        stack = np.full(2 * limit + 1, -np.inf)
+        for d in range(-limit, limit + 1):
+            value, terms = 0.0, 0
+            for which in range(_STACKED):
+                lag = distances[which]
+                if (lag < lines and abs(lag * d) < REACH * pixels) or lag == 1:
+                    value += correlation[which, -lag * d % size]
+                    terms += 1
+            stack[d + limit] = value / np.sqrt(terms)
+        for _ in range(_PEAKS):
+            best = int(np.argmax(stack)) - limit
+            if stack[best + limit] == -np.inf:
+                break
+            fine = _refined(correlation, best, layout)
+            new = True
+            for other in found[:number]:
+                new = new and abs(fine - other) > _SAME
+            if new:
+                found[number] = fine
+                number += 1
+            stack[max(0, best + limit - _APART) : best + limit + _APART + 1] = -np.inf
+    return found[:number]
+
+
+@kernel
+def farthest(displacement: float, layout: Layout) -> int:
+    """Return which of `lags` is the largest one at which lines still overlap and many are left."""
+    distances = lags(layout.lines)
+    for which in range(_LAGS - 1, 0, -1):
+        lag = distances[which]
+        if 3 * lag <= layout.lines and abs(lag * displacement) < REACH * layout.pixels:
+            return which
+    return 0
+
+
+@kernel
+def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
+    """Return a peak to a fraction of a pixel, by the lines farthest apart that still overlap."""
+    size = layout.size
+    which = farthest(peak, layout)
+    lag = lags(layout.lines)[which]
+    best, top = lag * peak, -np.inf
+    for x in range(lag * (peak - 1), lag * (peak + 1) + 1):
+        value = float(correlation[which, -x % size])
+        if value > top:
+            best, top = x, value
+    left = float(correlation[which, -(best - 1) % size])
+    right = float(correlation[which, -(best + 1) % size])
+    bend = left - 2.0 * top + right
+    fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    peak_place: float = (best + min(max(fraction, -0.5), 0.5)) / lag
+    return peak_place
+
+
+@kernel
+def coherent(
+    products: Products,
+    layout: Layout,
+    removed: Spectrum,
+    displacement: float,
+    spread: float,
+    which: int,
+) -> float:
+    """Return the log-likelihood of a motion over that of incoherent lines [nats].
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        removed: spectrum that is fixed in the view, shape (F,).
+        displacement: per line [px].
+        spread: within which the best one counts [px].
+        which: of `lags`, how far the lines are apart.
+    """
+    size = layout.size
+    edges = bands(size)
+    edges = edges[edges <= COMPARED * size]
+    first, count = edges[0], edges[-1]
+    lag = lags(layout.lines)[which]
+    real, imaginary, power = np.empty(count), np.empty(count), np.empty(count)
+    for f in range(first, count):
+        fixed = removed[f]
+        value = (
+            products.lagged[which, f]
+            - products.newer[which, f] * np.conj(fixed)
+            - fixed * np.conj(products.older[which, f])
+            + fixed * np.conj(fixed)
+        )
+        real[f], imaginary[f] = value.real, value.imag
+        power[f] = (
+            products.power[f]
+            - 2.0 * (fixed * np.conj(products.mean[f])).real
+            + (fixed * np.conj(fixed)).real
+        )
+    best = 0.0
+    for step in range(-1, 2):
+        d = lag * (displacement + 0.5 * step * spread)
+        overlap = max(1.0 - abs(d) / layout.pixels, 1e-3)
+        factor = np.exp(-2j * np.pi * d / size)
+        turn = factor**first
+        total = 0.0
+        for b in range(len(edges) - 1):
+            gain, own = 0.0, 0.0
+            for f in range(edges[b], edges[b + 1]):
+                gain += real[f] * turn.real - imaginary[f] * turn.imag
+                own += power[f]
+                turn *= factor
+            coherence = min(max(gain / max(overlap * own, 1e-9), 0.0), 0.999)
+            freedom = 0.5 * _OVERSAMPLED * layout.lines * overlap * (edges[b + 1] - edges[b])
+            total -= freedom * math.log1p(-coherence * coherence)
+        best = max(best, total)
+    return best
+
+
+@kernel
+def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
+    """Return how far each candidate explains the lines, at the lag at which it does best [nats].
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        removed: spectrum that is fixed in the view, shape (F,).
+        found: candidates [px], shape (c,).
+    """
+    told = np.zeros(len(found))
+    for i in range(len(found)):
+        last = farthest(found[i], layout)
+        spread = 0.5 / lags(layout.lines)[last]
+        for which in range(last + 1):
+            own = coherent(products, layout, removed, found[i], spread, which)
+            told[i] = max(told[i], own)
+    return told

@@ -1,0 +1,88 @@
+"""The fixed pattern of a camera, estimated along with the displacement.
+
+The pattern is what dirt, unequal pixels, shading and mud do to every line. For a given displacement
+its posterior is Gaussian at every frequency: the batches so far and this one are weighted by their
+information, and the variance of the pattern is that which the data show (empirical Bayes).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from linescan_odometry.joint.spectra import (
+    Doubles,
+    Spectrum,
+    bands,
+    covariance,
+    phases,
+    smoothed,
+    whiten,
+)
+from omni_platform.kernels import kernel
+
+LEAST_NOISE = 0.2  # of the power of a band: no single band outweighs all others
+
+
+class FixedPattern(NamedTuple):
+    """What is known of the fixed pattern of a camera, as the logarithm of its gains.
+
+    Attributes:
+        information: precision times mean of each frequency, shape (F,).
+        precision: of each frequency, 0 where nothing is known, shape (F,).
+    """
+
+    information: Spectrum
+    precision: Doubles
+
+
+@kernel
+def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
+    """Return the posterior mean of a pattern, shape (F,).
+
+    Args:
+        information: precision times mean, shape (F,).
+        precision: of each frequency, 0 where nothing is known, shape (F,).
+    """
+    count = len(precision)
+    mean = np.zeros(count, np.complex64)
+    excess = np.zeros(count)
+    for f in range(count):
+        if precision[f] > 0.0:
+            mean[f] = information[f] / np.float32(precision[f])
+            power = mean[f].real * mean[f].real + mean[f].imag * mean[f].imag
+            excess[f] = power - 2.0 / precision[f]
+    excess = np.maximum(smoothed(excess), 0.0)
+    for f in range(count):
+        gain = excess[f] * precision[f]
+        mean[f] *= np.float32(gain / (gain + 1.0))
+    return mean
+
+
+@kernel
+def observe(spectra: Spectrum, paths: Doubles, size: int) -> tuple[Spectrum, Doubles]:
+    """Return what a batch says of the pattern if its lines lie at given paths.
+
+    Args:
+        spectra: of whole lines, shape (m, F).
+        paths: of the lines [px], shape (m,).
+        size: of the transform [px].
+
+    Returns:
+        Information (precision times mean) and precision, each of shape (F,).
+    """
+    m, count = spectra.shape
+    turn = phases(paths, size, count)
+    aligned = spectra * turn
+    edges = bands(size)
+    model, _ = covariance(aligned, np.array([0, m]), edges, np.full(len(edges) - 1, -LEAST_NOISE))
+    white = np.zeros((m, count), np.complex64)
+    whiten(turn, np.ones(m), edges, model, white)
+    information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
+    for k in range(m):
+        row, own, seen = white[k], turn[k], aligned[k]
+        for f in range(count):
+            information[f] += np.conj(row[f]) * seen[f]
+            precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
+    return information, precision.astype(np.float64)

@@ -1,0 +1,52 @@
+"""The method `joint` for one camera: the estimator and the plausibility of its displacements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.measurements import Displacement, Lines, Unmeasured
+from linescan_odometry.plausibility import Plausibility
+from omni_platform.sensors import LineSensor
+
+_ACCELERATION = 15.0  # m/s^2, usual deviation: a hard stop on a dry road is 10
+
+
+class JointMethod:
+    """Measures displacements by the likelihood of whole batches."""
+
+    def __init__(
+        self,
+        sensor: LineSensor,
+        configuration: OdometryConfiguration,
+    ) -> None:
+        """Prepare the estimator.
+
+        Args:
+            sensor: the camera.
+            configuration: of the odometry.
+        """
+        self._limit = configuration.maximum_acceleration
+        change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
+        self.estimator = JointEstimator(sensor.pixels, configuration.shift_limit(sensor), change)
+        self._last = math.nan
+
+    def reset(self) -> None:
+        """Forget the displacement before: the next lines do not follow it."""
+        self._last = math.nan
+
+    def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
+        """Measure a batch; see `sensor.Method`."""
+        estimate = self.estimator.estimate(lines, self._last)
+        if estimate.reason:
+            raise Unmeasured(estimate.reason, unlike=True)
+        if not plausibility.judge(stamp_ns, np.array([estimate.value]))[0]:
+            raise Unmeasured(
+                f"not plausible: {estimate.value:.3g} px a line needs more than "
+                f"{self._limit:g} m/s^2 since the last measurement"
+            )
+        self._last = estimate.value
+        return Displacement(estimate.value, estimate.variance, estimate.coherence, 1.0)

@@ -1,0 +1,84 @@
+"""The method of section 4.4: pairs of lines, each by a full search, and the median of n.
+
+Every line is compared with the one before it at all shifts up to the limit, by one of six metrics;
+the peak is refined to a fraction of a pixel. A displacement that the platform cannot have made, or
+that is far from the median of its neighbours (section 4.6), is left out, and the rest is averaged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.matching.median import average, mark_inliers
+from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
+from linescan_odometry.matching.search import make_search
+from linescan_odometry.matching.subpixel import SubpixelRefiner
+from linescan_odometry.measurements import Displacement, Lines, Unmeasured
+from linescan_odometry.plausibility import Plausibility
+from omni_platform.sensors import LineSensor
+
+
+class PairsMethod:
+    """Measures displacements by pairs of lines."""
+
+    def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
+        """Prepare the stages.
+
+        Args:
+            sensor: the camera.
+            configuration: of the odometry.
+        """
+        self._settings = configuration
+        search = make_search(
+            configuration.metric,
+            sensor.pixels,
+            configuration.shift_limit(sensor),
+            configuration.search_window,
+            configuration.prior_weight,
+        )
+        refiner = SubpixelRefiner(sensor.pixels, configuration.peak_recovery)
+        self._matcher = PairMatcher(search, refiner, configuration.minimum_correlation)
+
+    def reset(self) -> None:
+        """Forget the lines so far: the next ones do not follow them."""
+        self._matcher.reset()
+
+    def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
+        """Measure a batch; see `sensor.Method`."""
+        settings = self._settings
+        pairs = self._matcher.match(lines)
+        implausible = plausibility.mark(stamp_ns, pairs)
+        inlier = np.empty(len(pairs.usable), np.bool_)
+        mark_inliers(
+            pairs.displacement,
+            pairs.usable,
+            settings.median_lines,
+            settings.median_tolerance,
+            inlier,
+        )
+        count = int(np.count_nonzero(inlier))
+        share = count / len(inlier)
+        if count == 0 or share < settings.minimum_inlier_share:
+            raise Unmeasured(self._describe(pairs, implausible), share)
+        weight = np.empty(len(inlier))
+        value = average(pairs.displacement, inlier, weight)
+        variance = self._matcher.mean_variance(pairs.displacement, weight)
+        correlation = float(pairs.similarity @ inlier) / count
+        return Displacement(value, variance, correlation, share)
+
+    def _describe(self, pairs: PairDisplacements, implausible: int) -> str:
+        """Return why the pairs of a batch gave no displacement."""
+        matched = int(np.count_nonzero(pairs.usable)) + implausible
+        if 2 * implausible > matched:
+            return (
+                f"not plausible: {implausible} of {matched} displacements need more than "
+                f"{self._settings.maximum_acceleration:g} m/s^2 since the last measurement"
+            )
+        if 2 * matched < len(pairs.usable):
+            return (
+                f"no match: {matched} of {len(pairs.usable)} line pairs have a peak of "
+                f"{self._settings.minimum_correlation:g} or more within the shift limit, "
+                f"the median is {float(np.median(pairs.similarity)):.2f}"
+            )
+        return f"the displacements of {len(pairs.usable)} line pairs disagree with their median"

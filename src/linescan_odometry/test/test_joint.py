@@ -1,0 +1,140 @@
+"""The joint estimator: covariance along the lines, displacement, fixed pattern, rest and edges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.spectra import whiten
+from linescan_odometry.measurements import LineBatch
+from linescan_odometry.method_sensor import MethodOdometry
+from linescan_odometry.odometry import LineScanOdometry
+from omni_platform.sensors import LineSensor, sensor_matrix
+
+Expose = Callable[..., Any]
+
+PIXELS, LINES, RATE, PITCH = 512, 26, 2500.0, 5e-5
+CHANGE = 15.0 / (RATE**2 * PITCH)  # px per line^2
+
+
+def estimator() -> JointEstimator:
+    return JointEstimator(PIXELS, PIXELS // 2, CHANGE)
+
+
+def moved(expose: Expose, displacement: float, **changes: Any) -> Any:
+    return expose(np.arange(LINES) * displacement, PIXELS, **{"noise": 2.0, **changes})
+
+
+def test_the_filter_along_the_lines_is_the_inverse_of_the_covariance() -> None:
+    generator = np.random.default_rng(1)
+    m, edges = 7, np.array([1, 4, 9])
+    model = np.array([[2.0, 0.5], [0.9, 0.3], [0.4, 1.5]])
+    spectra = (generator.normal(size=(m, 9)) + 1j * generator.normal(size=(m, 9))).astype(
+        np.complex64
+    )
+    weight, white = generator.normal(size=m), np.zeros((m, 9), np.complex64)
+    determinant = whiten(spectra, weight, edges, model, white)
+    expected = 0.0
+    for band, (texture, rho, noise) in enumerate(model.T):
+        lag = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
+        covariance = texture * rho**lag + noise * np.eye(m)
+        inside = slice(edges[band], edges[band + 1])
+        direct = np.linalg.solve(covariance, weight[:, None] * spectra[:, inside])
+        np.testing.assert_allclose(white[:, inside], direct, rtol=2e-4, atol=2e-5)
+        expected += (edges[band + 1] - edges[band]) * np.linalg.slogdet(covariance)[1]
+    assert determinant == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("displacement", [-150.3, -40.0, -3.7, -0.31, 0.0, 0.02, 1.5, 12.4, 81.9])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_displacements_are_recovered_within_their_deviation(
+    displacement: float, dtype: Any, expose: Expose
+) -> None:
+    found = estimator().estimate(moved(expose, displacement, dtype=dtype))
+    assert found.reason == ""
+    assert abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
+    assert math.sqrt(found.variance) < 0.05
+
+
+def test_two_lines_are_enough(expose: Expose) -> None:
+    found = estimator().estimate(expose([0.0, 7.3], PIXELS, noise=1.0))
+    assert found.reason == ""
+    assert found.value == pytest.approx(7.3, abs=0.1)
+
+
+def test_an_acceleration_does_not_bias_the_mean(expose: Expose) -> None:
+    kappa = np.arange(LINES) - 0.5 * (LINES - 1)
+    lines = expose(20.0 * kappa + 0.5 * CHANGE * kappa**2, PIXELS, noise=2.0)
+    found = estimator().estimate(lines)
+    assert abs(found.value - 20.0) < 5.0 * math.sqrt(found.variance)
+
+
+@pytest.mark.parametrize("displacement", [4.0, 15.0, 60.0])
+def test_unequal_gains_do_not_draw_a_motion_to_rest(displacement: float, expose: Expose) -> None:
+    generator = np.random.default_rng(3)
+    gain = 1.0 + 0.2 * generator.standard_normal(PIXELS)
+    lines = moved(expose, displacement) * gain
+    found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+    assert found.reason == ""
+    assert abs(found.value - displacement) < max(5.0 * math.sqrt(found.variance), 0.02)
+
+
+def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
+    expose: Expose,
+) -> None:
+    place = np.arange(PIXELS) - 2.5 * np.arange(LINES)[:, None]
+    shade = 1.0 - 0.5 / (1.0 + np.exp((place - 0.5 * PIXELS) / 10.0))
+    lines = np.rint(moved(expose, 0.0, grain=3.0) * shade).astype(np.uint8)
+    assert estimator().estimate(lines).reason != ""
+
+
+def test_lines_of_nothing_but_noise_are_not_measured() -> None:
+    noise = np.random.default_rng(4).normal(100.0, 3.0, (LINES, PIXELS))
+    assert estimator().estimate(np.rint(noise).astype(np.uint8)).reason != ""
+
+
+@pytest.mark.parametrize("method", ["pairs", "joint"])
+def test_each_method_measures_the_twist(method: str, expose: Expose) -> None:
+    sensors = {
+        name: LineSensor(
+            x=x, y=y, heading_deg=heading, pixels=PIXELS, length=PITCH * PIXELS, line_rate=RATE
+        )
+        for name, x, y, heading in (("left", 0.0, 0.5, 0.0), ("right", 0.0, -0.5, 0.0),
+                                    ("front", 0.6, 0.0, 90.0))
+    }  # fmt: skip
+    odometry = LineScanOdometry(
+        OdometryConfiguration(sensors=sensors, method=method, cover_detection=False)
+    )
+    twist = np.array([4.0, 1.0, 0.5])
+    speeds = sensor_matrix(sensors) @ twist
+    estimate = odometry.update(
+        {
+            name: LineBatch(10**9, moved(expose, speed / RATE / PITCH, seed=i))
+            for i, (name, speed) in enumerate(zip(sensors, speeds, strict=True))
+        }
+    )
+    assert estimate.measured, estimate.reason
+    assert estimate.twist == pytest.approx(twist, abs=5e-3)
+
+
+def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
+    camera = MethodOdometry(sensor, _with_others(sensor))
+    still = np.repeat(expose([0.0], PIXELS), LINES, axis=0)
+    assert camera.update(LineBatch(10**9, still)).reason.startswith("frozen")
+    dark = np.zeros((LINES, PIXELS), np.uint8)
+    assert camera.update(LineBatch(2 * 10**9, dark)).reason.startswith("no contrast")
+
+
+def _with_others(sensor: LineSensor) -> OdometryConfiguration:
+    others = {
+        f"other_{i}": LineSensor(x=0.3 * i, y=0.5 - i, heading_deg=60.0 * i, pixels=PIXELS)
+        for i in (1, 2)
+    }
+    return OdometryConfiguration(sensors={"camera": sensor, **others}, method="joint")

@@ -1,1 +1,0 @@
-"""Closed loop in one process, metrics and figures."""

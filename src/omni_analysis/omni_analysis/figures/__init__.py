@@ -1,1 +1,0 @@
-"""What figures of runs share, and the two that every run leaves."""

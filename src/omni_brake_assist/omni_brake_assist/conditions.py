@@ -1,0 +1,201 @@
+"""The one ordered table of what decides whether all brakes are on.
+
+The first condition that holds is the state. The kernels return its number, `/diagnostics` its level
+and words, and the table of states in the README of this package is printed from it by
+``python -m omni_brake_assist.conditions``.
+"""
+
+from __future__ import annotations
+
+import enum
+import re
+from typing import NamedTuple
+
+
+class AssistState(enum.Enum):
+    """State of the assistant. In all but `ASSISTING` and `DEAD_RECKONING` every brake is on.
+
+    The value is the word for messages and logs.
+    """
+
+    DISABLED = "disabled"
+    INACTIVE = "inactive"  # pedal up
+    INVALID_DEMAND = "invalid_demand"
+    NO_DEMAND = "no_demand"
+    UNKNOWN_WHEEL = "unknown_wheel"
+    SECOND_PUBLISHER = "second_publisher"  # two publishers on a topic that must have one
+    INTERNAL_ERROR = "internal_error"
+    NO_EFFECT = "no_effect"
+    DEAD_BRAKE = "dead_brake"  # a wheel rolls free though its brake should act
+    STALE_FEEDBACK = "stale_feedback"
+    TIME_JUMP = "time_jump"
+    NO_FEEDBACK = "no_feedback"
+    NON_FINITE_FEEDBACK = "non_finite_feedback"
+    LOW_CONFIDENCE = "low_confidence"
+    IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
+    CONTRADICTED_FEEDBACK = "contradicted_feedback"
+    BELOW_SPEED_THRESHOLD = "below_speed_threshold"
+    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no brake would help: the rule of section 3.3
+    DEAD_RECKONING = "dead_reckoning"  # assisting on IMU and wheel speeds, without a valid twist
+    ASSISTING = "assisting"
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether something is wrong, as opposed to a state of normal operation."""
+        return self.level > OK
+
+    @property
+    def level(self) -> int:
+        """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
+
+        An invalid feedback may pass by itself, so it is a warning; silence and the rest need
+        somebody to act.
+        """
+        return next(row.level for row in CONDITIONS if row.state is self)
+
+
+OK, WARNING, ERROR = range(3)
+
+
+class Condition(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        state: that the condition puts the assistant in.
+        level: for `/diagnostics`: OK, WARNING or ERROR.
+        words: reason for people; value, limit, within and wheel are filled in. Where it is empty,
+            the part that finds the condition has the words.
+    """
+
+    state: AssistState
+    level: int
+    words: str = ""
+
+
+# Numbers of the conditions: rows of the table below.
+(
+    DISABLED,
+    INACTIVE,
+    INVALID_DEMAND,
+    INVALID_STAMP,
+    NO_DEMAND,
+    UNKNOWN_WHEEL,
+    SECOND_PUBLISHER,
+    INTERNAL_ERROR,
+    LAW_ERROR,
+    NO_EFFECT,
+    DEAD_BRAKE,
+    SILENCE,
+    DEMAND_BACK,
+    DEMAND_LEAP,
+    NOTHING_YET,
+    ABSENT,
+    UNREADABLE,
+    TWIST_NOT_FINITE,
+    COVARIANCE_NOT_FINITE,
+    STALE,
+    AHEAD,
+    BACK,
+    UNKNOWN_VARIANCE,
+    SPEED_DEVIATION,
+    YAW_RATE_DEVIATION,
+    TOO_FAST,
+    TURNS_TOO_FAST,
+    SPEED_STEP,
+    YAW_RATE_STEP,
+    FROZEN,
+    CONTRADICTED,
+    SLOW,
+    NO_BRAKE_HELPS,
+    DEAD_RECKONING,
+    ASSISTING,
+) = range(35)
+GOOD = ASSISTING
+"""Nothing is wrong."""
+
+_S = AssistState
+_DEVIATION = "standard deviation of the "
+_MORE = ", more than {limit:.4g} "
+_LATCHED = ": all brakes on until the pedal is released"
+CONDITIONS: tuple[Condition, ...] = (
+    Condition(_S.DISABLED, OK, "assistant is switched off"),
+    Condition(_S.INACTIVE, OK, "pedal below {limit:g}"),
+    Condition(_S.INVALID_DEMAND, ERROR),
+    Condition(_S.INVALID_DEMAND, ERROR),
+    Condition(_S.NO_DEMAND, ERROR),
+    Condition(_S.UNKNOWN_WHEEL, ERROR),
+    Condition(_S.SECOND_PUBLISHER, ERROR),
+    Condition(_S.INTERNAL_ERROR, ERROR),
+    Condition(_S.INTERNAL_ERROR, ERROR, "control law returned an enable outside [0, 1]"),
+    Condition(_S.NO_EFFECT, ERROR, "braking has too little effect" + _LATCHED),
+    Condition(_S.DEAD_BRAKE, ERROR, "the brake of {wheel} does not act" + _LATCHED),
+    Condition(_S.STALE_FEEDBACK, ERROR),
+    Condition(_S.TIME_JUMP, WARNING, "demand went back by {value:.4g} s"),
+    Condition(_S.TIME_JUMP, WARNING, "demand jumped by {value:.4g} s, more than {limit:g} s"),
+    Condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received yet"),
+    Condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received"),
+    Condition(_S.NON_FINITE_FEEDBACK, WARNING),
+    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "twist holds {value}, must be finite"),
+    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "covariance holds {value}, must be finite"),
+    Condition(_S.STALE_FEEDBACK, ERROR, "feedback is {value:.4g} s old, more than {limit:g} s"),
+    Condition(
+        _S.TIME_JUMP,
+        WARNING,
+        "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s",
+    ),
+    Condition(_S.TIME_JUMP, WARNING, "feedback went back by {value:.4g} s"),
+    Condition(_S.LOW_CONFIDENCE, WARNING, "feedback has no positive variance: unknown"),
+    Condition(
+        _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s"
+    ),
+    Condition(
+        _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"
+    ),
+    Condition(_S.IMPLAUSIBLE_FEEDBACK, WARNING, "speed is {value:.4g} m/s" + _MORE + "m/s"),
+    Condition(_S.IMPLAUSIBLE_FEEDBACK, WARNING, "yaw rate is {value:.4g} rad/s" + _MORE + "rad/s"),
+    Condition(
+        _S.IMPLAUSIBLE_FEEDBACK,
+        WARNING,
+        "change of velocity is {value:.4g} m/s within {within:.3g} s" + _MORE + "m/s",
+    ),
+    Condition(
+        _S.IMPLAUSIBLE_FEEDBACK,
+        WARNING,
+        "change of yaw rate is {value:.4g} rad/s within {within:.3g} s" + _MORE + "rad/s",
+    ),
+    Condition(
+        _S.IMPLAUSIBLE_FEEDBACK,
+        WARNING,
+        "time without any change while braking is {value:.4g} s" + _MORE + "s",
+    ),
+    Condition(
+        _S.CONTRADICTED_FEEDBACK, WARNING, "twist, IMU and wheel speeds give no valid estimate"
+    ),
+    Condition(
+        _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel centre fell below {limit:g} m/s"
+    ),
+    Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative"),
+    Condition(
+        _S.DEAD_RECKONING,
+        OK,
+        "without a valid twist, on IMU and wheel speeds: brakes with a negative error are on",
+    ),
+    Condition(_S.ASSISTING, OK, "brakes with a negative error are on"),
+)
+"""All conditions in the order of their precedence."""
+
+
+def states_table() -> str:
+    """Return the states in the order of their precedence with their reasons, as Markdown."""
+    lines = ["| state | level | reason |", "|---|---|---|"]
+    for state in dict.fromkeys(row.state for row in CONDITIONS):
+        rows = [row for row in CONDITIONS if row.state is state]
+        reasons = [re.sub(r"\{(\w+)[^}]*\}", r"*\1*", row.words) for row in rows if row.words]
+        level = ("OK", "warning", "error")[rows[0].level]
+        text = "; ".join(reasons) or "named in the message"
+        lines.append(f"| `{state.value}` | {level} | {text} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(states_table(), end="")

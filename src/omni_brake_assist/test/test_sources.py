@@ -1,0 +1,73 @@
+"""Test ratio and state of each source of a vehicle that drives straight ahead."""
+
+import math
+
+import numpy as np
+import pytest
+
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
+from omni_brake_assist.sources import BRAKED, FUSED, ISOLATED, MISSING, REJECTED, Source
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
+
+STEP_NS = 10_000_000
+
+
+def drive(
+    wheels: dict[str, WheelMount],
+    *,
+    gyro: float = 0.0,
+    twist: bool = True,
+    imu: bool = True,
+    pedal: float = 0.0,
+) -> dict[str, Source]:
+    """Drive at 5 m/s for a second, then for half a second with the changes; return the sources."""
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels))
+    value = np.array([5.0, 0.0, 0.0])
+    speeds = PlatformKinematics(wheels).wheel_speeds(value)
+    for step in range(150):
+        stamp_ns, late = step * STEP_NS, step >= 100
+        rate, speed = (gyro, speeds * (1.0 - pedal)) if late else (0.0, speeds)
+        assist.update(
+            BrakeDemand(
+                stamp_ns,
+                pedal if late else 0.0,
+                TwistSample(stamp_ns, value, 1e-6 * np.eye(3)) if twist or not late else None,
+                WheelSample(stamp_ns, speed),
+                ImuSample(stamp_ns, rate, np.zeros(2)) if imu or not late else None,
+            )
+        )
+    return {source.name: source for source in assist.sources()}
+
+
+def test_consistent_sources_are_fused(mecanum: dict[str, WheelMount]) -> None:
+    found = drive(mecanum)
+    assert list(found) == ["twist", "gyro", "accelerometer", *mecanum]
+    assert {source.state for source in found.values()} == {FUSED}
+    assert all(source.test_ratio < 0.1 for source in found.values())
+
+
+def test_a_gyro_off_by_half_a_radian_per_second_is_not_fused(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    gyro = drive(mecanum, gyro=0.5)["gyro"]
+    assert gyro.test_ratio > 1.0
+    assert gyro.state in (REJECTED, ISOLATED)
+    if gyro.state == REJECTED:
+        assert "sigma" in gyro.words
+
+
+def test_a_missing_source_says_so(mecanum: dict[str, WheelMount]) -> None:
+    assert drive(mecanum, twist=False)["twist"].words == "rejected: no_feedback"
+    gyro = drive(mecanum, imu=False)["gyro"]
+    assert gyro.state == MISSING
+    assert math.isnan(gyro.test_ratio)
+
+
+@pytest.mark.parametrize("pedal", [0.0, 1.0])
+def test_a_wheel_that_is_braked_measures_nothing(
+    mecanum: dict[str, WheelMount], pedal: float
+) -> None:
+    states = {drive(mecanum, pedal=pedal)[name].state for name in mecanum}
+    assert (BRAKED in states) == (pedal > 0.0)

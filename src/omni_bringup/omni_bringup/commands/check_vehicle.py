@@ -1,0 +1,85 @@
+"""``./omni check-vehicle``: find mistakes in the description of a vehicle from a short drive.
+
+Compare a recording of three slow motions (forward, to the left, counter-clockwise, each from rest
+to rest) and a stop with the vehicle's file: order and signs of the wheels, rollers, radii,
+positions, twist sensor, IMU, order and dead times of the brakes. Each mistake is named with its
+remedy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from omni_bringup.command_report import Report, write_text
+from omni_bringup.workspace import Workspace
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, parameter, to_mapping
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni check-vehicle``."""
+
+    recording: Path = option(
+        positional=True,
+        metavar="RECORDING",
+        description="rosbag2 folder with wheel_states, brake/pedal, and what is to be checked of "
+        "odometry/twist, imu and brake/enable",
+    )
+    vehicle: str = option(
+        metavar="NAME",
+        description="a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder",
+    )
+    distance: float = parameter(
+        1.0,
+        description="measured distance of the motions forward and to the left",
+        unit="m",
+        above=0.0,
+    )
+    angle: float = parameter(
+        90.0, description="measured angle of the motion counter-clockwise", unit="deg", above=0.0
+    )
+    out: Path | None = option(
+        None,
+        metavar="FILE",
+        description="corrected wheels, as YAML (default: results/check-vehicle/RECORDING.yaml)",
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Workspace) -> Report:
+    """Find the mistakes, and write corrected wheels where those are wrong."""
+    from omni_tools.commissioning.mistakes import find_mistakes
+    from omni_tools.commissioning.signals import motions_of, read_signals
+
+    vehicle = workspace.library().vehicle(options.vehicle)
+    signals = read_signals(options.recording, tuple(vehicle.wheels))
+    mistakes = find_mistakes(
+        vehicle.wheels,
+        signals,
+        motions_of(signals),
+        distance=options.distance,
+        angle=math.radians(options.angle),
+        dead_time=vehicle.brake.dead_time,
+    )
+    files = []
+    for mistake in mistakes:
+        if mistake.wheels is not None:
+            name = f"{options.recording.resolve().name}.yaml"
+            path = options.out or workspace.results(None, "check-vehicle") / name
+            wheels = {name: to_mapping(mount) for name, mount in mistake.wheels.items()}
+            head = f"# Corrected by ./omni check-vehicle: {mistake.name}. Copy into the file.\n"
+            text = yaml.safe_dump({"wheels": wheels}, sort_keys=False, default_flow_style=None)
+            files.append(write_text(path, head + text))
+    return Report(
+        name="check-vehicle",
+        metrics={"mistakes.all": {"value": len(mistakes), "unit": "1"}},
+        details={"mistakes": [{"name": one.name, "remedy": one.remedy} for one in mistakes]},
+        text=[f"{one.name}: {one.remedy}" for one in mistakes] or ["no mistake found"],
+        files=files,
+        ok=not mistakes,
+    )

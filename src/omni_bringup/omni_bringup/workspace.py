@@ -1,0 +1,70 @@
+"""The folder in which a command works."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omni_bringup.progress_bar import progress_bar
+
+if TYPE_CHECKING:
+    from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The folder with `config`, `bags` and `results`, and the command that works in it.
+
+    Attributes:
+        folder: the workspace.
+        program: the command, such as ``omni run``, with which its notes begin.
+    """
+
+    folder: Path
+    program: str = "omni"
+
+    @property
+    def config(self) -> Path:
+        """The folder of the configuration."""
+        return self.folder / "config"
+
+    def library(self) -> ExperimentLibrary:
+        """Return the experiments and vehicles by name."""
+        from omni_loop.experiment import ExperimentLibrary
+
+        return ExperimentLibrary(self.config)
+
+    def checked_library(self) -> ExperimentLibrary:
+        """Return the same; implausible values are noted on standard error, each once."""
+        from omni_tools.vehicles.plausibility import RemarkingLibrary
+
+        return RemarkingLibrary(self.config, self.note)
+
+    def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
+        """Note implausible values of experiments on standard error, each once."""
+        from omni_tools.vehicles.plausibility import remarks
+
+        for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):
+            self.note(remark)
+
+    def note(self, remark: str) -> None:
+        """Print a remark on standard error."""
+        print(f"{self.program}: note: {remark}", file=sys.stderr)
+
+    def results(self, out: Path | None, *parts: str) -> Path:
+        """Return the folder of results: the chosen one, else one below ``results``."""
+        return out or self.folder.joinpath("results", *parts)
+
+    def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:
+        """Return a progress bar; see `progress_bar`."""
+        return progress_bar(self.program.split()[-1])
+
+
+def workspace_folder() -> Path:
+    """Return the launcher's workspace, else the current folder."""
+    return Path(os.environ.get("OMNI_WORKSPACE", "."))

@@ -1,0 +1,62 @@
+"""A command without a result says so in words, by its exit code, and as JSON where asked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from omni_bringup.cli import main
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "problem"),
+    [
+        (["run", "--json", "strait_line"], "run", "'strait_line' is not known"),
+        (["run", "--jsn", "--json"], "run", "unrecognized arguments: --jsn"),
+        (["run", "--json", "--set", "vehicle.load.mass=-1"], "run", "-1 kg is out of range"),
+        (["bag", "info", "nowhere", "--json"], "bag_info", "nowhere: there is no such"),
+        (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "no.yaml: cannot be"),
+        (["study", "tabel2", "--json"], "study", "'tabel2' is not one of"),
+    ],
+)
+def test_a_refusal_is_json_where_json_is_asked_for(
+    words: list[str],
+    name: str,
+    problem: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert ended.value.code == document["exit_code"] == 2
+    assert document["name"] == name
+    assert problem in document["error"]
+    assert problem in printed.err
+
+
+def test_a_failed_write_is_a_failure_and_no_refusal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace = Path(__file__).parents[3]
+    monkeypatch.setenv("OMNI_WORKSPACE", str(workspace))
+    (tmp_path / "file").write_text("")
+    vehicle = workspace / "config/hardware/mecanum_agv.yaml"
+    with pytest.raises(SystemExit) as ended:
+        main(["ros-params", str(vehicle), "--out", str(tmp_path / "file/below"), "--json"])
+    assert ended.value.code == 1
+    assert "cannot write to" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--length", "1", "--width", "0.6", "--mass", "200", "--wheel-radius", "0.1"]
+    with pytest.raises(SystemExit) as ended:
+        main(["new-vehicle", "mine", *given, "--out", str(tmp_path / "mine"), "--json"])
+    assert ended.value.code in (None, 0)
+    document = json.loads(capsys.readouterr().out)
+    assert all(Path(path).is_file() for path in document["files"])
+    assert document["metrics"]["load.front_left"]["unit"] == "N"

@@ -1,0 +1,1 @@
+"""Figures and tables of runs: style, scene from above, time series, comparison."""

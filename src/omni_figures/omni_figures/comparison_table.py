@@ -1,0 +1,172 @@
+"""The metrics of an experiment's variants side by side, for a terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console, ConsoleOptions
+from rich.table import Table
+from rich.text import Text
+
+from omni_loop.metrics import Metric
+
+_SMALL = 0.2  # [m] below which lengths are told in millimetres
+_DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
+_BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
+_ANY_WIDTH = 10_000  # more than any table needs
+
+
+class ComparisonTable:
+    """A row per quantity and a column per variant, for as many variants as fit side by side.
+
+    The others follow in tables below, since a number must never wrap or vanish; names may wrap.
+    """
+
+    def __init__(
+        self, metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None
+    ) -> None:
+        self._metrics = dict(metrics_by_variant)
+        self._title = title
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        """Yield the tables for the width of the console."""
+        title = self._title
+        left = list(self._metrics)
+        while left:
+            # The widest that fits: as it is, with folded headings, with fewer variants.
+            for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
+                shown = {name: self._metrics[name] for name in left[:count]}
+                table = _table(shown, title, folded=folded)
+                needed = console.measure(table, options=options.update(width=_ANY_WIDTH)).minimum
+                if needed <= options.max_width:
+                    break
+            yield table
+            title = None
+            left = left[count:]
+
+
+def comparison_table(
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]], *, title: str | None = None
+) -> ComparisonTable:
+    """Return a table with a row per quantity and a column per variant.
+
+    A value that misses its limit is marked with ``!``; the dissertation's figure follows in
+    brackets.
+    A quantity without meaning is a dash, and the lines below the table say why.
+
+    Args:
+        metrics_by_variant: what `run_metrics` returned, in the order of the columns.
+        title: printed above the table.
+    """
+    return ComparisonTable(metrics_by_variant, title)
+
+
+def _table(
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, *, folded: bool
+) -> Table:
+    """Return a table of which the first column alone may become narrower, down to a word."""
+    table = Table(
+        title=None if title is None else Text(title),
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    quantities = _quantities(metrics_by_variant)
+    labels = {quantity: metric_label(quantity) for quantity in quantities}
+    words = [word for label in labels.values() for word in label.split()]
+    table.add_column("", min_width=max(map(len, words), default=1))
+    table.add_column("unit", no_wrap=True)
+    for variant, metrics in metrics_by_variant.items():
+        cells = [
+            _cell(entry).plain
+            for quantity in quantities
+            if quantity in metrics
+            for entry in _in_row(quantity, metrics_by_variant, metrics[quantity])
+        ]
+        parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
+        width = max(map(len, parts if folded else (variant, *cells)), default=1)
+        table.add_column(Text(variant), justify="right", overflow="fold", width=width)
+    for quantity in quantities:
+        entries = [metrics.get(quantity) for metrics in metrics_by_variant.values()]
+        unit, entries = in_small_units(entries)
+        table.add_row(Text(labels[quantity]), "" if unit == "1" else unit, *map(_cell, entries))
+    notes = {
+        f"{variant}: {metric.note}": None
+        for variant, metrics in metrics_by_variant.items()
+        for metric in metrics.values()
+        if metric.note
+    }
+    if notes:
+        table.caption = Text("\n".join(notes))
+    return table
+
+
+def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
+    """Return the unit of a row and its entries in it: lengths of millimetres are told as such.
+
+    Args:
+        entries: of one quantity, None where a column lacks it.
+    """
+    known = [entry for entry in entries if entry is not None]
+    unit = known[0].unit if known else ""
+    lengths = [abs(entry.value) for entry in known if math.isfinite(entry.value)]
+    if unit != "m" or not lengths or not 0.0 < max(lengths) < _SMALL:
+        return unit, list(entries)
+    return "mm", [None if entry is None else _times(entry, 1000.0, "mm") for entry in entries]
+
+
+def _in_row(
+    quantity: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]], metric: Metric
+) -> list[Metric]:
+    """Return a metric as its row tells it."""
+    unit, _ = in_small_units([metrics.get(quantity) for metrics in metrics_by_variant.values()])
+    return [_times(metric, 1000.0, unit) if unit != metric.unit else metric]
+
+
+def _times(metric: Metric, factor: float, unit: str) -> Metric:
+    scaled: dict[str, Any] = {
+        name: None if number is None else number * factor
+        for name in ("value", "reference", "at_most", "at_least")
+        for number in (getattr(metric, name),)
+    }
+    return dataclasses.replace(metric, unit=unit, **scaled)
+
+
+def metric_label(quantity: str) -> str:
+    """Return a quantity in words; that of a single wheel is indented."""
+    name, _, wheel = quantity.partition(".")
+    label = (
+        f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)
+    )
+    return label.replace("_", " ")
+
+
+def _quantities(metrics_by_variant: Mapping[str, Mapping[str, Metric]]) -> list[str]:
+    """Return every quantity once, in the order of the variants that have it."""
+    return list(dict.fromkeys(key for metrics in metrics_by_variant.values() for key in metrics))
+
+
+def _cell(metric: Metric | None) -> Text:
+    if metric is None or not math.isfinite(metric.value):
+        return Text("-")
+    words = metric_number(metric.value, metric.unit)
+    missed = metric.status == "missed"
+    if missed:
+        words += " !"
+    if metric.reference is not None:
+        words += f" ({metric_number(metric.reference, metric.unit)})"
+    return Text(words, style="bold red" if missed else "")
+
+
+def metric_number(value: float, unit: str) -> str:
+    """Return a value in digits, as many as its unit deserves."""
+    if unit == "1" and float(value).is_integer():
+        return f"{value:.0f}"
+    return f"{value:.{_DECIMALS.get(unit, 2)}f}"

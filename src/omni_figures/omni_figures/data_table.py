@@ -1,0 +1,82 @@
+"""Tables of numbers as CSV files: the data behind a figure."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from omni_loop.history import RunHistory
+
+TIME = "time since braking [s]"
+
+
+def write_table(
+    path: Path, header: Iterable[str], rows: Iterable[Sequence[str | int | float]], digits: int = 9
+) -> Path:
+    """Write a table and return its path.
+
+    Args:
+        path: of the file.
+        header: names of the columns.
+        rows: texts and integers, which are written as they are, and other numbers.
+        digits: significant ones of the other numbers.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for row in rows:
+            writer.writerow(
+                x if isinstance(x, str | int) else f"{float(x):.{digits}g}" for x in row
+            )
+    return path
+
+
+def write_records(path: Path, records: Sequence[Any]) -> Path:
+    """Write records of one type, a row each, under the names of their fields and their units.
+
+    Args:
+        path: of the file.
+        records: one instance or more of a `NamedTuple`, whose numbers carry their units:
+            ``speed: Annotated[float, "m/s"]``.
+    """
+    hints = get_type_hints(type(records[0]), include_extras=True)
+    units = {name: getattr(hint, "__metadata__", None) for name, hint in hints.items()}
+    header = [f"{name} [{unit[0]}]" if unit else name for name, unit in units.items()]
+    return write_table(path, header, records)
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
+    """Write columns of equal length under their names, numbers with six digits.
+
+    Args:
+        path: of the file.
+        columns: texts or numbers by ``name [unit]``.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
+    cells = (np.asarray(column).tolist() for column in columns.values())
+    return write_table(path, columns, zip(*cells, strict=True), digits=6)
+
+
+def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, Any]:
+    """Return what the dissertation's figures show of a run: time, velocities and errors.
+
+    Args:
+        history: the run.
+        errors: whether the errors are among it.
+    """
+    columns: dict[str, Any] = {
+        TIME: history.braking_time,
+        "v_x [m/s]": history.twist[:, 0],
+        "v_y [m/s]": history.twist[:, 1],
+        "yaw rate [rad/s]": history.twist[:, 2],
+    }
+    if errors:
+        for column, name in enumerate(history.wheel_names):
+            columns[f"s {name} [m/s]"] = history.error[:, column]
+    return columns

@@ -1,0 +1,59 @@
+"""The two figures that every run of an experiment leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from omni_figures.scene import GroundPatch, Scene
+from omni_figures.style import save_figure
+from omni_figures.time_series import time_series
+from omni_figures.top_view import top_view
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.history import RunHistory
+from omni_sim.vehicle.loads import MassProperties
+
+TOP_VIEW = "top_view.png"
+TIME_SERIES = "time_series.png"
+
+
+def draw_run_figures(
+    configurations: Mapping[str, ExperimentConfiguration],
+    histories: Mapping[str, RunHistory],
+    folder: Path,
+) -> list[Path]:
+    """Draw the top view (as Figures 24, 30) and the time series (as Figures 31, 32).
+
+    Args:
+        configurations: of the variants; vehicle and ground are taken from the first.
+        histories: by variant, in the order of the panels.
+        folder: where the pictures go.
+
+    Returns:
+        The files written.
+    """
+    first = next(iter(configurations.values()))
+    figures = {
+        TOP_VIEW: top_view(scene_of(first), histories, title=first.description),
+        TIME_SERIES: time_series(histories, title=first.description),
+    }
+    return [save_figure(figure, folder / name) for name, figure in figures.items()]
+
+
+def scene_of(configuration: ExperimentConfiguration) -> Scene:
+    """Return what the figures show of an experiment's vehicle and ground."""
+    vehicle = configuration.vehicle
+    centre = MassProperties.of(vehicle.body, vehicle.load).centre
+    return Scene(
+        chassis_length=vehicle.chassis_length,
+        chassis_width=vehicle.chassis_width,
+        wheels=vehicle.wheels,
+        centre_of_gravity=(float(centre[0]), float(centre[1])),
+        load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
+        patches=tuple(
+            (GroundPatch.ellipse if patch.shape == "ellipse" else GroundPatch.rectangle)(
+                patch.x, patch.y, patch.length, patch.width, patch.heading_deg, patch.friction
+            )
+            for patch in configuration.ground.patches.values()
+        ),
+    )

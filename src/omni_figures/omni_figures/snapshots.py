@@ -1,0 +1,176 @@
+"""Which moments of a braking manoeuvre the top view shows, so that none hides another.
+
+The first snapshot is the start of braking, the last one the final position. Those between them
+follow at about equal distances along the longest path of all variants, at round times, and as
+many as there is room for. Every variant shows the same moments, so that they compare; where its
+vehicle or arrow would lie on one that is already there, it shows a moment close by, or none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from omni_figures.scene import Scene, overlap, placed
+from omni_loop.history import RunHistory
+from omni_loop.metrics import RestCriterion
+from omni_platform.quantities import FloatArray
+
+_MOST_BETWEEN = 5
+_STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
+_SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, the best first
+# Arrows shorter than this, in lengths of the chassis, say nothing.
+_SHORTEST_ARROW = 0.1
+# How far the tip of an arrow or a load on its arm stays away from other snapshots, likewise.
+_CLEARANCE = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Snapshots:
+    """Indices of the stamps to draw, in order, and the time to write beside each."""
+
+    indices: tuple[int, ...]
+    labels: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Span:
+    """One variant from the start of braking to rest."""
+
+    history: RunHistory
+    start: int
+    stop: int
+
+    @property
+    def duration(self) -> float:
+        return float(self.history.braking_time[self.stop])
+
+    @property
+    def travelled(self) -> FloatArray:
+        """Distance along the path since the start [m], one value per stamp of the span."""
+        steps = np.diff(self.history.pose[self.start : self.stop + 1, :2], axis=0)
+        return np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
+
+    def stamp_at(self, instant: float) -> int:
+        return int(np.searchsorted(self.history.braking_time, instant - 1e-9))
+
+
+def choose_snapshots(
+    scene: Scene, histories: Mapping[str, RunHistory], rest: RestCriterion, arrow_scale: float
+) -> dict[str, Snapshots]:
+    """Choose the snapshots of every variant.
+
+    Args:
+        scene: the vehicle.
+        histories: runs by variant, at least one.
+        rest: when a vehicle counts as stopped.
+        arrow_scale: length of the velocity arrow over speed [m / (m/s)].
+    """
+    spans = {name: _span(history, rest) for name, history in histories.items()}
+    longest = max(spans.values(), key=lambda span: float(span.travelled[-1]))
+    step = next((s for s in _STEPS if 20.0 * s <= longest.duration), _STEPS[-1])
+    choices = [
+        _free_instants(scene, longest, _equal_distances(longest, count, step), step, arrow_scale)
+        for count in range(_MOST_BETWEEN + 1)
+    ]
+    common = max(choices, key=len)
+    return {
+        name: _snapshots(span, _free_instants(scene, span, common, step, arrow_scale))
+        for name, span in spans.items()
+    }
+
+
+def velocity_arrow(
+    scene: Scene, history: RunHistory, index: int, arrow_scale: float
+) -> FloatArray | None:
+    """Return tail and tip of a snapshot's velocity arrow in `odom` [m], shape (2, 2).
+
+    Args:
+        scene: the vehicle.
+        history: its run.
+        index: of the stamp.
+        arrow_scale: length of the arrow over speed [m / (m/s)].
+
+    Returns:
+        None where the vehicle is too slow for an arrow.
+    """
+    tail = history.pose[index, :2]
+    arrow = arrow_scale * history.velocity_world[index]
+    if np.hypot(*arrow) <= _SHORTEST_ARROW * scene.chassis_length:
+        return None
+    return np.array([tail, tail + arrow])
+
+
+def snapshot_outlines(
+    scene: Scene, history: RunHistory, index: int, arrow_scale: float
+) -> list[FloatArray]:
+    """Return what a snapshot covers: chassis, wheels, load arm and velocity arrow, in this order.
+
+    Args:
+        scene: the vehicle.
+        history: its run.
+        index: of the stamp.
+        arrow_scale: length of the arrow over speed [m / (m/s)].
+
+    Returns:
+        Corners of each, or both ends, in `odom` [m], shape (4, 2) or (2, 2).
+    """
+    pose = history.pose[index]
+    outlines = [placed(corners, pose) for corners in (scene.chassis, *scene.wheel_outlines)]
+    arm = None if scene.load_arm is None else placed(scene.load_arm, pose)
+    for line in (arm, velocity_arrow(scene, history, index, arrow_scale)):
+        if line is not None:
+            along = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
+            tip = line[1] + _CLEARANCE * scene.chassis_length * along
+            outlines.append(np.array([line[0], tip]))
+    return outlines
+
+
+def _span(history: RunHistory, rest: RestCriterion) -> _Span:
+    start = history.brake_start or 0
+    stop = rest.first_stamp(history.twist, start)
+    return _Span(history, start, len(history.stamp_ns) - 1 if stop is None else stop)
+
+
+def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
+    """Return `count` times or fewer, multiples of `step` [s], about equally far along a path."""
+    travelled = span.travelled
+    wanted = travelled[-1] * np.arange(1, count + 1) / (count + 1)
+    stamps = span.start + np.searchsorted(travelled, wanted)
+    return sorted({round(round(t / step) * step, 3) for t in span.history.braking_time[stamps]})
+
+
+def _free_instants(
+    scene: Scene, span: _Span, instants: Iterable[float], step: float, arrow_scale: float
+) -> list[float]:
+    """Return times at or near `instants` at which no snapshot lies on another, in order."""
+    last = len(span.history.stamp_ns) - 1
+    taken = [snapshot_outlines(scene, span.history, i, arrow_scale) for i in (span.start, last)]
+    free = []
+    for instant in instants:
+        for shift in _SHIFTS:
+            moved = round(instant + shift * step, 3)
+            if not 0.0 < moved < span.duration:
+                continue
+            outlines = snapshot_outlines(scene, span.history, span.stamp_at(moved), arrow_scale)
+            if not any(_touch(outlines, others) for others in taken):
+                free.append(moved)
+                taken.append(outlines)
+                break
+    return sorted(free)
+
+
+def _touch(outlines: Sequence[FloatArray], others: Sequence[FloatArray]) -> bool:
+    return any(overlap(a, b) for a in outlines for b in others)
+
+
+def _snapshots(span: _Span, between: Sequence[float]) -> Snapshots:
+    indices = [span.start, *(span.stamp_at(instant) for instant in between)]
+    labels = ["0 s", *(f"{instant:g} s" for instant in between)]
+    last = len(span.history.stamp_ns) - 1  # the vehicle may still rock a little after it stops
+    if last not in indices:
+        indices.append(last)
+        labels.append(f"{span.duration:.2f} s")
+    return Snapshots(tuple(indices), tuple(labels))

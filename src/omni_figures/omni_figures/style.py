@@ -1,0 +1,108 @@
+"""What the project's figures share: colours, sizes, and how they reach a file.
+
+Colours are those of M. Okabe and K. Ito, which readers with any common colour vision tell apart.
+Figures are made with matplotlib's objects, never with pyplot. Importing this module makes
+``omni.mplstyle`` the look of all figures of the process.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from omni_loop.history import RunHistory
+
+ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
+BLACK, GREY, PALE = "#222222", "#8A8A8A", "#DDDDDD"
+
+# Neighbours differ in lightness too.
+WHEEL_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
+
+DOTS_PER_INCH = 100
+
+matplotlib.rcParams.update(
+    matplotlib.rc_params_from_file(
+        Path(__file__).with_name("omni.mplstyle"), use_default_template=False
+    )
+)
+
+
+def wheel_colour(index: int) -> str:
+    """Return the colour of a wheel by its place in the vehicle's order."""
+    return WHEEL_COLOURS[index % len(WHEEL_COLOURS)]
+
+
+def panels(
+    title: str,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    size: tuple[float, float],
+    x: str = "",
+    y: str = "",
+    **kwargs: Any,
+) -> tuple[Figure, Any]:
+    """Return a figure with a grid of axes, labelled along its lower and left edge.
+
+    Args:
+        title: of the figure.
+        rows: of axes.
+        columns: of axes.
+        size: width and height [in].
+        x: label of all x axes.
+        y: label of all y axes.
+        **kwargs: of `Figure.subplots`, as ``sharex=True``.
+
+    Returns:
+        The figure and its axes, shape (rows, columns).
+    """
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, **kwargs)
+    draw_title(figure, title)
+    for axes in grid[-1]:
+        axes.set_xlabel(x)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(y)
+    return figure, grid
+
+
+def draw_title(figure: Figure, title: str) -> None:
+    """Write the title of a figure at its left."""
+    figure.suptitle(title, x=0.01, ha="left")
+
+
+def time_label(histories: Iterable[RunHistory]) -> str:
+    """Return what `RunHistory.braking_time` of these runs counts."""
+    braking = any(history.brake_start is not None for history in histories)
+    return "time since braking" if braking else "time since the start"
+
+
+def picture_of(figure: Figure, dots_per_inch: int = 80) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def save_figure(figure: Figure, path: Path | str) -> Path:
+    """Write a figure as PNG or SVG, by the suffix; the same figure gives the same bytes.
+
+    Raises:
+        ValueError: another suffix.
+    """
+    target = Path(path)
+    if target.suffix not in {".png", ".svg"}:
+        raise ValueError(f"{target.name}: a figure is written as .png or .svg")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.suffix == ".svg":
+        with matplotlib.rc_context({"svg.hashsalt": "omni"}):
+            figure.savefig(target, metadata={"Date": None})
+    else:
+        figure.savefig(target, dpi=DOTS_PER_INCH, metadata={"Software": None})
+    return target

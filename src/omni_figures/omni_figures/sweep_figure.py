@@ -1,0 +1,75 @@
+"""A picture of a sweep: what braking comes to over the values of one key."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_figures import style
+from omni_figures.comparison_table import in_small_units, metric_label
+from omni_loop.sweep import SHOWN, SweptRun, number
+
+
+def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
+    """Draw four quantities over the first swept key, a line for each variant and other value.
+
+    Args:
+        runs: of the sweep; at least one.
+        title: of the figure.
+    """
+    key, *others = runs[0].values
+    texts = list(dict.fromkeys(run.values[key] for run in runs))
+    numbers = [number(text) for text in texts]
+    words = any(value is None for value in numbers)
+    place = {
+        text: float(index) if value is None or words else value
+        for index, (text, value) in enumerate(zip(texts, numbers, strict=True))
+    }
+    lines: dict[str, list[SweptRun]] = {}
+    for run in runs:
+        rest = "".join(f", {name.rpartition('.')[2]} {run.values[name]}" for name in others)
+        lines.setdefault(run.variant + rest, []).append(run)
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    style.draw_title(figure, title)
+    grid = figure.subplots(2, 2, sharex=True)
+    for axes, quantity in zip(grid.flat, SHOWN, strict=True):
+        unit, _ = in_small_units([run.metrics[quantity] for run in runs])
+        factor = 1.0 if unit == runs[0].metrics[quantity].unit else 1000.0
+        _draw(axes, quantity, lines, key, place, factor)
+        label = f"{metric_label(quantity)} [{unit}]"
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0.0)
+        if words:
+            axes.set_xticks(range(len(texts)), texts)
+    for axes in grid[1]:
+        axes.set_xlabel(key)
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    columns = min(len(labels), 3)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    return figure
+
+
+def _draw(
+    axes: Axes,
+    quantity: str,
+    lines: dict[str, list[SweptRun]],
+    key: str,
+    place: dict[str, float],
+    factor: float,
+) -> None:
+    looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLOURS))
+    for (name, runs), (marker, colour) in zip(lines.items(), looks, strict=False):
+        points = sorted(
+            (place[run.values[key]], factor * run.metrics[quantity].value) for run in runs
+        )
+        axes.plot(
+            [x for x, _ in points],
+            [y for _, y in points],
+            color=colour,
+            marker=marker,
+            markersize=5,
+            label=name,
+        )

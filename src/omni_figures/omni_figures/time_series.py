@@ -1,0 +1,250 @@
+"""What happened while braking, over time: velocities and errors, like Figures 31 and 32.
+
+One column per variant: linear velocity in the body frame, yaw rate, the sliding-manifold values
+s_i by wheel, and when each brake was on. Time counts from the start of braking. A row has one
+scale, except that a panel in which it would show little more than a flat line has one of its own,
+and says so. Lines are the truth, thin dashed lines what the odometry measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
+
+from omni_figures import style
+from omni_loop.history import RunHistory
+from omni_platform.quantities import FloatArray
+
+_WIDTH = 14.0  # [inch]
+_LEFT, _RIGHT, _GAP, _ROW_GAP, _BOTTOM = 1.15, 1.45, 0.22, 0.18, 0.6  # [inch]
+_ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
+_STRIP = 0.22  # height of one wheel's brake [inch]
+_SCALE_GAP = 0.65  # between columns where a panel between them has its own scale [inch]
+_V_X, _V_Y, _YAW_RATE = style.BLUE, style.ORANGE, style.GREEN
+_ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+_BEFORE = 0.3  # shown before the start of braking [s]
+# A panel gets its own scale if it would fill less than this share of the common one, provided
+# that there is anything to see.
+_HIDDEN_SHARE, _LEAST_SPAN = 0.125, 1e-3  # [1], [m/s] or [rad/s]
+_OWN_SCALE = "#FFF7DC"  # background
+
+Limits = tuple[float, float]
+
+
+def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
+    """Draw velocities, errors and brake enables of every variant over time.
+
+    Args:
+        histories: runs by variant, in the order of the columns.
+        title: printed above the columns.
+
+    Raises:
+        ValueError: there is no history.
+    """
+    if not histories:
+        raise ValueError("time series need at least one history")
+    wheels = list(dict.fromkeys(name for h in histories.values() for name in h.wheel_names))
+    runs = list(histories.values())
+    scales = _choose_scales(runs)
+    figure, columns = _lay_out(list(histories), len(wheels), title, scales)
+    for panels, history in zip(columns, histories.values(), strict=True):
+        _draw_twist(panels, history)
+        _draw_errors(panels[2], history, wheels)
+        _draw_brakes(panels[3], history, wheels)
+        panels[-1].set_xlabel(f"{style.time_label([history])} [s]")
+        for axes in panels if history.brake_start is not None else ():
+            axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
+    _set_scales(columns, runs, scales)
+    _label_rows(columns[0])
+    _add_legends(columns[-1], wheels)
+    return figure
+
+
+def _lay_out(
+    names: Sequence[str], wheels: int, title: str, scales: Sequence[Sequence[Limits]]
+) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure with one column of panels per name, placed in inches."""
+    heights = (*_ROWS, _STRIP * wheels)
+    top = 0.75 if title else 0.4
+    total = top + sum(heights) + (len(heights) - 1) * _ROW_GAP + _BOTTOM
+    gap = _GAP if all(len(set(row)) == 1 for row in scales) else _SCALE_GAP
+    width = (_WIDTH - _LEFT - _RIGHT - (len(names) - 1) * gap) / len(names)
+    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
+    columns = []
+    for place, name in enumerate(names):
+        panels: list[Axes] = []
+        left, lower = _LEFT + place * (width + gap), total - top
+        for row, height in enumerate(heights):
+            lower -= height
+            box = (left / _WIDTH, lower / total, width / _WIDTH, height / total)
+            axes = figure.add_axes(box)
+            axes.tick_params(labelbottom=row == len(heights) - 1, labelleft=place == 0)
+            panels.append(axes)
+            lower -= _ROW_GAP
+        panels[0].set_title(name)
+        columns.append(panels)
+    if title:
+        figure.suptitle(title, y=1.0 - 0.12 / total, va="top")
+    return figure, columns
+
+
+def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
+    for row, component, colour in ((0, 0, _V_X), (0, 1, _V_Y), (1, 2, _YAW_RATE)):
+        axes = panels[row]
+        axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+        axes.plot(history.braking_time, history.twist[:, component], color=colour, linewidth=2.2)
+        axes.plot(history.braking_time, history.estimate[:, component], **_ODOMETRY)
+
+
+def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
+    """Return values with NaN before the start of braking, where they mean nothing."""
+    shown = values.copy()
+    shown[: history.brake_start] = np.nan
+    return shown
+
+
+def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
+    axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+    error = _while_braking(history, history.error)
+    for column, name in enumerate(history.wheel_names):
+        axes.plot(history.braking_time, error[:, column], **_wheel_line(wheels.index(name)))
+
+
+def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
+    """Draw one strip per wheel, as high as the share of the pressure that its brake had."""
+    axes.grid(False, axis="y")
+    axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
+    axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
+    time = history.braking_time
+    edges = np.append(time, time[-1])  # an enable holds until the next stamp
+    pressed = history.pedal > 0.0
+    for column, name in enumerate(history.wheel_names):
+        row = wheels.index(name)
+        # A missing enable means that the brake is on, as on a vehicle.
+        share = np.where(pressed, np.nan_to_num(history.enable[:, column], nan=1.0), 0.0)
+        share = np.append(share, share[-1])
+        drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # to the end of a period
+        axes.fill_between(
+            edges,
+            row + 0.35,
+            row + 0.35 - 0.7 * share,
+            where=drawn,
+            step="post",
+            color=style.wheel_colour(row),
+            linewidth=0.0,
+        )
+
+
+def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
+    """Return the limits of velocity, yaw rate and error, each one value per history."""
+    shown = [h.braking_time >= -_BEFORE for h in histories]
+    pairs = list(zip(histories, shown, strict=True))
+    return [
+        _row_scales([h.twist[i, :2] for h, i in pairs], [h.estimate[i, :2] for h, i in pairs]),
+        _row_scales([h.twist[i, 2] for h, i in pairs], [h.estimate[i, 2] for h, i in pairs]),
+        _row_scales([_while_braking(h, h.error)[i] for h, i in pairs], []),
+    ]
+
+
+def _row_scales(shown: Sequence[FloatArray], noisy: Sequence[FloatArray]) -> list[Limits]:
+    """Return one scale for all, but a panel's own where the common one would hide what it shows."""
+    common = _limits(shown, noisy)
+    scales = []
+    for place, values in enumerate(shown):
+        known = np.append(values[np.isfinite(values)], 0.0)
+        hidden = _LEAST_SPAN < np.ptp(known) < _HIDDEN_SHARE * (common[1] - common[0])
+        low, high = _limits([values], noisy[place : place + 1]) if hidden else common
+        # A scale of its own leaves room to say so.
+        scales.append((low, high + (0.15 * (high - low) if hidden else 0.0)))
+    return scales
+
+
+def _set_scales(
+    columns: Sequence[Sequence[Axes]],
+    histories: Sequence[RunHistory],
+    scales: Sequence[Sequence[Limits]],
+) -> None:
+    """Set the limits; a scale is written where it differs from that of the panel on the left."""
+    first = max(-_BEFORE, min(float(h.braking_time[0]) for h in histories))
+    last = max(float(h.braking_time[-1]) for h in histories)
+    for place, panels in enumerate(columns):
+        for axes in panels:
+            axes.set_xlim(first, max(last, first + 1e-3))
+        for axes, row in zip(panels, scales, strict=False):
+            axes.set_ylim(row[place])
+            axes.tick_params(labelleft=place == 0 or row[place] != row[place - 1])
+            finer = max(high - low for low, high in row) / (row[place][1] - row[place][0])
+            if finer > 1.0:
+                axes.set_facecolor(_OWN_SCALE)
+                axes.text(
+                    0.98,
+                    0.97,
+                    rf"own scale, {finer:.0f}$\times$ finer",
+                    transform=axes.transAxes,
+                    ha="right",
+                    va="top",
+                    path_effects=[Stroke(linewidth=3, foreground=_OWN_SCALE), Normal()],
+                )
+
+
+def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Limits:
+    """Return limits that show zero, all of `shown` and all but the outliers of `noisy`."""
+    values = [np.zeros(1), *(rows[np.isfinite(rows)] for rows in shown)]
+    for rows in noisy:
+        known = rows[np.isfinite(rows)]
+        if known.size:
+            values.append(np.percentile(known, (1.0, 99.0)))
+    everything = np.concatenate(values)
+    low, high = float(np.min(everything)), float(np.max(everything))
+    margin = 0.08 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _label_rows(panels: Sequence[Axes]) -> None:
+    labels = ("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]")
+    for axes, label in zip(panels, labels, strict=False):
+        axes.set_ylabel(label)
+        inches = axes.get_position().width * _WIDTH
+        axes.yaxis.set_label_coords(-0.55 / inches, 0.5)
+
+
+def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
+    """Explain each row beside its last panel."""
+    pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
+    odometry = Line2D([], [], label="odometry", **_ODOMETRY)
+    by_wheel = [
+        Line2D([], [], label=name.replace("_", " "), **_wheel_line(row))
+        for row, name in enumerate(wheels)
+    ]
+    rows: tuple[list[Line2D | Patch], ...] = (
+        [_truth(_V_X, "$v_x$"), _truth(_V_Y, "$v_y$"), odometry, pedal],
+        [_truth(_YAW_RATE, "yaw rate"), odometry],
+        [*by_wheel],
+        [Patch(facecolor=style.GREY, label="brake on")],
+    )
+    for axes, handles in zip(panels, rows, strict=True):
+        axes.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.3,
+            handlelength=2.0,
+        )
+
+
+def _wheel_line(row: int) -> dict[str, Any]:
+    """Return the look of a wheel's line: in grey, where colours pair up, dashes part the pairs."""
+    dashes = ("-", "-", (0, (4, 1)), (0, (4, 1)), (0, (1, 1)), (0, (1, 1)))
+    colour = style.wheel_colour(row)
+    return {"color": colour, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}
+
+
+def _truth(colour: str, label: str) -> Line2D:
+    return Line2D([], [], color=colour, linewidth=2.2, label=label)

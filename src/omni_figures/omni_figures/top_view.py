@@ -1,0 +1,215 @@
+"""Braking seen from above: snapshots of every variant, like Figures 24 and 30.
+
+One panel per variant, all at the same scale, so that distances compare by eye. Times count from
+the start of braking; `snapshots` says which moments are shown.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+
+from omni_figures import style
+from omni_figures.scene import Scene, overlap, placed, rectangle
+from omni_figures.snapshots import Snapshots, choose_snapshots, snapshot_outlines
+from omni_figures.top_view_drawing import (
+    draw_ground,
+    draw_paths,
+    draw_snapshot,
+    legend_handles,
+)
+from omni_loop.history import RunHistory
+from omni_loop.metrics import RestCriterion, run_metrics
+from omni_platform.quantities import FloatArray
+
+_WIDTH, _GREATEST_HEIGHT, _LEAST_PANEL = 14.0, 10.0, 1.3  # [inch]
+_LEFT, _RIGHT, _BOTTOM, _GAP, _LEGEND_ROW = 0.75, 0.3, 0.6, 0.25, 0.25  # [inch]
+_LEGEND_COLUMNS = 7
+_LABEL_POINTS, _LABEL_WIDTH, _LABEL_HEIGHT = 9.0, 0.55, 0.2  # the last two in [inch]
+# The arrow of the greatest speed, in lengths of the chassis.
+_LONGEST_ARROW = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class _View:
+    """The piece of ground that every panel shows, and how it is laid out on the page."""
+
+    low: FloatArray  # [m]
+    high: FloatArray  # [m]
+    side_by_side: bool
+    inches_per_metre: float
+
+
+def top_view(
+    scene: Scene,
+    histories: Mapping[str, RunHistory],
+    *,
+    title: str = "",
+    rest: RestCriterion | None = None,
+) -> Figure:
+    """Draw snapshots of every variant's braking from above.
+
+    Args:
+        scene: vehicle and ground.
+        histories: runs by variant, in the order of the panels.
+        title: printed above the panels.
+        rest: when a vehicle counts as stopped.
+
+    Raises:
+        ValueError: there is no history.
+    """
+    if not histories:
+        raise ValueError("a top view needs at least one history")
+    criterion = rest or RestCriterion()
+    greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
+    arrow_scale = _LONGEST_ARROW * scene.chassis_length / greatest if greatest > 0.0 else 0.0
+    snapshots = choose_snapshots(scene, histories, criterion, arrow_scale)
+    fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
+    view = _choose_view(scene, histories, snapshots, arrow_scale)
+    handles = legend_handles(scene, fastest, style.time_label(histories.values()))
+    figure, panels = _lay_out(view, len(histories), len(handles), title)
+    for axes, (name, history) in zip(panels, histories.items(), strict=True):
+        axes.set_title(
+            _panel_title(name, history, criterion, "\n" if view.side_by_side else ", "),
+            loc="left",
+        )
+        draw_ground(axes, scene)
+        draw_paths(axes, history)
+        chosen = snapshots[name].indices
+        for age, index in enumerate(reversed(chosen)):
+            draw_snapshot(axes, scene, history, index, arrow_scale, age / len(chosen))
+        covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
+        _label_snapshots(axes, covered, snapshots[name].labels, view)
+    figure.legend(
+        handles=handles,
+        loc="lower center",
+        ncol=min(_LEGEND_COLUMNS, len(handles)),
+    )
+    return figure
+
+
+def _greatest_speed(history: RunHistory, stamps: slice | list[int]) -> float:
+    twist = history.twist[stamps]
+    return float(np.max(np.hypot(twist[:, 0], twist[:, 1])))
+
+
+def _choose_view(
+    scene: Scene,
+    histories: Mapping[str, RunHistory],
+    snapshots: Mapping[str, Snapshots],
+    arrow_scale: float,
+) -> _View:
+    """Frame all snapshots of all variants and find the largest scale that fits the page."""
+    points = []
+    for name, history in histories.items():
+        indices = list(snapshots[name].indices)
+        points += [placed(scene.drawn_points, history.pose[index]) for index in indices]
+        points.append(history.pose[indices, :2] + arrow_scale * history.velocity_world[indices])
+        points.append(history.pose[indices[0] :, :2])
+    everything = np.concatenate(points)
+    margin = 0.15 * max(scene.chassis_length, scene.chassis_width)
+    low, high = np.min(everything, axis=0) - margin, np.max(everything, axis=0) + margin
+    span = high - low
+    side_by_side = bool(span[1] > span[0]) and len(histories) > 1
+    columns, rows = (len(histories), 1) if side_by_side else (1, len(histories))
+    width = (_WIDTH - _LEFT - _RIGHT - (columns - 1) * _GAP) / columns
+    height = _GREATEST_HEIGHT / rows
+    # Labels stand on the left of platforms that move up the page, else above them.
+    label = np.array([_LABEL_WIDTH, 0.0] if side_by_side else [0.0, _LABEL_HEIGHT])
+    scale = float(np.min((np.array([width, height]) - label) / span))
+    low, high = low - (label * [1, 0]) / scale, high + (label * [0, 1]) / scale
+    # What the scale leaves free becomes ground, so that every panel fills its place.
+    wanted = np.array([width, max(_LEAST_PANEL, (high - low)[1] * scale)])
+    slack = np.maximum(wanted / scale - (high - low), 0.0)
+    return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
+
+
+def _lay_out(view: _View, count: int, entries: int, title: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure with equal panels, placed in inches so that nothing overlaps."""
+    width, height = (view.high - view.low) * view.inches_per_metre
+    heading = 0.85 if view.side_by_side else 0.38
+    top = 0.4 if title else 0.1
+    bottom = _BOTTOM + 0.05 + _LEGEND_ROW * math.ceil(entries / _LEGEND_COLUMNS)
+    rows = 1 if view.side_by_side else count
+    total = top + rows * (height + heading) + bottom
+    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
+    panels = []
+    for place in range(count):
+        column, row = (place, 0) if view.side_by_side else (0, place)
+        left = _LEFT + column * (width + _GAP)
+        lower = total - top - (row + 1) * (height + heading)
+        box = (left / _WIDTH, lower / total, width / _WIDTH, height / total)
+        axes = figure.add_axes(box)
+        axes.set_xlim(view.low[0], view.high[0])
+        axes.set_ylim(view.low[1], view.high[1])
+        axes.set_aspect("equal")
+        axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
+        axes.xaxis.set_major_locator(MaxNLocator(max(int(width * 1.2), 2), prune="both"))
+        if row == rows - 1:
+            axes.set_xlabel("x [m]")
+        if column == 0:
+            axes.set_ylabel("y [m]")
+        panels.append(axes)
+    if title:
+        figure.suptitle(title, y=1.0 - 0.12 / total, va="top")
+    return figure, panels
+
+
+def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str) -> str:
+    metrics = run_metrics(history, rest=rest)
+    distance = metrics["stopping_distance"]
+    if math.isnan(distance.value):
+        return f"{name}:{joint.strip(',')}{distance.note}"
+    turned = f"turned {metrics['orientation_change'].value:.1f}°"
+    stopped = f"stopped in {distance.value:.2f} m, {metrics['stopping_time'].value:.2f} s"
+    return f"{name}:{joint.strip(',')}{joint.join((turned, stopped))}"
+
+
+def _label_snapshots(
+    axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
+) -> None:
+    """Write each label beside what its snapshot covers, where it hides nothing."""
+    line = _LABEL_POINTS / 72.0 / view.inches_per_metre  # [m]
+    outlines = [outline for snapshot in covered for outline in snapshot]
+    taken: list[Bbox] = []
+    for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
+        label = labels[place]
+        size = np.array([0.6 * line * (len(label) + 1), 1.4 * line])
+        for centre in _label_places(covered[place][0], size, view.side_by_side):
+            box = Bbox([centre - size / 2.0, centre + size / 2.0])
+            on_page = np.all(box.min > view.low) and np.all(box.max < view.high)
+            corners = rectangle(*size.tolist()) + centre
+            crowded = any(overlap(corners, outline) for outline in outlines)
+            if on_page and not crowded and not box.count_overlaps(taken):
+                taken.append(box)
+                axes.text(
+                    float(centre[0]),
+                    float(centre[1]),
+                    label,
+                    fontsize=_LABEL_POINTS,
+                    ha="center",
+                    va="center",
+                    zorder=20,
+                    path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
+                )
+                break
+
+
+def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
+    """Yield where a label of a size [m] may stand about a chassis, the best places first."""
+    low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
+    # Beside the path, which leads up the page when panels stand side by side.
+    sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]
+    for first, second in (sides, [(y, x) for x, y in sides]):
+        for gap in (0.1, 0.6):  # in heights of the label
+            reach = (high - low + size) / 2.0 + gap * size[1]
+            yield (low + high) / 2.0 + reach * first
+            yield (low + high) / 2.0 + reach * second

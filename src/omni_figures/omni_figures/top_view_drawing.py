@@ -1,0 +1,215 @@
+"""Single pieces of the top view: ground, paths, a platform with its wheels."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+
+from omni_figures import style
+from omni_figures.scene import Scene, placed
+from omni_figures.snapshots import velocity_arrow
+from omni_loop.history import RunHistory
+from omni_platform.geometry import PlatformGeometry
+
+_CHASSIS = "#F2EBDD"
+_LOAD: dict[str, Any] = {"marker": "o", "color": style.GREY, "markeredgecolor": style.BLACK}
+_LOAD_ARM: dict[str, Any] = {"color": style.BLACK, "linewidth": 2.5}
+_GRAVITY: dict[str, Any] = {"marker": "P", "color": "white", "markeredgecolor": style.BLACK}
+_TRAIL: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
+_FIRST_LINE: dict[str, Any] = {"color": style.GREY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
+
+
+def draw_ground(axes: Axes, scene: Scene) -> None:
+    """Shade the patches of other friction, each with its factor."""
+    for patch in scene.patches:
+        axes.add_patch(Polygon(patch.outline, zorder=1, **_patch_look(patch.friction)))
+
+
+def draw_paths(axes: Axes, history: RunHistory) -> None:
+    """Draw the trail of `base_link` and the line through the start of braking along v_c0."""
+    axes.plot(history.pose[:, 0], history.pose[:, 1], zorder=8, **_TRAIL)
+    start = history.brake_start
+    if start is not None:
+        x, y = history.pose[start, :2]
+        v_x, v_y = history.velocity_world[start]
+        if v_x or v_y:
+            axes.axline((x, y), (x + v_x, y + v_y), zorder=2, **_FIRST_LINE)
+
+
+def draw_snapshot(
+    axes: Axes, scene: Scene, history: RunHistory, index: int, arrow_scale: float, age: float
+) -> None:
+    """Draw the platform as it was at one stamp.
+
+    Args:
+        axes: where to draw.
+        scene: the vehicle.
+        history: its run.
+        index: of the stamp.
+        arrow_scale: length of the velocity arrow over speed [m / (m/s)].
+        age: 0 for the last snapshot, towards 1 for the first; old ones are fainter.
+    """
+    pose = history.pose[index]
+    layer = 3.0 + 4.0 * (1.0 - age)
+    faint = 1.0 - 0.65 * age
+    chassis = placed(scene.chassis, pose)
+    axes.add_patch(
+        Polygon(chassis, facecolor=_CHASSIS, edgecolor=style.BLACK, alpha=faint, zorder=layer)
+    )
+    nose = scene.chassis_length * np.array([(0.48, 0.0), (0.38, 0.06), (0.38, -0.06)])
+    axes.add_patch(Polygon(placed(nose, pose), color=style.BLACK, alpha=faint, zorder=layer + 0.1))
+    _draw_wheels(axes, scene, history, index, layer + 0.2, faint)
+    if scene.load_arm is not None:
+        arm = placed(scene.load_arm, pose)
+        axes.plot(arm[:, 0], arm[:, 1], alpha=faint, zorder=layer + 0.25, **_LOAD_ARM)
+    for point, look, size in (
+        (scene.load, _LOAD, 10.0),
+        (scene.centre_of_gravity, _GRAVITY, 7.0),
+    ):
+        if point is not None:
+            x, y = placed(np.array([point]), pose)[0]
+            axes.plot([x], [y], markersize=size, alpha=faint, zorder=layer + 0.3, **look)
+    arrow = velocity_arrow(scene, history, index, arrow_scale)
+    if arrow is not None:
+        axes.add_patch(
+            FancyArrowPatch(
+                (arrow[0, 0], arrow[0, 1]),
+                (arrow[1, 0], arrow[1, 1]),
+                arrowstyle="-|>",
+                mutation_scale=12,
+                shrinkA=0,
+                shrinkB=0,
+                linewidth=2.0,
+                color=style.VERMILLION,
+                zorder=12,
+            )
+        )
+
+
+def _draw_wheels(
+    axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
+) -> None:
+    """Draw wheels in their colours, as full as they brake, with the active direction across."""
+    geometry = PlatformGeometry.from_wheels(scene.wheels)
+    pose = history.pose[index]
+    for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
+        colour = style.wheel_colour(row)
+        axes.add_patch(
+            Polygon(
+                placed(outline, pose),
+                facecolor=_tinted(colour, _share(history, index, name)),
+                edgecolor=colour,
+                linewidth=1.4,
+                alpha=faint,
+                zorder=layer,
+            )
+        )
+        reach = 0.6 * geometry.radius[row] * geometry.active[row]
+        ends = placed(geometry.position[row] + np.array([reach, -reach]), pose)
+        axes.plot(
+            ends[:, 0],
+            ends[:, 1],
+            color=style.BLACK,
+            linewidth=1.6,
+            alpha=faint,
+            zorder=layer + 0.05,
+        )
+
+
+def _share(history: RunHistory, index: int, wheel: str) -> float:
+    """Return the share of its pressure with which a wheel brakes [1]."""
+    if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
+        return 0.0
+    share = float(history.enable[index, history.wheel_names.index(wheel)])
+    # A missing enable means that the brake is on, as on a vehicle.
+    return 1.0 if math.isnan(share) else share
+
+
+def _tinted(colour: str, share: float) -> tuple[float, ...]:
+    """Return white with a share of a colour [1]."""
+    return tuple(1.0 - share * (1.0 - part) for part in to_rgb(colour))
+
+
+def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
+    """Return the legend of a top view.
+
+    Args:
+        scene: decides which entries there are.
+        fastest: speed of the longest arrow [m/s].
+        time_label: what the times beside the snapshots are.
+    """
+    handles: list[Line2D | Patch] = [
+        Patch(facecolor=style.wheel_colour(row), label=name.replace("_", " "))
+        for row, name in enumerate(scene.wheels)
+    ]
+    handles += [
+        Patch(facecolor="white", edgecolor=style.GREY, label="brake released"),
+        Line2D(
+            [],
+            [],
+            color=style.BLACK,
+            marker=(2, 0, -45),
+            linestyle="",
+            markersize=11,
+            markeredgewidth=1.6,
+            label="active direction",
+        ),
+        Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
+    ]
+    handles += mass_handles(scene)
+    handles += [
+        Line2D([], [], label="path of base_link", **_TRAIL),
+        Line2D([], [], label="line along initial velocity", **_FIRST_LINE),
+        Line2D(
+            [],
+            [],
+            color=style.VERMILLION,
+            linewidth=2,
+            marker=">",
+            markevery=[1],
+            label=f"velocity (longest {fastest:.1f} m/s)",
+        ),
+        Line2D(
+            [],
+            [],
+            color=style.BLACK,
+            marker=r"$\mathrm{0.5\ s}$",
+            markersize=22,
+            markeredgewidth=0.1,
+            linestyle="",
+            label=time_label,
+        ),
+    ]
+    return [*handles, *patch_handles(scene)]
+
+
+def patch_handles(scene: Scene) -> list[Patch]:
+    """Return the legend of the patches on the ground."""
+    return [
+        Patch(label=f"friction factor {friction:g}", **_patch_look(friction))
+        for friction in sorted({patch.friction for patch in scene.patches})
+    ]
+
+
+def mass_handles(scene: Scene) -> list[Line2D | Patch]:
+    """Return the legend of the load and the centre of gravity, as far as there are any."""
+    handles: list[Line2D | Patch] = []
+    if scene.load is not None:
+        handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
+    if scene.centre_of_gravity is not None:
+        handles.append(
+            Line2D([], [], linestyle="", markersize=7, label="centre of gravity", **_GRAVITY)
+        )
+    return handles
+
+
+def _patch_look(friction: float) -> dict[str, Any]:
+    """Return a deeper blue the slipperier the patch is."""
+    depth = 0.15 + 0.5 * (1.0 - min(max(friction, 0.0), 1.0))
+    return {"facecolor": (*to_rgb(style.SKY), depth), "edgecolor": style.SKY, "hatch": "//"}

@@ -1,0 +1,80 @@
+"""The table says what the metrics say, on any terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from omni_figures.comparison_table import comparison_table
+from omni_loop.metrics import Metric
+
+METRICS = {
+    "unassisted": {
+        "stopping_distance": Metric(9.0909, "m"),
+        "orientation_change": Metric(80.04, "deg", reference=26.3, at_most=4.0),
+        "brake_switchings": Metric(2.0, "1"),
+        "brake_switchings.front_left": Metric(2.0, "1"),
+        "twist_rmse": Metric(math.nan, "m/s", note="the odometry measured nothing"),
+    },
+    "assisted": {
+        "stopping_distance": Metric(10.25, "m"),
+        "orientation_change": Metric(1.96, "deg", at_most=4.0),
+    },
+}
+
+
+def printed(metrics: dict[str, dict[str, Metric]], width: int = 80) -> list[str]:
+    stream = io.StringIO()
+    Console(file=stream, width=width, color_system=None).print(comparison_table(metrics))
+    return [" ".join(line.split()) for line in stream.getvalue().splitlines()]
+
+
+def test_values_stand_below_their_variants_in_order() -> None:
+    lines = printed(METRICS)
+    assert "unit unassisted assisted" in lines
+    assert "stopping distance m 9.09 10.25" in lines
+    assert "orientation change deg 80.0 ! (26.3) 2.0" in lines
+    assert "brake switchings 2 -" in lines
+    assert "front left 2 -" in lines
+    assert "twist RMSE m/s - -" in lines
+    assert "unassisted: the odometry measured nothing" in lines
+
+
+@pytest.mark.parametrize("variants", [1, 3, 5])
+def test_fits_a_narrow_terminal(variants: int) -> None:
+    names = [f"enhanced_k{index}" for index in range(variants)]
+    lines = printed(dict.fromkeys(names, METRICS["assisted"]))
+    assert f"stopping distance m {' '.join(['10.25'] * variants)}" in lines
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize(
+    "names", [["unassisted", "assisted"], ["a", "bc", "enhanced_k7", "d", "e"]]
+)
+def test_numbers_stay_whole_on_any_width(names: list[str], width: int) -> None:
+    lines = printed(dict.fromkeys(names, METRICS["unassisted"]), width)
+    words = " ".join(lines).split()
+    for number in ("9.09", "80.0", "!", "(26.3)"):
+        assert words.count(number) == len(names), number
+    # Names wrap between their words only.
+    assert {"stopping", "distance", "orientation", "switchings"} <= set(words)
+    if len(names) == 2:
+        assert any("9.09 9.09" in line for line in lines), "side by side even at 40"
+    assert max(map(len, lines)) <= width
+
+
+def test_markup_in_names_is_printed_as_it_is() -> None:
+    assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))
+
+
+def test_a_stop_of_eight_centimetres_is_told_in_millimetres() -> None:
+    short, shorter, long = (
+        {"stopping_distance": Metric(distance, "m")} for distance in (0.112, 0.0803, 9.87)
+    )
+    (row,) = (line for line in printed({"a": short, "b": shorter}) if "distance" in line)
+    assert row.split() == ["stopping", "distance", "mm", "112", "80"]
+    (row,) = (line for line in printed({"a": shorter, "b": long}) if "distance" in line)
+    assert row.split() == ["stopping", "distance", "m", "0.08", "9.87"]

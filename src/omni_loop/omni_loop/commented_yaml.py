@@ -1,0 +1,58 @@
+"""Configuration files with comments, for people who go on from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+_NO_NOTES: Mapping[str, str] = {}
+_LONGEST = 110  # characters of a mapping or list on one line
+
+
+def commented_yaml(
+    values: Mapping[str, Any], heading: str = "", notes: Mapping[str, str] = _NO_NOTES
+) -> str:
+    """Return values as YAML: short mappings and lists on one line, unless they have notes.
+
+    Args:
+        values: nested mappings, lists and scalars.
+        heading: comment before them, one or more lines.
+        notes: comments at the ends of lines, by dotted key.
+    """
+    comment = [f"# {line}" for line in heading.splitlines()]
+    return "\n".join([*comment, *_lines(values, notes, "")]) + "\n"
+
+
+def rounded(values: Mapping[str, Any], digits: int = 6) -> dict[str, Any]:
+    """Return nested mappings with all numbers rounded to significant digits."""
+
+    def of(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: of(part) for name, part in value.items()}
+        return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+    return {name: of(value) for name, value in values.items()}
+
+
+def _lines(values: Mapping[str, Any], notes: Mapping[str, str], prefix: str) -> list[str]:
+    lines = []
+    for name, value in values.items():
+        key, inner = f"{prefix}{name}", []
+        first = yaml.safe_dump(
+            {name: value}, sort_keys=False, default_flow_style=True, width=math.inf
+        )[1:-2]
+        if isinstance(value, Mapping) and (
+            len(first) > _LONGEST
+            or any(isinstance(part, Mapping) for part in value.values())
+            or any(noted.startswith(f"{key}.") for noted in notes)
+        ):
+            first = f"{name}:"
+            inner = [f"  {line}" for line in _lines(value, notes, f"{key}.")]
+        elif isinstance(value, list) and len(first) > _LONGEST:
+            first = f"{name}:"
+            inner = [f"  {line}" for line in yaml.safe_dump(value).splitlines()]
+        lines += [f"{first} # {notes[key]}" if key in notes else first, *inner]
+    return lines

@@ -1,0 +1,464 @@
+"""The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
+
+Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
+functions; what is left out is what such a run does not
+need: line cameras, odometry and messages. A run gives the same bits as
+`loop.run_closed_loop` with ``feedback: velocity_sensor``. A law from outside is asked between
+the two compiled halves of a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_brake_assist.assist_step import (
+    Asked,
+    Constants,
+    Inputs,
+    Memory,
+    act,
+    assist_step,
+    listen,
+    make_constants,
+    new_memory,
+)
+from omni_brake_assist.conditions import GOOD
+from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
+from omni_brake_assist.laws.registry import own_law
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.history import RunHistory
+from omni_platform.configuration import ConfigurationError
+from omni_platform.kernels import kernel, lean, njit
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
+from omni_sim.driver.scripted import ScriptedDriver
+from omni_sim.ground.friction import FrictionMap
+from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
+from omni_sim.run_progress import (
+    RUNNING,
+    STOPPED,
+    End,
+    rest_memory,
+    rim_speed,
+    run_end,
+    run_outcome,
+)
+from omni_sim.vehicle import dynamics
+from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
+from omni_sim.vehicle.state import Control, Log, State
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_sim.velocity_sensor import (
+    SensorConstants,
+    read,
+    samples_now,
+    sensor_constants,
+    sensor_memory,
+    state_covariance,
+)
+
+_CHUNK = 512  # stamps that are run, and noise that is drawn, at once
+
+
+class Record(NamedTuple):
+    """Time histories of one run, T control stamps and N wheels.
+
+    Attributes:
+        motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
+            in the body frame [m/s, m/s, rad/s], shape (T, 6).
+        feedback: twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3).
+        trusted: whether the fail-safe let the assistant release brakes, shape (T,).
+        energy: of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
+        wheel_angle: [rad], shape (T, N).
+        wheel_speed: [rad/s], shape (T, N).
+        brake_torque: [N m], shape (T, N).
+        enable: share of the brake pressure that passes [1], shape (T, N).
+        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
+    """
+
+    motion: FloatArray
+    feedback: FloatArray
+    trusted: BoolArray
+    energy: FloatArray
+    wheel_angle: FloatArray
+    wheel_speed: FloatArray
+    brake_torque: FloatArray
+    enable: FloatArray
+    error: FloatArray
+
+
+def _new_record(stamps: int, wheels: int) -> Record:
+    each = (np.empty((stamps, wheels)) for _ in range(5))
+    body = np.empty((stamps, 6)), np.empty((stamps, 3))
+    return Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FastRun:
+    """One run of T control stamps.
+
+    Attributes:
+        wheel_names: of the columns.
+        period_ns: control period [ns].
+        pedal: the driver's brake demand 0..1, shape (T,).
+        record: what was written down.
+        stopped: whether the vehicle came to rest within the limit of the duration.
+        tipping_steps: physics steps in which the vehicle would have tipped over.
+    """
+
+    wheel_names: tuple[str, ...]
+    period_ns: int
+    pedal: FloatArray
+    record: Record
+    stopped: bool
+    tipping_steps: int
+
+    @property
+    def pose(self) -> FloatArray:
+        """x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, shape (T, 3)."""
+        return self.record.motion[:, 0:3]
+
+    @property
+    def twist(self) -> FloatArray:
+        """True twist in the body frame [m/s, m/s, rad/s], shape (T, 3)."""
+        return self.record.motion[:, 3:6]
+
+    @property
+    def brake_start(self) -> int:
+        """Index of the first stamp with the pedal down, the last one if there is none."""
+        pressed = self.pedal > 0.0
+        return int(np.argmax(pressed)) if pressed[-1] else len(pressed) - 1
+
+    @property
+    def orientation_change(self) -> float:
+        """Magnitude of the change of yaw from the start of braking to the end [deg]."""
+        return abs(math.degrees(self.pose[-1, 2] - self.pose[self.brake_start, 2]))
+
+    @property
+    def stopping_distance(self) -> float:
+        """Straight line from the start of braking to the final position [m]."""
+        return math.hypot(*(self.pose[-1, :2] - self.pose[self.brake_start, :2]))
+
+    def history(self) -> RunHistory:
+        """Return the run in the form that metrics and figures read; it has no odometry."""
+        stamps = len(self.pedal)
+        return RunHistory.from_samples(
+            wheel_names=self.wheel_names,
+            stamp_ns=np.arange(stamps) * self.period_ns,
+            pose=self.pose,
+            twist=self.twist,
+            wheel_angle=self.record.wheel_angle,
+            wheel_speed=self.record.wheel_speed,
+            brake_torque=self.record.brake_torque,
+            enable=self.record.enable,
+            error=self.record.error,
+            pedal=self.pedal,
+            estimate=np.full((stamps, 3), np.nan),
+            estimate_variance=np.full((stamps, 3), np.nan),
+        )
+
+
+class _Loop(NamedTuple):
+    """What the loop kernel needs beside vehicle and law; T stamps at most."""
+
+    period_ns: int
+    steps: int
+    pedal: FloatArray  # (T,)
+    command: FloatArray  # of the drive, in the body axes of the start, (T, 3)
+    hold_world: bool
+    start_yaw: float
+    brake_torque: float
+    clutch_threshold: float
+    clutch_stiffness: float
+    measures: bool  # whether anybody listens to IMU and encoders, or a sensor lies
+    enabled: bool
+    end: End
+
+
+class _Sensors(NamedTuple):
+    """Sensors with what they remember, and their noise; K stamps of a piece of the run."""
+
+    velocity: SensorConstants
+    held: NDArray[np.void]  # of the velocity sensor
+    draws: FloatArray  # of its noise, -1..1, for one sample after the other, (T or 1, 3)
+    drawn: IntArray  # how many of them, (1,)
+    instruments: Instruments
+    noise: FloatArray  # standard normal draws of the others, (K, D)
+    rest: NDArray[np.void]  # since when the vehicle stands still
+
+
+def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
+    """Run an experiment on the velocity sensor to its end.
+
+    Args:
+        configuration: the whole loop.
+
+    Raises:
+        ConfigurationError: the feedback is optical, or its stamps are too far apart for the
+            assistant.
+    """
+    _check(configuration)
+    driver = ScriptedDriver(configuration.maneuver)
+    ground, simulation = configuration.ground, configuration.simulation
+    vehicle = Vehicle(
+        configuration.vehicle,
+        FrictionMap(ground.friction, ground.patches),
+        simulation.physics_step,
+        driver.start_pose,
+        driver.start_twist,
+        ground.elevation,
+    )
+    loop = _loop(configuration, driver)
+    stamps = len(loop.pedal)
+    record = _new_record(stamps, len(vehicle.wheel_names))
+    assist = make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
+    memory = new_memory(len(vehicle.wheel_names))
+    law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
+    sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
+    if loop.measures:
+        seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
+        noise = np.random.default_rng(seed)
+    desk = _new_desk(len(vehicle.wheel_names), loop.steps)
+    run = _Run(vehicle.state, assist, memory, sensors, loop, desk, record)
+    used, outcome = 0, RUNNING
+    while outcome == RUNNING and used < stamps:
+        time = used * loop.period_ns * 1e-9
+        later = vehicle.brake_fault_onsets[vehicle.brake_fault_onsets > time]
+        vehicle.apply_brake_faults(time)
+        last = min(_CHUNK * (used // _CHUNK + 1), stamps)
+        if later.size:
+            last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
+        if loop.measures and used % _CHUNK == 0:  # drawn piece by piece: most runs are short
+            sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
+        part = (run, used, last)
+        used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
+    written = record._asdict().items()
+    return FastRun(
+        wheel_names=vehicle.wheel_names,
+        period_ns=loop.period_ns,
+        pedal=loop.pedal[:used],
+        record=record._replace(**{name: rows[:used].copy() for name, rows in written}),
+        stopped=outcome == STOPPED,
+        tipping_steps=vehicle.tipping_steps,
+    )
+
+
+def _check(configuration: ExperimentConfiguration) -> None:
+    if configuration.feedback != "velocity_sensor":
+        raise ConfigurationError(
+            "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
+        )
+    limits = configuration.brake_assist
+    if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
+        raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
+
+
+def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Loop:
+    simulation = configuration.simulation
+    period_ns = simulation.control_period_ns
+    stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
+    settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
+    times = [index * period_ns for index in range(settled + 1)]
+    start_yaw = float(driver.start_pose[2])
+    pedal = np.full(stamps, driver.pedal(times[-1]))
+    pedal[: settled + 1] = [driver.pedal(time) for time in times]
+    command = np.zeros((stamps, 3))
+    command[: settled + 1] = [driver.command_twist(time, start_yaw) for time in times]
+    drive = configuration.vehicle.drive
+    return _Loop(
+        period_ns=period_ns,
+        steps=simulation.steps_per_period,
+        pedal=pedal,
+        command=command,
+        hold_world=configuration.maneuver.hold_world_direction,
+        start_yaw=start_yaw,
+        brake_torque=configuration.vehicle.brake.max_torque,
+        clutch_threshold=drive.clutch_threshold,
+        clutch_stiffness=drive.stiffness,
+        measures=configuration.brake_assist.second_opinion
+        or bool(configuration.faults)
+        or configuration.brake_assist.law != "sliding_mode",
+        enabled=configuration.brake_assist.enabled,
+        end=run_end(simulation, configuration.maneuver.earliest_end),
+    )
+
+
+def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -> _Sensors:
+    sensor = configuration.velocity_sensor
+    uniform = np.zeros((1, 3))
+    if sensor.linear_noise > 0.0 or sensor.yaw_rate_noise > 0.0:
+        seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # as the simulator's
+        uniform = np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
+    return _Sensors(
+        velocity=sensor_constants(sensor),
+        held=sensor_memory(),
+        draws=uniform,
+        drawn=np.zeros(1, np.int64),
+        instruments=build_instruments(
+            configuration.imu,
+            configuration.encoders,
+            configuration.faults,
+            wheels,
+            configuration.simulation.control_period,
+        ),
+        noise=np.zeros((_CHUNK, draws(wheels))),
+        rest=rest_memory(),
+    )
+
+
+class _Desk(NamedTuple):
+    """Arrays that a stamp is worked on with, N wheels."""
+
+    covariance: FloatArray  # (3, 3)
+    imu: FloatArray  # (3,)
+    wheel_speed: FloatArray  # as measured, (N,)
+    error: FloatArray  # (N,)
+    enable: FloatArray  # (N,)
+    angle: FloatArray  # of the wheels, (N,)
+    speed: FloatArray  # of the wheels in truth, (N,)
+    command: FloatArray  # of the drive, (3,)
+    log: Log  # of a control period
+
+
+def _new_desk(wheels: int, steps: int) -> _Desk:
+    return _Desk(
+        np.empty((3, 3)),
+        np.full(3, np.nan),
+        np.full(wheels, np.nan),
+        np.empty(wheels),
+        np.empty(wheels),
+        np.empty(wheels),
+        np.empty(wheels),
+        np.empty(3),
+        Log.of(steps, wheels, traced=False, logged=False),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _advance(state: State, loop: _Loop, desk: _Desk, stamp: int, yaw: float) -> None:
+    """Advance the vehicle by one control period, as `Simulator.advance` does."""
+    pedal, twist = loop.pedal[stamp], desk.command
+    for j in range(3):
+        twist[j] = loop.command[stamp, j]
+    if loop.hold_world:
+        twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
+    control = Control(
+        pedal * loop.brake_torque,
+        desk.enable,
+        loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
+        twist,
+        loop.hold_world,
+        0.0,
+        0.0,
+    )
+    dynamics.advance(state, control, desk.log)
+
+
+class _Run(NamedTuple):
+    """A run on its way."""
+
+    state: State
+    assist: Constants
+    memory: Memory
+    sensors: _Sensors
+    loop: _Loop
+    desk: _Desk
+    record: Record
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _listen(run: _Run, stamp: int) -> Inputs:
+    """Return what the assistant hears at a stamp; record the motion and the feedback."""
+    state, sensors, loop, desk = run.state, run.sensors, run.loop, run.desk
+    motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
+    now_ns = stamp * loop.period_ns
+    base_motion(state.body[0], state.plant.centre, motion)
+    velocity, held = sensors.velocity, sensors.held
+    due = samples_now(velocity, held, now_ns)
+    draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
+    sensors.drawn[0] += due
+    taken_ns = read(velocity, held, now_ns, motion[3:6], draw, feedback)
+    if loop.measures:
+        for i in range(desk.angle.size):
+            desk.angle[i], desk.speed[i] = state.wheels[i].angle, state.wheels[i].speed
+        truth = Truth(
+            stamp,
+            loop.period_ns,
+            motion,
+            (state.body[0].tilt_x, state.body[0].tilt_y),
+            desk.angle,
+            desk.speed,
+        )
+        noise = sensors.noise[stamp % sensors.noise.shape[0]]
+        measure(sensors.instruments, truth, noise, Readings(feedback, desk.imu, desk.wheel_speed))
+    state_covariance(velocity, feedback, desk.covariance)
+    validity = VALID if loop.measures else MISSING
+    return Inputs(
+        now_ns,
+        loop.pedal[stamp],
+        loop.enabled,
+        GOOD,
+        TwistSample(taken_ns, feedback, desk.covariance, VALID),
+        WheelSample(now_ns, desk.wheel_speed, validity),
+        ImuSample(now_ns, desk.imu[0], desk.imu[1:], validity),
+    )
+
+
+@lean
+def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
+    for stamp in range(first, last):
+        inputs = _listen(run, stamp)
+        assist_step(run.assist, run.memory, inputs, run.desk.error, run.desk.enable)
+        outcome = _go_on(run, stamp)
+        if outcome != RUNNING:
+            return stamp + 1, outcome
+    return last, RUNNING
+
+
+def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
+    """Run the loop with a law from outside between its two compiled halves; as `_run_part`."""
+    error, enable = run.desk.error, run.desk.enable
+    for stamp in range(first, last):
+        inputs, ready, motion = _hear(run, stamp)
+        answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
+        act(run.assist, run.memory, inputs, Asked(ready, motion, answer), error, enable)
+        outcome = _go_on(run, stamp)
+        if outcome != RUNNING:
+            return stamp + 1, outcome
+    return last, RUNNING
+
+
+@kernel
+def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
+    """Return what the assistant hears, whether to ask the law and what to ask it with."""
+    inputs = _listen(run, stamp)
+    run.desk.error[:] = 0.0
+    ready, motion = listen(run.assist, run.memory, inputs)
+    return inputs, ready, motion
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _go_on(run: _Run, stamp: int) -> int:
+    """Record a stamp and advance unless the run is over; return how far it is."""
+    state, loop, desk, record = run.state, run.loop, run.desk, run.record
+    record.trusted[stamp] = not run.memory.step[0].faulty
+    stored = energies(state)
+    record.energy[stamp] = stored.translation + stored.rotation + stored.spin + stored.elastic
+    for i in range(desk.enable.size):
+        wheel = state.wheels[i]
+        record.wheel_angle[stamp, i] = wheel.angle
+        record.wheel_speed[stamp, i] = wheel.speed
+        record.brake_torque[stamp, i] = wheel.brake
+        record.enable[stamp, i] = desk.enable[i]
+        record.error[stamp, i] = desk.error[i]
+    motion = record.motion[stamp]
+    now_ns, speed = stamp * loop.period_ns, rim_speed(motion[3:6])
+    outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
+    if outcome == RUNNING:
+        _advance(state, loop, desk, stamp, motion[2])
+    return outcome

@@ -1,0 +1,94 @@
+"""A driver's demands from a file: a CSV table, or what a recording holds of a drive."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omni_platform import topics
+from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
+from omni_recording.error import BagError
+
+COLUMNS = ("time", "forward", "left", "turn", "pedal")
+_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second in recordings of before
+_PEDAL = topics.PEDAL.path
+
+
+def read_demands(path: Path, key: str) -> dict[str, list[float]]:
+    """Return columns of `DemandConfiguration` by name.
+
+    Args:
+        path: a CSV file with the head ``time,forward,left,turn,pedal`` [s, m/s, m/s, rad/s, 1], or
+            a rosbag2 folder or ``.mcap`` file with velocity command and pedal.
+        key: under which it was named, for the refusal.
+
+    Raises:
+        ConfigurationError: it cannot be read, or holds no demands.
+    """
+    try:
+        table = _read_table(path) if path.suffix.lower() == ".csv" else _read_recording(path)
+    except (OSError, ValueError, BagError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise ConfigurationError(key, f"cannot take demands from {path}: {reason}") from None
+    return {name: table[:, column].tolist() for column, name in enumerate(COLUMNS)}
+
+
+def _read_table(path: Path) -> FloatArray:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = csv.DictReader(file)
+        missing = set(COLUMNS) - set(rows.fieldnames or ())
+        if missing:
+            names = ",".join(COLUMNS)
+            raise ValueError(
+                f"its first line lacks {', '.join(sorted(missing))}; it must be {names}"
+            )
+        values = [[_number(row, name, rows.line_num) for name in COLUMNS] for row in rows]
+    if not values:
+        raise ValueError("it has no row")
+    return np.array(values)
+
+
+def _number(row: dict[str, str], name: str, line: int) -> float:
+    try:
+        return float(row[name])
+    except (TypeError, ValueError):
+        raise ValueError(f"line {line}: {name} is {row[name]!r}, no number") from None
+
+
+def _read_recording(path: Path) -> FloatArray:
+    from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+    from omni_recording.folder import bag_messages, open_vehicle
+
+    decoder = MessageDecoder()
+    found: dict[str, dict[int, Any]] = {topic: {} for topic in (*_COMMANDS, _PEDAL)}
+    for recorded in bag_messages(open_vehicle(path)):
+        if recorded.channel.topic in found:
+            try:
+                message = decoder.decode(recorded)
+            except DecodeError as error:
+                raise ValueError(f"{recorded.channel.topic}: {error}") from None
+            stamp = header_stamp_ns(message)
+            if stamp is not None:
+                found[recorded.channel.topic][stamp] = message
+    commands = next((found[topic] for topic in _COMMANDS if found[topic]), {})
+    stamps = sorted(commands.keys() & found[_PEDAL].keys())
+    if not stamps:
+        raise ValueError(f"it has no {_COMMANDS[0]} with {_PEDAL}")
+    rows = []
+    for stamp in stamps:
+        twist, pedal = commands[stamp].twist, found[_PEDAL][stamp].position[0]
+        motion = (twist.linear.x, twist.linear.y, twist.angular.z)
+        rows.append(((stamp - stamps[0]) * 1e-9, *motion, pedal))
+    return _without_repeats(np.array(rows, dtype=np.float64))
+
+
+def _without_repeats(table: FloatArray) -> FloatArray:
+    """Leave out rows that equal both of their neighbours: standing still is two rows."""
+    same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
+    kept = np.ones(len(table), bool)
+    kept[1:-1] = ~(same[:-1] & same[1:])
+    return table[kept]

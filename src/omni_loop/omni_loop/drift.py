@@ -1,0 +1,102 @@
+"""How far the odometry drifts: absolute and relative error of its path against the truth.
+
+Both paths begin at the same pose; the odometry's is that of its twists, added up. The definitions
+are those of the library `evo`, and a test compares the numbers with its own where it is installed
+(``requirements/evo.lock``): ``evo_ape`` with the origins aligned, and ``evo_rpe --delta 1
+--delta_unit m --pairs_from_reference``, whose pairs follow each other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from linescan_odometry.twist.pose import PoseIntegrator
+from omni_loop.history import RunHistory
+from omni_loop.metrics import Metric
+from omni_platform.quantities import FloatArray
+
+DELTA = 1.0
+"""Way between the two poses of a relative error [m]."""
+
+_NO_ODOMETRY = "the odometry measured nothing"
+_SHORT = f"the way is shorter than {DELTA:g} m"
+
+
+def odometry_path(history: RunHistory) -> FloatArray:
+    """Return the poses that the odometry gives, from the true one of the first stamp on, (T, 3).
+
+    A twist that is not measured counts as rest, as in the node.
+    """
+    integrator = PoseIntegrator()
+    unknown = np.zeros((3, 3))
+    path = np.array(
+        [
+            integrator.update(int(stamp), twist, unknown).value
+            for stamp, twist in zip(history.stamp_ns, history.estimate, strict=True)
+        ]
+    )
+    x, y, yaw = history.pose[0]
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    placed: FloatArray = np.column_stack(
+        (
+            x + cosine * path[:, 0] - sine * path[:, 1],
+            y + sine * path[:, 0] + cosine * path[:, 1],
+            yaw + path[:, 2],
+        )
+    )
+    return placed
+
+
+def absolute_error(truth: FloatArray, path: FloatArray) -> float:
+    """Return the root mean square distance of two paths (T, 3) at the same stamps [m]."""
+    return float(np.sqrt(np.mean(np.sum((path[:, :2] - truth[:, :2]) ** 2, axis=1))))
+
+
+def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
+    """Return the error of a path over pieces of the way.
+
+    Args:
+        truth: poses x, y, yaw [m, m, rad], shape (T, 3).
+        path: likewise, at the same stamps.
+        delta: way between the two poses of a piece [m].
+
+    Returns:
+        Root mean square of the error's translation [m], NaN without a piece, and their number.
+    """
+    steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
+    pairs, first, way = [], 0, 0.0
+    for index, step in enumerate(steps.tolist(), 1):
+        way += step
+        if way >= delta:
+            pairs.append((first, index))
+            first, way = index, 0.0
+    if not pairs:
+        return math.nan, 0
+    error = [_between(path, *pair)[:2] for pair in pairs]
+    true = [_between(truth, *pair)[:2] for pair in pairs]
+    # The translation of true^-1 * error has the length of their difference.
+    return float(np.sqrt(np.mean(np.sum(np.subtract(error, true) ** 2, axis=1)))), len(pairs)
+
+
+def _between(path: FloatArray, first: int, last: int) -> FloatArray:
+    """Return the second pose of a path in the frame of the first, shape (3,)."""
+    d_x, d_y, turn = path[last] - path[first]
+    cosine, sine = math.cos(path[first, 2]), math.sin(path[first, 2])
+    return np.array([cosine * d_x + sine * d_y, cosine * d_y - sine * d_x, turn])
+
+
+def drift_metrics(history: RunHistory) -> dict[str, Metric]:
+    """Return `odometry_ate` and `odometry_rpe` of a history [m]."""
+    if not np.any(history.measured):
+        return {
+            "odometry_ate": Metric(math.nan, "m", note=_NO_ODOMETRY),
+            "odometry_rpe": Metric(math.nan, "m", note=_NO_ODOMETRY),
+        }
+    path = odometry_path(history)
+    relative, pieces = relative_error(history.pose, path)
+    return {
+        "odometry_ate": Metric(absolute_error(history.pose, path), "m"),
+        "odometry_rpe": Metric(relative, "m", note="" if pieces else _SHORT),
+    }

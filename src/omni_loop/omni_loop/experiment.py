@@ -1,0 +1,499 @@
+"""Experiments: one typed configuration for the whole loop, its variants, and overrides.
+
+An experiment file says only what differs from the defaults. Parts are named and found in
+``config/``: ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``; a
+vehicle names its tire in the same way. A variant and a ``--set`` override are laid over the result
+in turn, so that every value of the tree can be reached by its dotted key. Where one of them names
+another part, this comes first, and what the others say of the part is laid over it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from linescan_odometry.odometry import OdometryConfiguration
+from linescan_odometry.registry import ODOMETRY_GROUP, make_odometry
+from linescan_odometry.twist.least_squares import check_placement
+from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+from omni_brake_assist.laws.registry import own_law
+from omni_loop.demands import read_demands
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    did_you_mean,
+    from_mapping,
+    join_key,
+    parameter,
+)
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.plugins import check_name
+from omni_platform.sensors import LineSensor
+from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+
+# Where the value of a dotted key may be the name of a file instead of a mapping; a part of a part
+# comes after it.
+_PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
+_DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
+_DEEPEST = 20  # parts of a key
+_LONGEST_BATCH = 0.4  # of which half can be told as a delay [s]
+_VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
+# Files of a vehicle's own folder, by kind.
+_IN_FOLDER = {"vehicles": "vehicle.yaml", "experiments": "experiment.yaml"}
+_EXPERIMENTS = "experiments"
+# What must be said of a vehicle, in a file of its own or in an experiment.
+_REQUIRED = (
+    *("wheels", "chassis_length", "chassis_width", "body", "body.yaw_inertia"),
+    *("tire", "brake", "brake.max_torque", "drive", "drive.max_torque", "drive.stiffness"),
+    "wheel_inertia",
+)
+
+FEEDBACKS = ("optical", "velocity_sensor")
+"""What the brake assistant may listen to without a class from outside."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExperimentConfiguration(SimulatorConfiguration):
+    """Everything that one run of the loop depends on."""
+
+    description: str = parameter("", description="What the experiment shows")
+    feedback: str = parameter(
+        "optical",
+        description="What the brake assistant listens to: optical is the line-scan odometry, "
+        "velocity_sensor the noisy sampled velocity sensor (60), (61); my_module:MyOdometry is a "
+        "class of your own that hears the lines, see docs/extending.md",
+    )
+    odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
+    brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
+
+    @property
+    def hears_lines(self) -> bool:
+        """Whether the brake assistant depends on the lines of the cameras."""
+        return self.feedback != "velocity_sensor"
+
+    @property
+    def twist_period(self) -> float:
+        """Time between two twists that the assistant hears [s], 0 if every step has its own."""
+        return 0.0 if self.hears_lines else self.velocity_sensor.sample_time
+
+    @property
+    def own_odometry(self) -> str:
+        """Name of the odometry from outside that hears the lines, empty for the built-in one."""
+        return "" if self.feedback in FEEDBACKS else self.feedback
+
+    def check_consistency(self) -> None:
+        """Refuse a loop in which a node would wait for what nobody sends.
+
+        Nodes must know the wheels and line cameras that there are. Their places may differ, which
+        misleads the nodes; their names say who is meant.
+
+        Raises:
+            ConfigurationError: names the wheel or camera, or the feedback.
+        """
+        super().check_consistency()
+        check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
+        _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
+        _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
+        _check_names("odometry.flow_sensors", self.odometry.flow_sensors, self.flow_sensors)
+        rates = [sensor.rate for sensor in self.flow_sensors.values()]
+        if not self.sensors and max(rates, default=0.0) * self.simulation.control_period < 1.0:
+            raise ConfigurationError(
+                "flow_sensors",
+                "without line cameras one must measure in every control period of "
+                f"{self.simulation.control_period:g} s; set its rate",
+            )
+        if self.hears_lines and not self.simulation.render_lines:
+            raise ConfigurationError(
+                "simulation.render_lines",
+                "must be true for optical feedback; feedback=velocity_sensor needs no lines",
+            )
+
+    def check_drivable(self) -> None:
+        """Refuse what cannot work with a simulated vehicle, and parts from outside that fail.
+
+        Such a vehicle has no axle that grips sideways; a recording may be of one that has, and be
+        replayed with the same configuration.
+
+        Raises:
+            ConfigurationError: the odometry needs such an axle for its twist, or a law or an
+                odometry from outside cannot be imported or made.
+        """
+        own_law(self.brake_assist, PlatformGeometry.from_wheels(self.brake_assist.wheels))
+        if self.own_odometry:
+            make_odometry(self.own_odometry, self.odometry)
+        odometry = self.odometry
+        if self.feedback != "optical" or odometry.kinematics.axle is None:
+            return
+        try:
+            check_placement(odometry.all_sensors, odometry.minimum_lever)
+        except ConfigurationError:
+            raise ConfigurationError(
+                "odometry.kinematics.constraint",
+                "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
+                f"sensor; {', '.join(odometry.all_sensors)} must measure the twist by themselves",
+            ) from None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _VehicleAlone(Configuration):
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _SensorsAlone(Configuration):
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+
+
+class ExperimentLibrary:
+    """Reads experiments and their parts from a configuration folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def names(self) -> list[str]:
+        """Return the names of the experiments, sorted."""
+        return self.parts(_EXPERIMENTS)
+
+    def variants(self, experiment: str, overrides: Iterable[str] = ()) -> list[str]:
+        """Return the names of an experiment's variants, in the order of its file.
+
+        Args:
+            experiment: its name.
+            overrides: ``dotted.key=value`` texts; where one replaces the control law, a variant
+                that is there for its law is left out.
+        """
+        variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
+        if not any(words.startswith("brake_assist.law=") for words in overrides):
+            return list(variants)
+        kept = [name for name, tree in variants.items() if not _has_law(tree)]
+        return kept or list(variants)
+
+    def parts(self, kind: str) -> list[str]:
+        """Return the names of the files of a kind, such as ``vehicles``, sorted."""
+        return sorted(path.stem for path in (self._folder / kind).glob("*.yaml"))
+
+    def named(self, experiment: str, part: str) -> str:
+        """Return the name that an experiment has for a part, such as ``ground``; empty if none."""
+        found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
+        return found if isinstance(found, str) else ""
+
+    def load(
+        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+    ) -> ExperimentConfiguration:
+        """Compose and check the configuration of one variant.
+
+        Args:
+            experiment: name of a file in ``experiments/``, a path that ends in ``.yaml``, or a
+                folder with an ``experiment.yaml``.
+            variant: one of the experiment's variants.
+            overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+        Raises:
+            ConfigurationError: a name, key or value does not fit; the message names it.
+        """
+        experiment = self._located(_EXPERIMENTS, experiment)
+        document = self._read(_EXPERIMENTS, experiment, "experiment")
+        variants = _variants(document)
+        if variant not in variants:
+            raise ConfigurationError(
+                "variant",
+                f"{variant!r} is not a variant of {experiment}; known: {', '.join(variants)}"
+                f"{did_you_mean(variant, variants)}",
+            )
+        tree = {key: value for key, value in document.items() if key != "variants"}
+        near = Path(experiment).parent if experiment.endswith(".yaml") else None
+        tree = self._resolve(tree, near=near)
+        changes = variants[variant] if variants[variant] is not None else {}
+        if not isinstance(changes, Mapping):
+            raise ConfigurationError(
+                join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
+            )
+        # Whatever is said of a part is laid over the one that is named last, also if said before.
+        named: dict[str, str] = {}
+        layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
+        names = [_nest(path, named[path]) for path in _PARTS if path in named]
+        for layer in (*names, *layers):
+            tree = merge(tree, self._resolve(layer, near=near))
+        # The nodes are told where things are mounted, unless an experiment misleads them.
+        for kind in ("sensors", "flow_sensors"):
+            _tell(tree, "odometry", kind, tree.get(kind))
+        vehicle = tree.get("vehicle")
+        wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
+        _tell(tree, "brake_assist", "wheels", wheels)
+        if isinstance(vehicle, Mapping):
+            _check_complete(vehicle, "vehicle", experiment)
+            _tell(tree, "brake_assist", "brake", vehicle.get("brake"))
+            _tell(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
+        _tell(tree, "brake_assist", "feedback_delay", _age_of_twist(tree))
+        return from_mapping(ExperimentConfiguration, tree)
+
+    def vehicle(self, name: str) -> VehicleConfiguration:
+        """Read a vehicle alone.
+
+        Args:
+            name: of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder with a
+                ``vehicle.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_VehicleAlone, self._resolve({"vehicle": name})).vehicle
+
+    def sensors(self, name: str) -> Mapping[str, LineSensor]:
+        """Read line cameras alone; whether their placement is singular is not asked.
+
+        Args:
+            name: of a file in ``sensors/``, or a path that ends in ``.yaml``.
+
+        Raises:
+            ConfigurationError: the name, a key or a value does not fit.
+        """
+        return from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
+
+    def _resolve(
+        self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
+    ) -> dict[str, Any]:
+        """Replace the names of parts by the parts; paths may be relative to `near`."""
+        resolved: dict[str, Any] = {}
+        for key, value in tree.items():
+            path = join_key(prefix, str(key))
+            if path == _DEMANDS and isinstance(value, str):
+                file = (near or Path()) / value
+                resolved[key] = _Part(read_demands(file if file.exists() else Path(value), path))
+                continue
+            kind = _PARTS.get(path)
+            if kind is not None and isinstance(value, str):
+                named = _nearest(self._located(kind, value), near)
+                part = self._read(kind, named, path)
+                if kind == "vehicles":
+                    _check_complete(part, path, named)
+                beside = Path(named).parent if named.endswith(".yaml") else None
+                resolved[key] = _Part(self._resolve(part, path, beside))
+            elif isinstance(value, Mapping):
+                resolved[key] = self._resolve(value, path, near)
+            else:
+                resolved[key] = value
+        return resolved
+
+    def _located(self, kind: str, name: str) -> str:
+        """Return the file in a folder that ``./omni new-vehicle`` wrote; other names unchanged."""
+        file = Path(name) / _IN_FOLDER.get(kind, "")
+        known = name.endswith(".yaml") or (self._folder / kind / f"{name}.yaml").is_file()
+        return name if known or kind not in _IN_FOLDER or not file.is_file() else str(file)
+
+    def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
+        name = self._located(kind, name)
+        if name.endswith(".yaml"):
+            path = Path(name)
+        else:
+            path = self._folder / kind / f"{name}.yaml"
+            known = self.parts(kind)
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise ConfigurationError(
+                    key,
+                    f"{name!r} is not known{hint or ';'} known: {', '.join(known)}",
+                )
+        try:
+            document = load_yaml(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
+        except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
+            problem = " ".join(str(error).split())
+            raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
+        if not isinstance(document, dict):
+            raise ConfigurationError(key, f"{path} must contain a mapping of names to values")
+        return document
+
+
+def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
+    """Return the effective configuration that lies beside a recording, with overrides.
+
+    Args:
+        text: of a ``configuration.yaml`` as a run writes it.
+        overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+
+    Raises:
+        ConfigurationError: it is no such file, or a key or value does not fit.
+    """
+    try:
+        tree = load_yaml(text)
+    except (yaml.YAMLError, ValueError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise ConfigurationError("configuration", f"is not valid YAML: {problem}") from None
+    if not isinstance(tree, dict):
+        raise ConfigurationError("configuration", "must contain a mapping of names to values")
+    for override in overrides:
+        tree = merge(tree, parse_override(override))
+    return from_mapping(ExperimentConfiguration, tree)
+
+
+def _nearest(name: str, near: Path | None) -> str:
+    """Return a path that is given relative to the file that names it; other names as they are."""
+    if near is not None and name.endswith(".yaml") and (near / name).is_file():
+        return str(near / name)
+    return name
+
+
+def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
+    """Refuse a vehicle for which another one's values would stand in unseen."""
+    for required in _REQUIRED:
+        value: Any = vehicle
+        for part in required.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            raise ConfigurationError(
+                join_key(key, required),
+                f"is missing in {name}, and no other vehicle's value would do; measure it, or take "
+                "the estimate that ./omni new-vehicle makes",
+            )
+
+
+class _Part(dict[str, Any]):
+    """A part read by its name: it replaces what was there instead of being laid over it."""
+
+
+def parse_override(text: str) -> dict[str, Any]:
+    """Return ``vehicle.load.mass=400`` as nested mappings.
+
+    Raises:
+        ConfigurationError: there is no ``=``, no key, or the value is not YAML.
+    """
+    key, equals, value_text = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts) or len(parts) > _DEEPEST:
+        raise ConfigurationError(
+            "--set", f"{text[:200]!r} must have the form key=value, such as vehicle.load.mass=400"
+        )
+    try:
+        value = load_yaml(value_text)
+    except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
+        raise ConfigurationError(key, f"the value {value_text[:200]!r} is not valid YAML") from None
+    return _nest(key.strip(), value)
+
+
+def _nest(path: str, value: Any) -> dict[str, Any]:
+    for part in reversed(path.split(".")):
+        value = {part: value}
+    return dict(value)
+
+
+def _take_names(
+    layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
+) -> dict[str, Any]:
+    """Return a layer without the names of parts; they go into `named`, by path."""
+    rest: dict[str, Any] = {}
+    for key, value in layer.items():
+        path = join_key(prefix, str(key))
+        if path in _PARTS and isinstance(value, str):
+            named[path] = value
+        else:
+            nested = isinstance(value, Mapping)
+            rest[key] = _take_names(value, named, path) if nested else value
+    return rest
+
+
+LARGEST_YAML = 1 << 20
+"""Characters of a configuration; reading this many takes up to half a minute."""
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which 1e-3 is a number, which YAML 1.1 takes for a text, and no key is repeated."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        repeated = next((name for name, n in names.items() if n > 1 and name != "<<"), None)
+        if repeated is not None:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"the key {repeated!r} is given twice", node.start_mark
+            )
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
+    list("-+.0123456789"),
+)
+
+
+def load_yaml(text: str) -> Any:
+    """Return what a YAML text says, with numbers such as 1e-3 as numbers.
+
+    Raises:
+        yaml.YAMLError: it is no YAML.
+        ValueError: it is too large, or a value, such as a date, is none.
+    """
+    if len(text) > LARGEST_YAML:
+        raise ValueError(f"it has {len(text)} characters, and at most {LARGEST_YAML} are read")
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _has_law(variant: Any) -> bool:
+    part = variant.get("brake_assist") if isinstance(variant, Mapping) else None
+    return isinstance(part, Mapping) and "law" in part
+
+
+def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    variants = document.get("variants")
+    if not isinstance(variants, Mapping) or not variants:
+        raise ConfigurationError("variants", "an experiment needs at least one named variant")
+    for name in variants:
+        # It becomes the name of a folder.
+        if not isinstance(name, str) or not re.fullmatch(_VARIANT, name):
+            raise ConfigurationError(
+                "variants",
+                f"{str(name)[:40]!r} is no name of letters, digits, '_' and '-' that begins with a "
+                "letter",
+            )
+    return variants
+
+
+def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
+    told = tree.get(node, {})
+    if isinstance(told, Mapping) and truth is not None:
+        tree[node] = merge({name: truth}, told)
+
+
+def _age_of_twist(tree: Mapping[str, Any]) -> float | None:
+    """Return by how much the odometry's twist is older than its stamp [s]; None if it is not known.
+
+    It is the mean over a batch of lines and bears the stamp of the newest: half a batch.
+    """
+    if tree.get("feedback", "optical") != "optical":
+        return None
+    simulation = tree.get("simulation", {})
+    told = simulation.get("control_period") if isinstance(simulation, Mapping) else None
+    period = SimulationConfiguration().control_period if told is None else told
+    usable = isinstance(period, int | float) and 0.0 < period <= _LONGEST_BATCH
+    return 0.5 * period if usable else None
+
+
+def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
+    if set(told) != set(true):
+        raise ConfigurationError(
+            key, f"names {', '.join(told)}, must name what there is: {', '.join(true)}"
+        )
+
+
+def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one tree over another; mappings merge, anything else replaces."""
+    merged = dict(base)
+    for key, value in layer.items():
+        below = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(below, Mapping) and type(value) is dict:
+            merged[key] = merge(below, value)
+        else:
+            merged[key] = value
+    return merged

@@ -1,0 +1,84 @@
+"""``--ground NAME|PICTURE --dpi X``: the ground of a run or a study by a word."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import ConfigurationError
+from omni_sim.camera.footprint.padding import check_footprints
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import PICTURE, TextureConfiguration
+
+_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".webp")
+
+
+def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
+    """Return the overrides of an experiment that two options stand for.
+
+    Args:
+        ground: a named ground, a YAML file, or a picture; None leaves the experiment's.
+        dpi: dots per inch on the ground; None leaves them.
+
+    Raises:
+        ConfigurationError: a picture without dots per inch.
+    """
+    if ground is None or not is_picture(ground):
+        named = () if ground is None else (f"ground={json.dumps(ground)}",)
+        return named if dpi is None else (*named, f"ground.texture.dpi={dpi!r}")
+    if dpi is None:
+        raise ConfigurationError(
+            "--dpi", f"how many dots per inch of the ground does {ground} have? 2400, for a scan"
+        )
+    path = str(Path(ground).expanduser().absolute())
+    texture = json.dumps({"kind": PICTURE, "picture": path, "dpi": dpi})
+    return (f"ground.texture={texture}",)
+
+
+def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
+    """Draw what a run will look at and refuse what it cannot, before anything starts.
+
+    A ground of 2400 dpi takes longer to draw than nodes wait for each other.
+
+    Args:
+        configurations: of the run's variants.
+        cache: where the nodes will look for their ground.
+
+    Raises:
+        ConfigurationError: a picture cannot be read, or a camera sees more than it shows.
+    """
+    seen: set[TextureConfiguration] = set()
+    for configuration in configurations:
+        texture = configuration.ground.texture
+        if texture in seen or not configuration.simulation.render_lines:
+            continue
+        seen.add(texture)
+        if texture.kind != PICTURE and cache.path(texture).is_file():
+            continue
+        try:
+            ground = cache.texture(texture)
+        except ConfigurationError as error:
+            raise error.below("ground.texture") from None
+        try:
+            check_footprints(configuration.sensors, ground)
+        except ConfigurationError as error:
+            if texture.kind != PICTURE:
+                raise
+            needed = max(sensor.length for sensor in configuration.sensors.values())
+            raise ConfigurationError(
+                "ground.texture.picture",
+                f"{texture.picture} shows {ground.size:.3g} m of ground at {texture.dpi:g} dpi, "
+                f"and {error}; take a picture of at least {needed:g} m, or check the dpi",
+            ) from None
+
+
+def is_picture(ground: str) -> bool:
+    """Tell a picture from the name of a ground: by its suffix, or as a file that is no YAML.
+
+    Args:
+        ground: what stands for the ground.
+    """
+    path = Path(ground)
+    return path.suffix.lower() in _SUFFIXES or (path.suffix != ".yaml" and path.is_file())

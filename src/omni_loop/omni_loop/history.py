@@ -1,0 +1,251 @@
+"""What a run leaves for analysis, whether it comes from a bag or from one process.
+
+Every array has one row per control stamp. A value that was not there at a stamp is NaN. The
+same run gives the same bits by both ways, because both go through the same arithmetic: a bag
+carries the heading as the quaternion of `quaternion_from_yaw`, so the heading of a run in one
+process is taken through that quaternion too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omni_platform.quantities import FloatArray, IntArray
+
+# A component that the odometry could not measure carries this variance or more.
+UNMEASURED_VARIANCE = 1e6
+
+
+PER_WHEEL = "per wheel"
+
+# What the columns of an array are, one row per stamp; none for one number per stamp.
+_NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
+_WHEELS = {"components": (PER_WHEEL,)}
+_TWIST = {"components": ("v_x", "v_y", "yaw rate")}
+_POSE = {"components": ("x", "y", "yaw")}
+_QUATERNION = {"components": ("q_z", "q_w")}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunHistory:
+    """Time histories of one run, T control stamps and N wheels.
+
+    Make one with `from_samples` or `from_quaternions`. Arrays are read-only.
+
+    Attributes:
+        wheel_names: names of the wheels, in the order of the columns.
+        stamp_ns: control stamps from the start of the run [ns], strictly increasing, shape (T,).
+        pose: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw without jumps, shape (T, 3).
+        orientation: quaternion components (q_z, q_w) of the heading, shape (T, 2).
+        twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], (T, 3).
+        wheel_angle: [rad], shape (T, N).
+        wheel_speed: [rad/s], shape (T, N).
+        brake_torque: [N m], shape (T, N).
+        enable: 1 where brake pressure passes, 0 where the wheel rolls free, shape (T, N).
+        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
+        pedal: the driver's brake demand 0..1, shape (T,).
+        estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
+        estimate_variance: its variances [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
+        assist_state: what the brake assistant was doing, a value of `AssistState`, at each stamp;
+            empty words, or none at all, where unknown.
+        real_time_factor: simulated over elapsed time [1], NaN where unknown.
+
+    Raises:
+        ValueError: shapes do not fit together, or stamps do not increase.
+    """
+
+    wheel_names: tuple[str, ...]
+    stamp_ns: IntArray = dataclasses.field(metadata=_NUMBER)
+    pose: FloatArray = dataclasses.field(metadata=_POSE)
+    orientation: FloatArray = dataclasses.field(metadata=_QUATERNION)
+    twist: FloatArray = dataclasses.field(metadata=_TWIST)
+    wheel_angle: FloatArray = dataclasses.field(metadata=_WHEELS)
+    wheel_speed: FloatArray = dataclasses.field(metadata=_WHEELS)
+    brake_torque: FloatArray = dataclasses.field(metadata=_WHEELS)
+    enable: FloatArray = dataclasses.field(metadata=_WHEELS)
+    error: FloatArray = dataclasses.field(metadata=_WHEELS)
+    pedal: FloatArray = dataclasses.field(metadata=_NUMBER)
+    estimate: FloatArray = dataclasses.field(metadata=_TWIST)
+    estimate_variance: FloatArray = dataclasses.field(metadata=_TWIST)
+    assist_state: tuple[str, ...] = ()
+    real_time_factor: float = math.nan
+
+    def __post_init__(self) -> None:
+        stamps = len(self.stamp_ns)
+        if stamps == 0:
+            raise ValueError("a history needs at least one stamp")
+        if np.any(np.diff(self.stamp_ns) <= 0):
+            raise ValueError("the stamps of a history must increase")
+        for name in SIGNALS:
+            array: NDArray[Any] = getattr(self, name)
+            columns = self.columns(name)
+            shape = (stamps, len(columns)) if columns else (stamps,)
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
+            array.flags.writeable = False
+        if self.assist_state and len(self.assist_state) != stamps:
+            raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
+
+    def columns(self, name: str) -> tuple[str, ...]:
+        """Return what the columns of a signal are called, nothing for one number per stamp."""
+        components = SIGNALS[name]
+        return self.wheel_names if components == (PER_WHEEL,) else components
+
+    @classmethod
+    def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
+        """Collect what a run in one process sampled at each control stamp.
+
+        Args:
+            pose: x, y, yaw of `base_link` in `odom` [m, m, rad], shape (T, 3).
+            **samples: the other arguments of `from_quaternions`.
+        """
+        rows = np.array(pose, dtype=np.float64).reshape(-1, 3)
+        orientation = [quaternion_from_yaw(float(yaw)) for yaw in rows[:, 2]]
+        return cls.from_quaternions(position=rows[:, :2], orientation=orientation, **samples)
+
+    @classmethod
+    def from_quaternions(
+        cls,
+        *,
+        position: ArrayLike,
+        orientation: ArrayLike,
+        wheel_names: Sequence[str],
+        assist_state: Sequence[str] = (),
+        real_time_factor: float = math.nan,
+        **samples: ArrayLike,
+    ) -> RunHistory:
+        """Collect samples whose heading is given as (q_z, q_w), as a bag carries it.
+
+        Rows of the estimate that were not measured (a component that is not finite, or whose
+        variance is `UNMEASURED_VARIANCE` or more) become NaN.
+
+        Args:
+            position: x, y of `base_link` in `odom` [m], shape (T, 2).
+            orientation: (q_z, q_w) of `quaternion_from_yaw`, shape (T, 2).
+            wheel_names: names of the N wheels.
+            assist_state: what the brake assistant was doing, where known.
+            real_time_factor: simulated over elapsed time [1].
+            **samples: the other attributes by name.
+
+        Raises:
+            ValueError: shapes do not fit together, or stamps do not increase.
+        """
+        place = np.array(position, dtype=np.float64).reshape(-1, 2)
+        quaternion = np.array(orientation, dtype=np.float64).reshape(-1, 2)
+        signals = {name: np.array(rows, dtype=np.float64) for name, rows in samples.items()}
+        variance, measured = signals["estimate_variance"], signals["estimate"]
+        usable = np.isfinite(measured) & np.isfinite(variance) & (variance < UNMEASURED_VARIANCE)
+        blind = ~np.all(usable, axis=-1)
+        measured[blind] = np.nan
+        variance[blind] = np.nan
+        whole: dict[str, Any] = {"stamp_ns": np.array(samples["stamp_ns"], dtype=np.int64)}
+        return cls(
+            wheel_names=tuple(wheel_names),
+            pose=np.column_stack((place, continuous_yaw(quaternion))),
+            orientation=quaternion,
+            assist_state=tuple(assist_state),
+            real_time_factor=real_time_factor,
+            **signals | whole,
+        )
+
+    @property
+    def time(self) -> FloatArray:
+        """Control stamps in seconds [s], shape (T,)."""
+        return np.asarray(self.stamp_ns * 1e-9, dtype=np.float64)
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Where the odometry measured all three components of the twist, shape (T,)."""
+        return np.asarray(np.all(np.isfinite(self.estimate), axis=1))
+
+    @property
+    def brake_start(self) -> int | None:
+        """Index of the first stamp with the pedal down, None if there is none."""
+        pressed = np.flatnonzero(self.pedal > 0.0)
+        return int(pressed[0]) if pressed.size else None
+
+    @property
+    def braking_time(self) -> FloatArray:
+        """Time since the pedal goes down [s], since the first stamp if it never does, (T,)."""
+        stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
+        return np.asarray(stamps * 1e-9, dtype=np.float64)
+
+    @property
+    def velocity_world(self) -> FloatArray:
+        """True velocity of `base_link` in `odom` [m/s], shape (T, 2)."""
+        cos, sin = np.cos(self.pose[:, 2]), np.sin(self.pose[:, 2])
+        v_x, v_y = self.twist[:, 0], self.twist[:, 1]
+        return np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
+
+
+SIGNALS: Mapping[str, tuple[str, ...]] = {
+    field.name: field.metadata["components"]
+    for field in dataclasses.fields(RunHistory)
+    if "components" in field.metadata
+}
+"""The arrays of a history with the names of their columns, see `RunHistory.columns`."""
+
+
+def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
+    """Return (q_z, q_w) of a heading [rad]; the truth on a bag uses this formula to the bit.
+
+    `math` rather than numpy: numpy's vectorised sine may differ from it in the last bit.
+    """
+    return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
+def continuous_yaw(orientation: FloatArray) -> FloatArray:
+    """Return headings [rad] without jumps from (q_z, q_w).
+
+    Args:
+        orientation: (q_z, q_w), shape (T, 2); steps between rows turn by less than half a turn.
+
+    Returns:
+        Headings, the first in (-pi, pi], shape (T,).
+    """
+    half_turns = [math.atan2(q_z, q_w) for q_z, q_w in orientation.tolist()]
+    yaw = np.asarray(np.unwrap(2.0 * np.array(half_turns)), dtype=np.float64)
+    if yaw.size:
+        yaw -= math.tau * math.ceil((float(yaw[0]) - math.pi) / math.tau)
+    return yaw
+
+
+def first_difference(a: RunHistory, b: RunHistory) -> str | None:
+    """Return the earliest difference of two histories in words, None if every bit is the same.
+
+    NaN equals NaN. The real-time factor and the words of the assistant are not part of the state.
+    """
+    if a.wheel_names != b.wheel_names:
+        return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"
+    common = min(len(a.stamp_ns), len(b.stamp_ns))
+    earliest: tuple[int, str] | None = None
+    for name in SIGNALS:
+        left, right = getattr(a, name)[:common], getattr(b, name)[:common]
+        different = np.argwhere(_different_bits(left, right))
+        if different.size and (earliest is None or different[0][0] < earliest[0]):
+            place = tuple(int(index) for index in different[0])
+            what = f"{name}{_column_in_words(a.columns(name), place)}"
+            values = f"{left[place]!r} against {right[place]!r}"
+            earliest = place[0], f"{what} at {a.stamp_ns[place[0]] * 1e-9:.3f} s is {values}"
+    if earliest is not None:
+        return earliest[1]
+    if len(a.stamp_ns) != len(b.stamp_ns):
+        return f"there are {len(a.stamp_ns)} stamps against {len(b.stamp_ns)}"
+    return None
+
+
+def _different_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    different: NDArray[np.bool_] = a.view(np.uint64) != b.view(np.uint64)
+    if a.dtype.kind == "f":
+        different &= ~(np.isnan(a) & np.isnan(b))
+    return different
+
+
+def _column_in_words(columns: Sequence[str], place: tuple[int, ...]) -> str:
+    return f" of {columns[place[1]]}" if len(place) > 1 else ""

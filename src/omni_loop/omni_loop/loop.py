@@ -1,0 +1,205 @@
+"""The loop of plant, estimator and controller in one process, without ROS.
+
+It passes the same values between the same cores in the same order as the graph in lockstep does,
+so that a run gives the same bits either way. `steps` is the loop; everything else consumes it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from linescan_odometry.measurements import TwistEstimate
+from linescan_odometry.registry import Odometry, make_odometry
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.history import RunHistory
+from omni_platform.quantities import FloatArray
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_sim.run_progress import RunProgress
+from omni_sim.simulator import Observation, Simulator
+
+
+class Plant(Protocol):
+    """What is braked: the simulator."""
+
+    def observe(self) -> Observation:
+        """Return state and measurements at the current stamp."""
+
+    def advance(self, brake_enable: FloatArray) -> None:
+        """Go on by one control period with these shares of the brake pressure, shape (N,)."""
+
+
+class Estimator(Protocol):
+    """What tells the controller how the plant moves: an odometry, or a velocity sensor."""
+
+    def estimate(self, observation: Observation) -> TwistSample:
+        """Return the twist that the measurements show; called once per stamp."""
+
+
+class Controller(Protocol):
+    """What decides which brakes act: the brake assistant."""
+
+    def update(self, demand: BrakeDemand) -> Decision:
+        """Answer the driver's demand."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Moment:
+    """What each part of the loop said at a control stamp.
+
+    Attributes:
+        observation: of the plant.
+        feedback: of the estimator.
+        decision: of the controller.
+    """
+
+    observation: Observation
+    feedback: TwistSample
+    decision: Decision
+
+
+def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterator[Moment]:
+    """Run the loop for ever: observe, estimate, decide, advance.
+
+    Args:
+        plant: advances by a control period after every moment but the last that is asked for.
+        estimator: hears every observation.
+        controller: answers every one.
+    """
+    while True:
+        observation = plant.observe()
+        feedback = estimator.estimate(observation)
+        decision = controller.update(_demand(observation, feedback))
+        yield Moment(observation, feedback, decision)
+        plant.advance(decision.enable)
+
+
+def _demand(observation: Observation, feedback: TwistSample) -> BrakeDemand:
+    stamp_ns, imu = observation.stamp_ns, observation.imu
+    return BrakeDemand(
+        stamp_ns,
+        observation.pedal,
+        feedback,
+        WheelSample(stamp_ns, observation.encoder_speed),
+        ImuSample(stamp_ns, float(imu[0]), imu[1:]) if np.all(np.isfinite(imu)) else None,
+    )
+
+
+class SensorEstimator:
+    """Takes the velocity sensor at its word."""
+
+    def estimate(self, observation: Observation) -> TwistSample:
+        """Return its reading."""
+        return observation.velocity_sensor
+
+
+class LineEstimator:
+    """Hands the lines of the cameras to an odometry.
+
+    Attributes:
+        last: what it answered last.
+    """
+
+    def __init__(self, odometry: Odometry) -> None:
+        self._odometry = odometry
+        self.last: TwistEstimate | None = None
+
+    def estimate(self, observation: Observation) -> TwistSample:
+        """Return what the odometry makes of the lines since the last stamp."""
+        for name, batch in observation.line_batches.items():
+            self._odometry.match(name, batch)  # while the next is rendered
+        self.last = self._odometry.update({**observation.line_batches, **observation.flows})
+        return TwistSample(self.last.stamp_ns, self.last.twist, self.last.covariance)
+
+
+def make_estimator(configuration: ExperimentConfiguration) -> Estimator:
+    """Return what the brake assistant of a configuration listens to."""
+    if configuration.own_odometry or configuration.feedback == "optical":
+        return LineEstimator(make_odometry(configuration.own_odometry, configuration.odometry))
+    return SensorEstimator()
+
+
+def run_closed_loop(
+    configuration: ExperimentConfiguration,
+    simulator: Simulator | None = None,
+    estimator: Estimator | None = None,
+) -> RunHistory:
+    """Run an experiment to its end.
+
+    Args:
+        configuration: the whole loop.
+        simulator: a simulator of this configuration to look into afterwards; made if not given.
+        estimator: in place of that of the configuration.
+
+    Returns:
+        The history at every control stamp. Its real-time factor is unknown: this function reads
+        no clock.
+    """
+    plant = simulator or Simulator(configuration)
+    estimator = estimator or make_estimator(configuration)
+    moments = steps(plant, estimator, BrakeAssist(configuration.brake_assist))
+    return record(tuple(configuration.vehicle.wheels), _until_over(configuration, moments))
+
+
+def _until_over(
+    configuration: ExperimentConfiguration, moments: Iterable[Moment]
+) -> Iterator[tuple[Moment, TwistSample | None]]:
+    """Yield the moments of a run with what an odometry says at each, None without lines."""
+    progress = RunProgress(configuration)
+    # An odometry on which the assistant does not depend is heard by the record alone.
+    witness: Estimator | None = None
+    if configuration.simulation.render_lines and not configuration.hears_lines:
+        witness = LineEstimator(make_odometry("", configuration.odometry))
+    for moment in moments:
+        if witness is not None:
+            yield moment, witness.estimate(moment.observation)
+        else:
+            yield moment, moment.feedback if configuration.hears_lines else None
+        progress.update(moment.observation)
+        if progress.finished:
+            return
+
+
+def record(
+    wheel_names: tuple[str, ...], moments: Iterable[tuple[Moment, TwistSample | None]]
+) -> RunHistory:
+    """Return the history of moments.
+
+    Args:
+        wheel_names: of the plant.
+        moments: one per control stamp, with what an odometry said, None if there is none.
+    """
+    samples: dict[str, list[Any]] = {}
+    states: list[str] = []
+    for moment, estimate in moments:
+        states.append(moment.decision.state.value)
+        for name, value in _sample(moment, estimate).items():
+            samples.setdefault(name, []).append(np.array(value))
+    return RunHistory.from_samples(
+        wheel_names=wheel_names, assist_state=states, real_time_factor=math.nan, **samples
+    )
+
+
+_NOTHING = np.full(3, np.nan)
+
+
+def _sample(moment: Moment, estimate: TwistSample | None) -> Mapping[str, Any]:
+    observation, decision = moment.observation, moment.decision
+    return {
+        "stamp_ns": observation.stamp_ns,
+        "pose": observation.pose,
+        "twist": observation.twist,
+        "wheel_angle": observation.wheel_angle,
+        "wheel_speed": observation.wheel_speed,
+        "brake_torque": observation.brake_torque,
+        "enable": decision.enable,
+        "error": decision.error,
+        "pedal": observation.pedal,
+        "estimate": _NOTHING if estimate is None else estimate.value,
+        "estimate_variance": _NOTHING if estimate is None else np.diag(estimate.covariance),
+    }

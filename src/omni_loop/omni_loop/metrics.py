@@ -1,0 +1,278 @@
+"""What a braking run is judged by: stopping, swerving, switching, odometry error.
+
+Braking lasts from the first stamp with the pedal down to the end of the history, in which the
+vehicle must have come to rest (`RestCriterion`). If it has not, if the pedal is never pressed, or
+if it is pressed at a standstill, the quantities that this leaves without meaning are NaN and say
+so in their note; they are never replaced by what happened so far.
+
+All positions are those of `base_link`. The quantities, in the order of the result:
+
+==================== ===== ===================================================================
+stopping_distance    m     straight line from the start of braking to the final position
+path_length          m     along the path between the two
+orientation_change   deg   magnitude of the total change of yaw, full turns counted
+lateral_deviation    m     largest distance from the line through the start along v_c0
+stopping_time        s     from the start of braking until the vehicle comes to rest
+peak_yaw_rate        rad/s largest magnitude from the start of braking on
+brake_switchings     1     changes of the enables while stopping, all wheels together
+brake_switchings.<w> 1     the same for wheel <w>
+fail_safe_share      1     of the stamps of braking until rest, those at which the assistant had
+                           a fault and put all brakes on; the most frequent one is noted
+twist_rmse           m/s   root mean square of the error vector of the odometry's velocity
+yaw_rate_rmse        rad/s the same for the yaw rate
+real_time_factor     1     simulated over elapsed time
+==================== ===== ===================================================================
+
+The odometry is compared with the truth at the control stamp where the brake assistant uses it,
+at every stamp of the run where it measured.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from omni_brake_assist.conditions import AssistState
+from omni_loop.history import RunHistory
+from omni_platform.quantities import FloatArray
+
+_NEVER_PRESSED = "the brake pedal is never pressed"
+_NO_REST = "the vehicle does not come to rest in this history"
+_NO_DIRECTION = "braking starts at a standstill, there is no direction of motion"
+_NO_ODOMETRY = "the odometry measured nothing"
+_NO_ENABLES = "there are no brake enables"
+_FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
+_NO_STATES = "there are no states of the brake assistant"
+_BRAKING_QUANTITIES = {
+    "stopping_distance": "m",
+    "path_length": "m",
+    "orientation_change": "deg",
+    "lateral_deviation": "m",
+    "stopping_time": "s",
+    "peak_yaw_rate": "rad/s",
+    "brake_switchings": "1",
+    "fail_safe_share": "1",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """One measured quantity.
+
+    Attributes:
+        value: what was measured, NaN where it has no meaning.
+        unit: SI symbol, ``deg`` or ``1``.
+        reference: the dissertation's figure, if there is one.
+        at_most: upper limit of the value, if there is one.
+        at_least: lower limit of the value, if there is one.
+        note: why the value is NaN, or what a reader should know of it; else empty.
+    """
+
+    value: float
+    unit: str
+    reference: float | None = None
+    at_most: float | None = None
+    at_least: float | None = None
+    note: str = ""
+
+    @property
+    def status(self) -> str:
+        """``met`` or ``missed`` (NaN misses every limit), empty without a limit."""
+        if self.at_most is None and self.at_least is None:
+            return ""
+        above = self.at_least is None or self.value >= self.at_least
+        below = self.at_most is None or self.value <= self.at_most
+        return "met" if above and below else "missed"
+
+
+@dataclasses.dataclass(frozen=True)
+class RestCriterion:
+    """When a vehicle has come to rest.
+
+    The tires are springs: a vehicle that stops rocks back and forth on them for a moment. It
+    comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
+    that from then on it never again exceeds the larger `rocking` limits. A vehicle that slows down
+    at a reaches this `speed` / a early (20 ms at 5 m/s^2).
+    A run ends by another rule, `omni_sim.run_progress.run_outcome`: while it goes on nobody knows
+    whether the vehicle will rock once more, so it must have stood still for a while.
+
+    Attributes:
+        speed: of `base_link` [m/s].
+        yaw_rate: magnitude [rad/s].
+        rocking_speed: speed that a vehicle at rest may still reach [m/s].
+        rocking_yaw_rate: yaw rate that it may still reach [rad/s].
+    """
+
+    speed: float = 0.1
+    yaw_rate: float = 0.1
+    rocking_speed: float = 0.4
+    rocking_yaw_rate: float = 0.4
+
+    def first_stamp(self, twist: FloatArray, start: int = 0) -> int | None:
+        """Return the index of the first stamp at rest, None if it moves to the end.
+
+        Args:
+            twist: body twists [m/s, m/s, rad/s], shape (T, 3).
+            start: index of the first stamp to consider.
+        """
+        speed = np.hypot(twist[:, 0], twist[:, 1])
+        yaw_rate = np.abs(twist[:, 2])
+        moving = (speed > self.rocking_speed) | (yaw_rate > self.rocking_yaw_rate)
+        moving_at = np.flatnonzero(moving[start:])
+        settled = start + (int(moving_at[-1]) + 1 if moving_at.size else 0)
+        slow = (speed[settled:] <= self.speed) & (yaw_rate[settled:] <= self.yaw_rate)
+        slow_at = np.flatnonzero(slow)
+        return settled + int(slow_at[0]) if slow_at.size else None
+
+
+def run_metrics(
+    history: RunHistory,
+    *,
+    rest: RestCriterion | None = None,
+) -> dict[str, Metric]:
+    """Measure a run; the module's table lists the quantities.
+
+    Args:
+        history: the run.
+        rest: when the vehicle counts as stopped.
+    """
+    metrics = _braking_metrics(history, rest or RestCriterion())
+    metrics |= _odometry_metrics(history)
+    metrics["real_time_factor"] = Metric(history.real_time_factor, "1")
+    return metrics
+
+
+def still_rolls(history: RunHistory) -> bool:
+    """Tell whether a vehicle moves at the end of its history though its pedal is down."""
+    start = history.brake_start
+    if start is None or not history.pedal[-1] > 0.0:
+        return False
+    return RestCriterion().first_stamp(history.twist, start) is None
+
+
+def results_document(
+    name: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]]
+) -> dict[str, Any]:
+    """Return the one document that every measuring command prints, ready for strict JSON.
+
+    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``,
+    which says both apart too.
+    Values that are not finite become None, and `note` says why where that is known.
+
+    Args:
+        name: of the experiment.
+        metrics_by_variant: what `run_metrics` returned, by variant.
+    """
+    entries: dict[str, dict[str, Any]] = {}
+    for variant, metrics in metrics_by_variant.items():
+        for key, metric in metrics.items():
+            quantity, _, wheel = key.partition(".")
+            case = f"{variant}_{wheel}" if wheel else variant
+            apart = {"variant": variant, "wheel": wheel} if wheel else {}
+            entries[f"{quantity}.{case}"] = results_entry(metric) | apart
+    return {"name": name, "metrics": entries}
+
+
+def results_entry(metric: Metric) -> dict[str, Any]:
+    """Return a metric as it stands in the document, None in place of what is not finite."""
+    entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
+    for name in ("reference", "at_most", "at_least"):
+        if (number := getattr(metric, name)) is not None:
+            entry[name] = _finite(number)
+    if metric.status:
+        entry["status"] = metric.status
+    if metric.note:
+        entry["note"] = metric.note
+    return entry
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metric]:
+    units = dict(_BRAKING_QUANTITIES)
+    units |= {f"brake_switchings.{wheel}": "1" for wheel in history.wheel_names}
+    start = history.brake_start
+    if start is None:
+        return {name: Metric(math.nan, unit, note=_NEVER_PRESSED) for name, unit in units.items()}
+    stop = rest.first_stamp(history.twist, start)
+    if stop is None:
+        return {name: Metric(math.nan, unit, note=_NO_REST) for name, unit in units.items()}
+
+    path = history.pose[start:, :2]
+    steps = np.diff(path, axis=0)
+    turned = float(history.pose[-1, 2] - history.pose[start, 2])
+    values = {
+        "stopping_distance": math.hypot(*(path[-1] - path[0])),
+        "path_length": float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))),
+        "orientation_change": abs(math.degrees(turned)),
+        "lateral_deviation": _lateral_deviation(path, history.velocity_world[start], rest),
+        "stopping_time": float(history.stamp_ns[stop] - history.stamp_ns[start]) * 1e-9,
+        "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
+    }
+    notes = {"lateral_deviation": _NO_DIRECTION}
+    # The period before the first braking one counts: a brake let go with the pedal is a change.
+    switchings = _switchings(history.enable[max(start - 1, 0) : stop + 1])
+    values["brake_switchings"] = float(np.sum(switchings))
+    notes["brake_switchings"] = _NO_ENABLES
+    for wheel, count in zip(history.wheel_names, switchings.tolist(), strict=True):
+        values[f"brake_switchings.{wheel}"] = count
+        notes[f"brake_switchings.{wheel}"] = _NO_ENABLES
+    metrics = {
+        name: Metric(value, units[name], note=notes.get(name, "") if math.isnan(value) else "")
+        for name, value in values.items()
+    }
+    return metrics | {"fail_safe_share": _fail_safe_share(history.assist_state[start : stop + 1])}
+
+
+def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) -> float:
+    """Return the largest distance [m] of a path (T, 2) from the line along v_c0 [m/s]."""
+    speed = math.hypot(*v_c0)
+    if speed <= rest.speed:
+        return math.nan
+    offset = path - path[0]
+    return float(np.max(np.abs(v_c0[0] * offset[:, 1] - v_c0[1] * offset[:, 0]))) / speed
+
+
+def _fail_safe_share(states: tuple[str, ...]) -> Metric:
+    """Return the share of the assistant's states while braking that are faults."""
+    if not any(states):
+        return Metric(math.nan, "1", note=_NO_STATES)
+    faults = Counter(state for state in states if state in _FAULTS)
+    if not faults:
+        return Metric(0.0, "1")
+    share = faults.total() / len(states)
+    worst, _ = faults.most_common(1)[0]
+    note = f"all brakes on for {share:.0%} of the braking, mostly for {worst.replace('_', ' ')}"
+    return Metric(share, "1", note=note)
+
+
+def _switchings(enable: FloatArray) -> FloatArray:
+    """Return how often each wheel's enable (T, N) changes, NaN for a wheel without enables."""
+    counts = np.full(enable.shape[1], np.nan)
+    for wheel in range(enable.shape[1]):
+        known = enable[np.isfinite(enable[:, wheel]), wheel]
+        if known.size:
+            counts[wheel] = np.count_nonzero(np.diff(known))
+    return counts
+
+
+def _odometry_metrics(history: RunHistory) -> dict[str, Metric]:
+    measured = history.measured
+    if not np.any(measured):
+        return {
+            "twist_rmse": Metric(math.nan, "m/s", note=_NO_ODOMETRY),
+            "yaw_rate_rmse": Metric(math.nan, "rad/s", note=_NO_ODOMETRY),
+        }
+    error = history.estimate[measured] - history.twist[measured]
+    square = np.mean(error**2, axis=0)
+    return {
+        "twist_rmse": Metric(math.sqrt(square[0] + square[1]), "m/s"),
+        "yaw_rate_rmse": Metric(math.sqrt(square[2]), "rad/s"),
+    }

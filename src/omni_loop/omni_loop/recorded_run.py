@@ -1,0 +1,212 @@
+"""A run read back from its rosbag2 folder, without ROS.
+
+Only the small topics are decoded, not the line batches, which make up nearly all of a bag.
+`ground_truth/odom` gives the control stamps; every other message belongs to the control stamp t_k
+with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its newest line, up to one line
+period older than the control stamp).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_loop.history import RunHistory
+from omni_platform import topics
+from omni_platform.quantities import FloatArray
+from omni_recording.error import BagError
+
+if TYPE_CHECKING:
+    from omni_recording.folder import Bag
+
+__all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
+
+
+_TOPICS = (
+    topics.GROUND_TRUTH,
+    topics.WHEEL_STATES,
+    topics.PEDAL,
+    topics.ENABLE,
+    topics.SLIDING,
+    topics.TWIST,
+    topics.DIAGNOSTICS,
+)
+_TYPES = {topic.name: topic.type for topic in _TOPICS}
+_TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = _TYPES
+_ASSISTANT = "brake_assist"  # the name of its status, after its namespace
+# A run without odometry or without brake assistant is still a run: their values become NaN.
+_REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
+
+# Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
+_VARIANCES = [0, 7, 35]
+
+
+@dataclasses.dataclass(frozen=True)
+class Stream:
+    """Messages of one topic in the order of their stamps."""
+
+    stamp_ns: NDArray[np.int64]
+    messages: tuple[Any, ...]
+
+
+def read_run(bag_folder: Path | str) -> RunHistory:
+    """Read the history of a run from a rosbag2 folder, whatever the namespace of its vehicle.
+
+    Values without a message (no enable in the last period, say) are NaN.
+
+    Args:
+        bag_folder: folder with ``metadata.yaml`` and the recording.
+
+    Raises:
+        BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
+    """
+    from omni_recording.folder import open_vehicle
+
+    bag = open_vehicle(bag_folder)
+    streams = read_streams(bag, _TYPES, _REQUIRED)
+    assistant = f"{bag.namespace}/{_ASSISTANT}".removeprefix("/")
+    try:
+        return _to_history(streams, assistant)
+    except (ValueError, IndexError) as error:
+        raise BagError(bag.path, f"does not hold one run: {error}") from error
+
+
+def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) -> dict[str, Stream]:
+    """Return the messages of some small topics by topic name below the vehicle's namespace.
+
+    Args:
+        bag: the recording of a vehicle.
+        types: of the topics, by name.
+        required: topics without which there is nothing to read.
+
+    Raises:
+        BagError: the bag cannot be read, lacks a topic, or one is of another type.
+    """
+    from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+    from omni_recording.folder import bag_messages, bag_summary
+
+    folder = bag.path
+    names = {f"/{name}": name for name in types}
+    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
+    found = {names[channel.topic]: channel.type_name for channel in channels}
+    missing = [f"/{name}" for name in required if name not in found]
+    if missing:
+        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
+    _require_types(folder, found, types)
+    decoder = MessageDecoder()
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    for recorded in bag_messages(bag):
+        name = names.get(recorded.channel.topic)
+        if name is None:
+            continue
+        _require_types(folder, {name: recorded.channel.type_name}, types)
+        try:
+            message = decoder.decode(recorded)
+        except DecodeError as error:
+            raise BagError(folder, f"{recorded.channel.topic}: {error}") from None
+        stamp_ns = header_stamp_ns(message)
+        if stamp_ns is None:
+            raise BagError(folder, f"{recorded.channel.topic} has no stamp")
+        messages.setdefault(name, []).append((stamp_ns, message))
+    for name in required:
+        if name not in messages:
+            raise BagError(folder, f"there is no message on /{name}")
+    return {name: _in_order(entries) for name, entries in messages.items()}
+
+
+def _require_types(folder: Path, found: Mapping[str, str], types: Mapping[str, str]) -> None:
+    for name, kind in found.items():
+        if kind != types[name]:
+            raise BagError(folder, f"/{name} is of type {kind}, must be {types[name]}")
+
+
+def _in_order(entries: list[tuple[int, Any]]) -> Stream:
+    entries.sort(key=lambda entry: entry[0])
+    stamps = np.array([stamp for stamp, _ in entries], dtype=np.int64)
+    return Stream(stamps, tuple(message for _, message in entries))
+
+
+def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
+    truth = streams[_TRUTH]
+    stamps = truth.stamp_ns
+    if np.any(np.diff(stamps) == 0):
+        raise ValueError("stamps of the ground truth repeat, is it more than one run?")
+    wheel_names = tuple(streams[_WHEELS].messages[0].name)
+    wheels = len(wheel_names)
+
+    def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
+        return _sampled(stamps, streams.get(topic), width, values)
+
+    def by_wheel(topic: str, field: str) -> FloatArray:
+        return sampled(topic, wheels, lambda message: ordered(message, field, wheel_names))
+
+    orientations = [message.pose.pose.orientation for message in truth.messages]
+    return RunHistory.from_quaternions(
+        wheel_names=wheel_names,
+        stamp_ns=stamps,
+        position=[(m.pose.pose.position.x, m.pose.pose.position.y) for m in truth.messages],
+        orientation=[(entry.z, entry.w) for entry in orientations],
+        twist=[planar_twist(message.twist.twist) for message in truth.messages],
+        wheel_angle=by_wheel(_WHEELS, "position"),
+        wheel_speed=by_wheel(_WHEELS, "velocity"),
+        brake_torque=by_wheel(_WHEELS, "effort"),
+        enable=by_wheel(_ENABLE, "effort"),
+        error=by_wheel(_ERROR, "velocity"),
+        pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
+        estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
+        estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
+        assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
+    )
+
+
+def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
+    """Return the assistant's state at each control stamp; it holds until the next report."""
+    states = [""] * len(stamps)
+    for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if status.name == assistant and "state" in values:
+                first = int(np.searchsorted(stamps, stamp_ns, side="left"))
+                states[first:] = [values["state"]] * (len(stamps) - first)
+    return states
+
+
+def _sampled(
+    stamps: NDArray[np.int64],
+    stream: Stream | None,
+    width: int,
+    values: Callable[[Any], Any],
+) -> FloatArray:
+    """Return one row of values per control stamp, NaN where there is no message."""
+    rows = np.full((len(stamps), width), np.nan)
+    if stream is None:
+        return rows
+    # t_{k-1} < stamp <= t_k; a later message of the same period replaces an earlier one.
+    places = np.searchsorted(stamps, stream.stamp_ns, side="left")
+    for place, message in zip(places.tolist(), stream.messages, strict=True):
+        if place < len(stamps):
+            rows[place] = values(message)
+    return rows
+
+
+def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
+    """Return a JointState field in the order of the wheels."""
+    values: FloatArray = getattr(message, field)
+    if list(message.name) == list(wheel_names):
+        if len(values) != len(wheel_names):
+            raise ValueError(f"{len(values)} values of {field} for {len(wheel_names)} wheels")
+        return values
+    if sorted(message.name) != sorted(wheel_names) or len(values) != len(wheel_names):
+        raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
+    order = [message.name.index(name) for name in wheel_names]
+    return values[order]
+
+
+def planar_twist(twist: Any) -> tuple[float, float, float]:
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs Twist."""
+    return twist.linear.x, twist.linear.y, twist.angular.z

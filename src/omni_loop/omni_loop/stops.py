@@ -1,0 +1,61 @@
+"""The stops of a recorded drive: each is a run of its own, from the pedal to rest."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_loop.history import SIGNALS, RunHistory
+from omni_loop.metrics import RestCriterion
+
+_BEFORE, _AFTER = 1_000_000_000, 500_000_000  # [ns] that are shown around a stop
+_MOVING = 0.2  # [m/s] and [rad/s] below which pressing the pedal is parking
+
+
+def cut(history: RunHistory, first: int, last: int) -> RunHistory:
+    """Return the part of a history from one index to another, both included."""
+    part = slice(first, last + 1)
+    signals = {name: getattr(history, name)[part].copy() for name in SIGNALS}
+    return dataclasses.replace(history, assist_state=history.assist_state[part], **signals)
+
+
+def stops_of(history: RunHistory, rest: RestCriterion | None = None) -> tuple[RunHistory, ...]:
+    """Return the stops of a history, in order.
+
+    A stop begins when the pedal goes down in motion and ends at rest with the pedal still down;
+    it is shown from a second before until half a second after. Slowing down is none, and parked
+    time belongs to none. A history with one stop that begins in motion, as a scripted run does,
+    is returned as it is, and so is one without.
+
+    Args:
+        history: of a run or a drive.
+        rest: when the vehicle counts as stopped.
+    """
+    spans = _spans(history, rest or RestCriterion())
+    if not spans or (len(spans) == 1 and _moves(history, 0)):
+        return (history,)
+    return tuple(cut(history, first, last) for first, last in spans)
+
+
+def _moves(history: RunHistory, index: int) -> bool:
+    twist = history.twist[index]
+    return math.hypot(twist[0], twist[1]) > _MOVING or abs(twist[2]) > _MOVING
+
+
+def _spans(history: RunHistory, rest: RestCriterion) -> list[tuple[int, int]]:
+    """Return the first and last index of each stop."""
+    stamps = history.stamp_ns
+    pressed = np.concatenate(([False], history.pedal > 0.0, [False]))
+    downs = np.flatnonzero(pressed[1:] & ~pressed[:-1])
+    ups = np.flatnonzero(pressed[:-1] & ~pressed[1:])
+    spans, free = [], 0
+    for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
+        still = rest.first_stamp(history.twist[:up], down) if _moves(history, down) else None
+        if still is not None:
+            first = int(np.searchsorted(stamps, stamps[down] - _BEFORE))
+            last = int(np.searchsorted(stamps, stamps[still] + _AFTER, side="right")) - 1
+            spans.append((max(free, first), min(max(last, still), up - 1)))
+        free = up
+    return spans

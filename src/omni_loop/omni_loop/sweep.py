@@ -1,0 +1,102 @@
+"""Sweeps: the same experiment with one value of a key after the other, in one process.
+
+``vehicle.load.mass=0,100,250`` stands for three values; several such texts for every combination.
+A run gives the same bits as one over the graph.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+from omni_loop.experiment import ExperimentConfiguration, load_yaml
+from omni_loop.history import RunHistory
+from omni_loop.metrics import Metric, run_metrics
+from omni_platform.configuration import ConfigurationError
+
+MOST = 1000
+"""Runs of a sweep at most."""
+
+SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
+"""What table and picture of a sweep tell."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SweptRun:
+    """One run of a sweep.
+
+    Attributes:
+        variant: of the experiment.
+        values: of the swept keys, as texts.
+        metrics: by quantity.
+    """
+
+    variant: str
+    values: Mapping[str, str]
+    metrics: Mapping[str, Metric]
+
+
+def is_swept(override: str) -> bool:
+    """Tell whether a ``dotted.key=value`` text stands for several values."""
+    _, _, value = override.partition("=")
+    return "," in value and not value.lstrip().startswith(("[", "{", '"', "'"))
+
+
+def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tuple[str, ...]]]:
+    """Yield the values of the swept keys and the overrides that set them, for each combination.
+
+    Raises:
+        ConfigurationError: a value is missing, or there are more than `MOST` combinations.
+    """
+    choices: list[list[tuple[str, str, bool]]] = []
+    count = 1
+    for text in overrides:
+        key, _, value = text.partition("=")
+        swept = is_swept(text)
+        values = [part.strip() for part in value.split(",")] if swept else [value]
+        if swept and not all(values):
+            raise ConfigurationError(key, f"{value[:80]!r} lacks a value between commas")
+        count *= len(values)
+        choices.append([(key.strip(), one, swept) for one in values])
+    if count > MOST:
+        raise ConfigurationError("--set", f"{count} combinations, at most {MOST} are swept")
+    for chosen in itertools.product(*choices):
+        values_of = {key: value for key, value, swept in chosen if swept}
+        yield values_of, tuple(f"{key}={value}" for key, value, _ in chosen)
+
+
+def sweep(
+    configurations: Sequence[tuple[str, Mapping[str, str], ExperimentConfiguration]],
+    report: Callable[[float, str], None],
+) -> list[SweptRun]:
+    """Run them all.
+
+    Args:
+        configurations: variant, values of the swept keys, and the loop.
+        report: takes the share done and words.
+    """
+    results = []
+    for done, (variant, values, configuration) in enumerate(configurations):
+        words = ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in values.items())
+        report(done / len(configurations), f"{variant}, {words}")
+        metrics = run_metrics(_run(configuration))
+        kept = {key: metric for key, metric in metrics.items() if key != "real_time_factor"}
+        results.append(SweptRun(variant, values, kept))
+    return results
+
+
+def _run(configuration: ExperimentConfiguration) -> RunHistory:
+    # What is no sweep starts without them.
+    from omni_loop.compiled import run_fast_loop
+    from omni_loop.loop import run_closed_loop
+
+    if configuration.feedback == "velocity_sensor" and not configuration.simulation.render_lines:
+        return run_fast_loop(configuration).history()
+    return run_closed_loop(configuration)
+
+
+def number(text: str) -> float | None:
+    """Return the number that a value is, None for a word."""
+    value = load_yaml(text)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

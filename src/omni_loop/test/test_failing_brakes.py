@@ -1,0 +1,108 @@
+"""Stops with a brake that fails, beside the same stops without the assistant."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_sim.vehicle.configuration import WheelCondition
+
+LIBRARY = ExperimentLibrary(Path(__file__).parents[3] / "config")
+BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false", "encoders.resolution=4096")
+FORWARD: tuple[str, ...] = ()
+SLANTED = ("maneuver.direction_deg=30", "maneuver.speed=8")
+ASIDE = ("maneuver.direction_deg=90", "maneuver.speed=6")
+DIAGONAL = ("maneuver.direction_deg=-135", "maneuver.speed=6")
+SIX = ("vehicle=six_wheel_mecanum", "maneuver.speed=6")
+MECANUM = ("rear_left", "front_left", "front_right", "rear_right")
+
+
+def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun, FastRun]:
+    """Return a stop on which a brake fails, unassisted and assisted."""
+    base = LIBRARY.load("straight_line", "assisted", [*BLIND, *changes])
+    vehicle = dataclasses.replace(base.vehicle, conditions={wheel: WheelCondition(**fails)})
+    unassisted, assisted = (
+        run_fast_loop(
+            dataclasses.replace(
+                base,
+                vehicle=vehicle,
+                brake_assist=dataclasses.replace(base.brake_assist, enabled=enabled),
+            )
+        )
+        for enabled in (False, True)
+    )
+    return unassisted, assisted
+
+
+@pytest.mark.safety(
+    "a brake does not do what it is told",
+    "likewise, in the closed loop: any wheel of four, some of six, four directions, 6 to 10 m/s",
+    "the stop is not longer than unassisted by more than 15 %, and turns as that does",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("changes", "wheel"),
+    [(changes, wheel) for changes in (FORWARD, SLANTED, ASIDE, DIAGONAL) for wheel in MECANUM]
+    + [(SIX, wheel) for wheel in ("front_left", "middle_right", "rear_right")],
+)
+def test_a_stop_with_a_dead_brake_is_not_worse_than_unassisted(
+    changes: tuple[str, ...], wheel: str
+) -> None:
+    unassisted, assisted = stops(changes, wheel, brake=0.0)
+    assert assisted.stopped
+    assert assisted.stopping_distance <= 1.15 * unassisted.stopping_distance
+    assert assisted.orientation_change <= 1.2 * unassisted.orientation_change + 5.0
+
+
+SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
+
+
+@pytest.mark.safety(
+    "a brake does not do what it is told",
+    "a brake without torque, valve stuck or brake stuck, under `allocation`",
+    "monitor of the brakes, or the law: up to 1.5 times the distance unassisted, 20 deg more",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("fails", [{"brake": 0.0}, {"open_valve": 1.0}, {"stuck_brake": 0.5}])
+@pytest.mark.parametrize(
+    ("changes", "wheel"),
+    [
+        (FORWARD, "front_right"),
+        (SLANTED, "rear_right"),
+        (ASIDE, "front_left"),
+        (SIX, "front_right"),
+    ],
+)
+def test_allocation_with_a_brake_that_fails_is_not_far_from_unassisted(
+    changes: tuple[str, ...], wheel: str, fails: dict[str, float]
+) -> None:
+    unassisted, assisted = stops((*changes, *SHARES), wheel, **fails)
+    assert assisted.stopped
+    assert assisted.stopping_distance <= 1.5 * unassisted.stopping_distance
+    assert assisted.orientation_change <= unassisted.orientation_change + 20.0
+
+
+@pytest.mark.parametrize("wheel", MECANUM)
+def test_a_brake_that_pulls_a_quarter_is_helped_like_a_good_one(wheel: str) -> None:
+    _, assisted = stops(FORWARD, wheel, brake=0.25)
+    assert assisted.orientation_change < 10.0
+
+
+@pytest.mark.safety(
+    "a brake does not do what it is told",
+    "a valve that cannot release, a brake that is stuck",
+    "the law brakes with the others: up to 1.5 times the distance unassisted, 15 deg more",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("changes", [FORWARD, SLANTED, ASIDE, DIAGONAL])
+@pytest.mark.parametrize("fails", [{"open_valve": 1.0}, {"stuck_brake": 0.5}])
+@pytest.mark.parametrize("wheel", ["rear_left", "front_right"])
+def test_a_brake_that_cannot_release_costs_a_share_of_the_way(
+    changes: tuple[str, ...], fails: dict[str, float], wheel: str
+) -> None:
+    unassisted, assisted = stops(changes, wheel, **fails)
+    assert assisted.stopped
+    assert assisted.stopping_distance <= 1.5 * unassisted.stopping_distance
+    assert assisted.orientation_change <= unassisted.orientation_change + 15.0

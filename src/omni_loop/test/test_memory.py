@@ -1,0 +1,58 @@
+"""Long campaigns keep their memory: compiled kernels free every array that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core.runtime import _nrt_python, rtsys
+
+from linescan_odometry.registry import make_odometry
+from omni_brake_assist.configuration import LAWS
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import LineEstimator
+from omni_sim.simulator import Simulator
+
+LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
+SENSOR = ("feedback=velocity_sensor", "simulation.render_lines=false")
+
+
+def _kept(work: Callable[[], object], times: int) -> int:
+    """Return how many arrays of kernels are still there after repeated work."""
+    work()  # what is made once is no leak
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for _ in range(times):
+            work()
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    made, freed = after.mi_alloc - before.mi_alloc, after.mi_free - before.mi_free
+    return int(made - freed)
+
+
+@pytest.mark.parametrize("brakes", ["proportional", "on_off"])
+@pytest.mark.parametrize("law", LAWS)
+def test_stops_keep_no_memory(law: str, brakes: str) -> None:
+    changes = (*SENSOR, f"brake_assist.law={law}", f"vehicle.brake.kind={brakes}")
+    configuration = LIBRARY.load("small_stop", "assisted", changes)
+    assert _kept(lambda: run_fast_loop(configuration), 250) <= 0  # 500 of every law
+
+
+def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:
+    configuration = LIBRARY.load("small_stop", "assisted")
+    simulator = Simulator(configuration)
+    odometry = LineEstimator(make_odometry("", configuration.odometry))
+    enable = np.ones(len(configuration.vehicle.wheels))
+
+    def step() -> None:
+        odometry.estimate(simulator.observe())
+        simulator.advance(enable)
+
+    for _ in range(30):  # buffers fill up
+        step()
+    assert _kept(step, 100) <= 20  # what the last results hold

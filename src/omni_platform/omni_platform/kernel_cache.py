@@ -1,0 +1,143 @@
+"""A cache of compiled kernels that notices every change of what a kernel was compiled from.
+
+numba compares the text of the file that a kernel is in. It therefore misses a changed function or
+constant from another file, and compiles again after an edit of a comment. Here the name of a cached
+file contains a digest of the kernel's bytecode and options and of all functions, constants and
+tuple classes that it refers to, directly or not. Several versions of a kernel may be in the cache.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import enum
+import functools
+import hashlib
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
+
+_LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
+_DEPTH = 3  # of modules in modules, as in numpy.linalg
+_KEPT_VERSIONS = 3  # of a kernel on disk, so that going back to another branch compiles nothing
+
+
+class KernelCache(FunctionCache):
+    """numba's cache, with a digest instead of a line number in the names of its files."""
+
+    def __init__(self, dispatcher: Dispatcher) -> None:
+        super().__init__(dispatcher.py_func)
+        self._dispatcher = dispatcher
+        del self._cache_file  # until the first call, when all that the kernel refers to is defined
+
+    @functools.cached_property
+    def _cache_file(self) -> IndexDataCacheFile:
+        digest = kernel_digest(self._dispatcher)[:16]
+        version = f"{digest}.py{sys.version_info[0]}{sys.version_info[1]}"
+        return IndexDataCacheFile(self._cache_path, f"{self._prefix()}{version}", digest)
+
+    def _prefix(self) -> str:
+        name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
+        return re.sub("[<>]", "", name) + "-"
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super()._load_overload(sig, target_context)
+        except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
+            self.flush()
+            return None
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        super()._save_overload(sig, data)
+        folder = Path(self._cache_path)
+        with contextlib.suppress(FileNotFoundError):  # another process deletes them, too
+            versions = sorted(folder.glob(f"{self._prefix()}*.nbi"), key=os.path.getmtime)
+            for index in versions[:-_KEPT_VERSIONS]:
+                for file in folder.glob(f"{index.stem}.*"):
+                    file.unlink()
+
+
+def kernel_digest(dispatcher: Dispatcher) -> str:
+    """Return a digest of all that a kernel is compiled from, but for the types of its arguments."""
+    reached: dict[FunctionType, str] = {}
+    pending: list[FunctionType] = []
+    root = _describe(dispatcher, pending)
+    while pending:
+        function = pending.pop()
+        if function not in reached:
+            reached[function], callees = _describe_function(function)
+            pending += callees
+    return hashlib.sha256("\n".join([root, *sorted(reached.values())]).encode()).hexdigest()
+
+
+@functools.cache
+def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]:
+    """Describe a function without those that it refers to, and return these."""
+    callees: list[FunctionType] = []
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    names = sorted(set(_names(function.__code__)))
+    parts = [_describe(value, callees) for value in (function.__defaults__, cells)]
+    parts += _describe_names(names, function.__globals__, callees)
+    code = _describe(function.__code__, callees).replace(repr(function.__doc__), "")
+    return f"{function.__module__}.{function.__qualname__} {code} {parts}", callees
+
+
+def _describe_names(
+    names: list[str], values: dict[str, Any], callees: list[FunctionType], depth: int = 0
+) -> Iterator[str]:
+    for name in names:
+        value = values.get(name)
+        if isinstance(value, ModuleType) and depth < _DEPTH:  # of which an attribute may be meant
+            yield from _describe_names(names, vars(value), callees, depth + 1)
+        elif name in values:
+            yield f"{name}={_describe(value, callees)}"
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
+    """Return a text that changes with a value; append the functions in it to `callees`."""
+    if isinstance(value, Dispatcher):
+        callees.append(value.py_func)
+        return f"{value.py_func.__qualname__} {_describe(value.targetoptions, callees)}"
+    if isinstance(value, _Intrinsic):
+        value = value._defn
+    if isinstance(value, FunctionType):
+        module = value.__module__
+        if module.partition(".")[0] not in _LIBRARIES:
+            # Compiled otherwise than it is written: overloads of it are in the same module.
+            others = vars(sys.modules[module]).values()
+            functions = [other for other in others if isinstance(other, FunctionType)]
+            callees += [value, *(f for f in functions if f.__module__ == module)]
+        return f"{module}.{value.__qualname__}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, CodeType):
+        constants = [_describe(constant, callees) for constant in value.co_consts]
+        return f"{value.co_code.hex()} {value.co_names} {value.co_varnames} {constants}"
+    if isinstance(value, type):
+        content = list(value) if issubclass(value, enum.Enum) else getattr(value, "_fields", "")
+        return f"{value.__module__}.{value.__qualname__} {content}"
+    if dataclasses.is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, dict):
+        value = tuple(value.items())
+    if isinstance(value, (tuple, list)):
+        return f"{type(value).__qualname__} {[_describe(item, callees) for item in value]}"
+    if isinstance(value, (set, frozenset)):
+        return repr(sorted(map(repr, value)))
+    return re.sub(" at 0x[0-9a-f]+", "", repr(value))

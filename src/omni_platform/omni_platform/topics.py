@@ -1,0 +1,74 @@
+"""The topics of a vehicle: name, message type, publisher and durability of each, in one place.
+
+All have reliable delivery unless the receiving node's ``qos`` parameter relaxes it; see
+`omni_ros.qos` for depths.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+IMAGE = "sensor_msgs/msg/Image"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
+
+
+class Topic(NamedTuple):
+    """A topic in the namespace of a vehicle.
+
+    Attributes:
+        name: relative to the namespace.
+        type: of its messages.
+        publisher: the node that publishes it.
+        latched: whether the last message is kept for subscriptions that come later.
+    """
+
+    name: str
+    type: str
+    publisher: str
+    latched: bool = False
+
+    @property
+    def path(self) -> str:
+        """The name of the topic of a vehicle without a namespace."""
+        return f"/{self.name}"
+
+
+CLOCK = Topic("clock", CLOCK_TYPE, "simulator")
+DIAGNOSTICS = Topic("diagnostics", DIAGNOSTICS_TYPE, "every node")
+WHEEL_STATES = Topic("wheel_states", JOINT_STATE, "simulator")
+IMU = Topic("imu", "sensor_msgs/msg/Imu", "simulator")
+PEDAL = Topic("brake/pedal", JOINT_STATE, "simulator")
+COMMAND = Topic("driver/command", "geometry_msgs/msg/TwistStamped", "simulator")
+"""The velocity that the drive follows."""
+VELOCITY_SENSOR = Topic("velocity_sensor/twist", TWIST_WITH_COVARIANCE, "simulator")
+GROUND_TRUTH = Topic("ground_truth/odom", ODOMETRY, "simulator")
+MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", "simulator")
+TWIST = Topic("odometry/twist", TWIST_WITH_COVARIANCE, "linescan_odometry")
+SIDESLIP = Topic("odometry/sideslip", JOINT_STATE, "linescan_odometry")
+ODOM = Topic("odom", ODOMETRY, "linescan_odometry")
+ENABLE = Topic("brake/enable", JOINT_STATE, "brake_assist")
+SLIDING = Topic("brake_assist/error", JOINT_STATE, "brake_assist")
+"""The sliding variable of each wheel [m/s]."""
+TEST_RATIOS = Topic("brake_assist/test_ratios", JOINT_STATE, "brake_assist")
+"""Normalised innovations of fault detection over their gates [1]."""
+
+
+def lines(sensor: str) -> Topic:
+    """Return the topic of a line camera's lines."""
+    return Topic(f"line_scan/{sensor}/lines", IMAGE, "simulator")
+
+
+def camera_info(sensor: str) -> Topic:
+    """Return the topic of a line camera's description."""
+    return Topic(
+        f"line_scan/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "simulator", latched=True
+    )
+
+
+def flow(sensor: str) -> Topic:
+    """Return the topic of an optical-flow sensor's velocity."""
+    return Topic(f"flow/{sensor}/twist", TWIST_WITH_COVARIANCE, "simulator")

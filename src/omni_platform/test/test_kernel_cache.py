@@ -1,0 +1,138 @@
+"""A kernel is compiled again exactly when something that it is compiled from has changed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+KERNEL = '''
+"""Kernels over two files."""
+from typing import NamedTuple
+import moved, shared
+from omni_platform.kernels import kernel
+from shared import Gains, tuned
+
+class Own(NamedTuple):
+    value: float
+
+@kernel
+def outer(x):
+    """Return a number."""
+    return shared.times(x) + tuned(x) + Gains(x, 3.0).offset + shared.LIMITS[1]
+
+@kernel
+def unrelated(x):
+    return x - 1.0
+
+@kernel
+def of_tuple(pair):
+    return pair.value
+'''
+SHARED = """
+from typing import NamedTuple
+from numba.extending import overload
+from omni_platform.kernels import kernel
+
+LIMITS = (1.0, 2.0)
+
+class Gains(NamedTuple):
+    gain: float
+    offset: float
+
+@kernel
+def times(x):
+    return 2.0 * x
+
+def tuned(x):
+    pass
+
+@overload(tuned)
+def _tuned(x):
+    return lambda x: 100.0 * x
+"""
+MOVED = """
+from typing import NamedTuple
+
+class Pair(NamedTuple):
+    value: float
+"""
+CALL = """
+import kernel
+pair = getattr(kernel.moved, "Pair", kernel.Own)
+print(kernel.outer(1.0), kernel.unrelated(1.0), kernel.of_tuple(pair(5.0)))
+for compiled in (kernel.outer, kernel.unrelated, kernel.of_tuple):
+    print(*(["cached"] if compiled.stats.cache_hits else ["compiled"]))
+"""
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with modules, and their kernels compiled."""
+    folder = tmp_path_factory.mktemp("modules")
+    for name, text in (("kernel", KERNEL), ("shared", SHARED), ("moved", MOVED)):
+        (folder / f"{name}.py").write_text(text)
+    assert call(folder) == ["107.0 0.0 5.0", "compiled", "compiled", "compiled"]
+    return folder
+
+
+@pytest.fixture
+def folder(first: Path) -> Iterator[Path]:
+    """Return the folder with modules and cache as they were at first."""
+    contents = {path: path.read_bytes() for path in first.rglob("*.*")}
+    yield first
+    for path in set(first.rglob("*.*")) - set(contents):
+        path.unlink()
+    for path, content in contents.items():
+        path.write_bytes(content)
+
+
+def call(folder: Path) -> list[str]:
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "PYTHONPATH": f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    environment.pop("PYTHONHASHSEED", None)  # a digest must not depend on it
+    done = subprocess.run(
+        [sys.executable, "-c", CALL], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "result"),
+    [
+        ("shared", "2.0 * x", "4.0 * x", "109.0"),
+        ("shared", "(1.0, 2.0)", "(1.0, 4.0)", "109.0"),
+        ("shared", "gain: float\n    offset", "offset: float\n    gain", "105.0"),
+        ("shared", "100.0 * x", "102.0 * x", "109.0"),
+        ("kernel", "tuned(x) +", "tuned(x) + 2.0 +", "109.0"),
+    ],
+    ids=["callee", "constant", "fields", "overload", "kernel"],
+)
+def test_an_edit_reaches_the_kernels_that_use_it(
+    folder: Path, name: str, old: str, new: str, result: str
+) -> None:
+    path = folder / f"{name}.py"
+    path.write_text(path.read_text().replace(old, new))
+    assert call(folder) == [f"{result} 0.0 5.0", "compiled", "cached", "cached"]
+
+
+def test_kernels_are_kept_otherwise(folder: Path) -> None:
+    path = folder / "kernel.py"
+    text = path.read_text().replace('"""Kernels', 'import os\n\nUNUSED = 1\n"""Kernels')
+    path.write_text(text.replace("Return a number", "Return the number").replace("x - 1", "x - 2"))
+    # Another line, docstring and neighbour are nothing to `outer`.
+    assert call(folder) == ["107.0 -1.0 5.0", "cached", "compiled", "cached"]
+
+
+def test_a_kernel_called_with_a_class_that_is_gone(folder: Path) -> None:
+    (folder / "moved.py").write_text("")
+    assert call(folder) == ["107.0 0.0 5.0", "cached", "cached", "compiled"]

@@ -1,0 +1,53 @@
+"""Topics that must have one publisher: of two, a subscriber cannot know which is valid."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's, of who has just come
+_PERIOD = 0.1  # [s] between two checks of the graph; what a subscription is matched with costs less
+
+
+class PublisherGuard:
+    """Watches topics for a second publisher.
+
+    Args:
+        node: whose view of the graph counts.
+        subscribed: subscriptions that must have one publisher.
+        published: publishers that must be the only ones of their topics.
+    """
+
+    def __init__(
+        self, node: Node, subscribed: Sequence[Subscription], published: Sequence[Publisher] = ()
+    ) -> None:
+        self._node = node
+        self._subscribed = subscribed
+        self._published = published
+        self._looked = -_PERIOD
+        self._rival: str | None = None
+
+    def second(self) -> str | None:
+        """Return a sentence about a topic with more than one publisher, None if there is none."""
+        for subscription in self._subscribed:
+            if subscription.get_publisher_count() > 1:
+                return self._sentence(subscription.topic_name)
+        now = time.monotonic()
+        if now - self._looked >= _PERIOD:
+            self._looked = now
+            topics = (publisher.topic_name for publisher in self._published)
+            rivals = (topic for topic in topics if self._node.count_publishers(topic) > 1)
+            self._rival = next(map(self._sentence, rivals), None)
+        return self._rival
+
+    def _sentence(self, topic: str) -> str:
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        names = sorted(
+            f"{s.node_namespace.rstrip('/')}/{s.node_name}".replace(_NAMELESS, "one without a name")
+            for s in publishers
+        )
+        return f"{topic} has more than one publisher: {', '.join(names)}; it must have one alone"

@@ -1,0 +1,114 @@
+"""Batches of lines that the cameras expose along a trajectory, rendered in the background."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+
+from omni_platform.aside import aside
+from omni_platform.quantities import FloatArray
+from omni_platform.signals import LineBatch
+from omni_sim.camera.camera import LineCameraArray
+from omni_sim.camera.clock import LineClock
+from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
+
+
+@dataclasses.dataclass(frozen=True)
+class _Exposure:
+    """How a camera moved while it took a batch of m lines.
+
+    Attributes:
+        stamp_ns: of the newest line [ns].
+        poses: of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
+        velocities: rates of these, None where they do not blur.
+    """
+
+    stamp_ns: int
+    poses: FloatArray
+    velocities: FloatArray | None
+
+
+class LineExposures:
+    """The lines of all cameras, period by period.
+
+    Attributes:
+        cameras: that take them.
+    """
+
+    def __init__(self, cameras: LineCameraArray, step_ns: float, *, blurred: bool) -> None:
+        """Start the clocks of the cameras.
+
+        Args:
+            cameras: that take the lines.
+            step_ns: time between two rows of a trajectory [ns].
+            blurred: whether an exposure lasts so long that motion blurs the line.
+        """
+        self.cameras = cameras
+        self._step_ns = step_ns
+        self._blurred = blurred
+        rates = {camera.sensor.line_rate for camera in cameras.cameras.values()}
+        self._clocks = {rate: LineClock(rate) for rate in rates}
+        self._batches = _Batches({}, self._render)
+
+    def complete(self) -> None:
+        """Render the lines that were exposed and not asked for: the cameras count their lines."""
+        for name in self._batches:
+            self._batches[name]
+
+    def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
+        """Return the lines of every camera with times in (start, end]; `complete` comes first.
+
+        Args:
+            trajectory: from `Vehicle.advance`, shape (n + 1, 6).
+            start_ns: time of its first row, -1 for the line at time 0 as well [ns].
+            end_ns: of its last row [ns].
+        """
+        taken: dict[float, _Exposure] = {}
+        for rate, clock in self._clocks.items():
+            first, last = clock.lines_in(start_ns, end_ns)
+            times = clock.times_ns(first, last)
+            along = (trajectory, max(start_ns, 0), self._step_ns, times)
+            poses, velocities = interpolate_poses(*along), None
+            if self._blurred:
+                velocities = interpolate_velocities(*along)
+            taken[rate] = _Exposure(clock.stamp_ns(last - 1), poses, velocities)
+        cameras = self.cameras.cameras.items()
+        exposures = {name: taken[camera.sensor.line_rate] for name, camera in cameras}
+        self._batches = _Batches(exposures, self._render)
+        return self._batches
+
+    def _render(self, name: str, exposure: _Exposure) -> LineBatch:
+        lines = self.cameras.render_next(name, exposure.poses, exposure.velocities)
+        return LineBatch(exposure.stamp_ns, lines)
+
+
+class _Batches(Mapping[str, LineBatch]):
+    """Batches of the cameras, the first rendered when it is asked for, the others meanwhile.
+
+    A subscriber can match one batch while the next is rendered.
+    """
+
+    def __init__(
+        self,
+        exposures: Mapping[str, _Exposure],
+        render: Callable[[str, _Exposure], LineBatch],
+    ) -> None:
+        # The last one first: whoever asks in turn begins at the other end.
+        self._rendering = {
+            name: aside(partial(render, name, exposures[name]))
+            for name in reversed(tuple(exposures))
+        }
+        self._names = tuple(exposures)
+        self._made: dict[str, LineBatch] = {}
+
+    def __getitem__(self, name: str) -> LineBatch:
+        if name not in self._made:
+            self._made[name] = self._rendering[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)

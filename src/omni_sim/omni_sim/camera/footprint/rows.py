@@ -1,0 +1,277 @@
+"""Adds the rows of texels under a line onto columns along the line.
+
+A row's shift against the middle row is rounded to a quarter texel: its whole part moves the row,
+its fraction chooses one of four accumulators, here called classes. Rows that a column covers in
+part, along the two long sides of the footprint, are added with weights.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_platform.kernels import njit
+from omni_platform.quantities import Int8Array, Int16Array, Int32Array, IntArray
+from omni_sim.camera.footprint import blocks
+from omni_sim.camera.footprint.blocks import BLOCK
+
+POINT = 24
+"""Binary places of fixed-point positions."""
+
+ONE = 1 << POINT
+"""A texel, as a fixed-point position."""
+
+WEIGHT_BITS = 8
+"""Binary places of the weights of partly covered rows."""
+
+CLASSES = 4
+"""Accumulators, one for each quarter of a texel; the code is written for 4."""
+
+HALF = CLASSES // 2
+"""Class of the rows without a fractional shift."""
+
+GROUP = 4
+"""Rows added at a time."""
+
+_SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 255
+_EDGE_COLUMNS = 16  # of one step along the long sides
+_BLOCKS = ~(BLOCK - 1)  # of a column: the first one of its block
+_LEVEL = 20  # binary places that stand for infinity where rows and columns run alike
+# Indices as unsigned numbers, which spare the checks for negative ones.
+_0, _1, _2, _3, _8 = (np.uint64(i) for i in (0, 1, 2, 3, 8))
+
+
+class Placement(NamedTuple):
+    """Places of the rows of texels under a line.
+
+    Attributes:
+        first: the first row, in the texture or in its mirror image.
+        downwards: whether it is the mirror image.
+        column: that the columns count from, within the period.
+        ahead: by which the first row is ahead of the middle one [quarter texels, fixed point].
+        ahead_per_row: by which each row is ahead of the one before.
+    """
+
+    first: int
+    downwards: bool
+    column: int
+    ahead: int
+    ahead_per_row: int
+
+
+class Cover(NamedTuple):
+    """Column c covers rows ``low + c climb .. low + c climb + height`` [rows, fixed point]."""
+
+    low: int
+    climb: int
+    height: int
+
+
+class Rows(NamedTuple):
+    """Rows of texels under a line; behind the last one there is room for a row of no columns.
+
+    Attributes:
+        offsets: for each row the place of column 0 in the texture.
+        starts: the first column that each row covers in full.
+        ends: the column behind the last one.
+        classes: of their fractional shifts.
+        listed: rows that cover any column, for each class.
+        used: how many these are.
+    """
+
+    offsets: IntArray
+    starts: IntArray
+    ends: IntArray
+    classes: IntArray
+    listed: IntArray
+    used: IntArray
+
+
+@njit(cache=True, nogil=True)
+def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
+    """Set each row's place of column 0 in the texture, and the class of its fractional shift."""
+    row_0, downwards, origin, ahead, ahead_per_row = placement
+    offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
+    row = row_0 % texels
+    if downwards:
+        row = texels - 1 - row
+    step = -1 if downwards else 1
+    begin = 0
+    while begin < len(offsets):  # up to where the texture begins anew
+        stop = min(len(offsets), begin + (row + 1 if downwards else texels - row))
+        here, kinds = offsets[begin:stop], classes[begin:stop]
+        for j in range(len(here)):
+            at = row + step * j
+            # Half a texel too many, so that classes are centred on zero. Rounding every row to the
+            # nearest would shift many neighbours alike at small slopes; four rows rounded
+            # differently even out.
+            quarters = (ahead + ahead_per_row * j + _rounding(at)) >> POINT
+            kinds[j] = quarters & (CLASSES - 1)
+            column = origin - (quarters >> 2)
+            column += texels if column < 0 else 0
+            column += texels if column < 0 else 0
+            column -= texels if column >= texels else 0
+            column -= texels if column >= texels else 0
+            here[j] = at * stride + column
+        ahead += ahead_per_row * (stop - begin)
+        begin = stop
+        row = texels - 1 if downwards else 0
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _rounding(row: int) -> int:
+    """Return 1/8, 5/8, 3/8, 7/8 in turn, as fixed point."""
+    return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
+    """Set which of `count` columns each row covers in full.
+
+    Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
+    """
+    low, climb, height = cover
+    starts, ends = rows.starts, rows.ends
+    above = -low
+    shorter = (1 << POINT) - height - 1
+    divisor = climb
+    per_row = 1 << POINT
+    if climb == 0:  # all columns or none
+        divisor = 1
+        per_row <<= _LEVEL
+        above = (above << _LEVEL) + (1 << (_LEVEL - 1))
+        shorter <<= _LEVEL
+    lead = shorter // divisor  # of the start before the end, and one more with a carry
+    lead_rest = divisor - shorter % divisor
+    for j in range(len(rows.classes)):
+        at = above + per_row * j
+        behind = math.floor(at / divisor) + 1  # exact, as these numbers have 40 bits
+        carry = 1 if at - (behind - 1) * divisor >= lead_rest else 0
+        starts[j] = max(behind + lead + carry, 0)
+        ends[j] = min(behind, count)
+
+
+@njit(cache=True, nogil=True)
+def list_rows(count: int, rows: Rows) -> None:
+    """List by class the rows that cover any of `count` columns in full, in whole groups.
+
+    Groups are filled up with a row of no columns, and so is one more group of each class, for
+    whoever looks ahead.
+    """
+    classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
+    list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]
+    n_0, n_1, n_2, n_3 = 0, 0, 0, 0
+    none = len(classes)
+    for j in range(none):
+        # Written to all lists, kept in one: no branch that the processor cannot foresee.
+        kind = classes[j] if starts[j] < ends[j] else CLASSES
+        list_0[n_0] = list_1[n_1] = list_2[n_2] = list_3[n_3] = j
+        n_0 += 1 if kind == 0 else 0
+        n_1 += 1 if kind == 1 else 0
+        n_2 += 1 if kind == 2 else 0
+        n_3 += 1 if kind == 3 else 0
+    rows.offsets[none] = 0
+    starts[none] = ends[none] = count
+    for cls, used in enumerate((n_0, n_1, n_2, n_3)):
+        rows.used[cls] = used
+        listed[cls, used : used + 3 * GROUP] = none
+
+
+@njit(cache=True, nogil=True)
+def add_rows(
+    texture: Int8Array, rows: Rows, cls: int, sums: Int16Array, totals: Int32Array
+) -> None:
+    """Set `totals` to the sums of a class of rows, on the scale texels x 2^WEIGHT_BITS."""
+    listed, used = rows.listed[cls], rows.used[cls]
+    sums[:] = 0
+    for place in range(0, min(used, _SPILL), GROUP):
+        _add_four_rows(texture, rows, listed[place:], len(totals), sums)
+    for c in range(len(totals)):
+        totals[c] = np.int32(sums[c]) << WEIGHT_BITS
+    for begin in range(_SPILL, used, _SPILL):
+        sums[:] = 0
+        for place in range(begin, min(used, begin + _SPILL), GROUP):
+            _add_four_rows(texture, rows, listed[place:], len(totals), sums)
+        for c in range(len(totals)):
+            totals[c] += np.int32(sums[c]) << WEIGHT_BITS
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _add_four_rows(
+    texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
+) -> None:
+    """Add four rows: whole blocks of what they share, their ragged ends masked."""
+    offsets = _four(rows.offsets, listed, _0)
+    following = _four(rows.offsets, listed, _8)
+    starts = _four(rows.starts, listed, _0)
+    ends = _four(rows.ends, listed, _0)
+    # The first row is the farthest left, the last one the farthest right. Always two blocks at
+    # a ragged end, though one may be enough: a loop whose length changes from row to row costs
+    # more than a block. What is added behind the last column does not count.
+    first = starts[0] & _BLOCKS
+    ragged = starts[3] > first
+    inner = first + 2 * BLOCK if ragged else first
+    even = ends[0] >= count
+    outer = (count + BLOCK - 1 if even else ends[0]) & _BLOCKS
+    within = starts[3] < inner or not ragged
+    if outer < inner or not within or not (even or ends[3] < outer + 2 * BLOCK):
+        for c in range(first, ends[3], BLOCK):
+            blocks.add_four_between(sums, c, texture, offsets, following, (starts, ends))
+        return
+    if ragged:
+        blocks.add_four_from(sums, first, texture, offsets, following, starts)
+    if (outer - inner) & BLOCK:
+        blocks.add_four(sums, inner, texture, offsets)
+        inner += BLOCK
+    for c in range(inner, outer, 2 * BLOCK):
+        blocks.add_four_twice(sums, c, texture, offsets, following)
+    if not even:
+        blocks.add_four_until(sums, outer, texture, offsets, following, ends)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _four(numbers: IntArray, listed: IntArray, at: int) -> tuple[int, int, int, int]:
+    """Return the numbers of four rows of a list."""
+    return (
+        numbers[np.uint64(listed[at])],
+        numbers[np.uint64(listed[at + _1])],
+        numbers[np.uint64(listed[at + _2])],
+        numbers[np.uint64(listed[at + _3])],
+    )
+
+
+@njit(cache=True, nogil=True)
+def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
+    """Add the two rows that each column covers in part, to the class without a fraction.
+
+    All weights of a column add up to the height, whatever the rounding: a uniform ground must not
+    show where rows begin and end.
+    """
+    low, climb, height = cover
+    climbed = (_EDGE_COLUMNS - 1) * climb
+    whole = height >> (POINT - WEIGHT_BITS)
+    for first in range(0, len(totals), _EDGE_COLUMNS):
+        y = low + climb * first - 1
+        top = y + height + 1
+        under, over = y >> POINT, top >> POINT
+        into = totals[first : first + _EDGE_COLUMNS]
+        if under == (y + climbed) >> POINT and over == (top + climbed) >> POINT:
+            # All these columns cover the same two rows in part, which a compiler vectorises.
+            shared = np.int32(whole - ((over - under - 1) << WEIGHT_BITS))
+            at_under = np.uint64(offsets[under] + first)
+            at_over = np.uint64(offsets[over] + first)
+            for i in range(np.uint64(len(into))):
+                below = np.int32((~(y + climb * np.int64(i)) & (ONE - 1)) >> (POINT - WEIGHT_BITS))
+                above = np.int32(shared - below)
+                into[i] += below * texture[at_under + i] + above * texture[at_over + i]
+        else:
+            for i in range(len(into)):
+                under, over = y >> POINT, (y + height + 1) >> POINT
+                lower = (~y & (ONE - 1)) >> (POINT - WEIGHT_BITS)
+                upper = whole - ((over - under - 1) << WEIGHT_BITS) - lower
+                at_under = np.uint64(offsets[np.uint64(under)] + first + i)
+                at_over = np.uint64(offsets[np.uint64(over)] + first + i)
+                into[i] += lower * texture[at_under] + upper * texture[at_over]
+                y += climb

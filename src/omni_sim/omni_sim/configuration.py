@@ -1,0 +1,152 @@
+"""Configuration of the simulated machine: vehicle, ground, sensors, maneuver and time steps."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.quantities import SECOND_NS
+from omni_platform.sensors import FlowSensor, LineSensor
+from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.camera.optics import check_exposure
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.encoders import EncoderConfiguration
+from omni_sim.faults import FaultConfiguration
+from omni_sim.flow_sensor import FlowConfiguration, check_flow_sensors
+from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.imu import ImuConfiguration
+from omni_sim.texture.texture import TextureConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.velocity_sensor import VelocitySensorConfiguration
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GroundConfiguration(Configuration):
+    """What the vehicle drives on and what its line cameras look at."""
+
+    texture: TextureConfiguration = section(TextureConfiguration, description="Look of the ground")
+    friction: float = parameter(
+        1.0,
+        description="Friction factor mu/mu_0 of the ground, relative to the tire's own data",
+        minimum=0.0,
+        maximum=2.0,
+    )
+    patches: Mapping[str, FrictionPatch] = section(
+        dict, description="Patches with another friction"
+    )
+    elevation: ElevationConfiguration = section(
+        ElevationConfiguration, description="Height of the ground, flat by default"
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulationConfiguration(Configuration):
+    """Steps and end of a simulation."""
+
+    physics_step: float = parameter(
+        0.0005, description="Fixed step of the physics", unit="s", minimum=1e-6, maximum=0.01
+    )
+    control_period: float = parameter(
+        0.01, description="Time between two control steps", unit="s", minimum=1e-4, maximum=1.0
+    )
+    duration_limit: float = parameter(
+        30.0, description="Time at which a run ends at the latest", unit="s", above=0.0
+    )
+    settling_time: float = parameter(
+        0.5,
+        description="Time that the vehicle must stand still before the run ends",
+        unit="s",
+        minimum=0.0,
+    )
+    rest_speed: float = parameter(
+        0.05, description="Speed below which the vehicle stands still", unit="m/s", above=0.0
+    )
+    render_lines: bool = parameter(
+        True,
+        description="Render the line cameras and read the flow sensors; without, there is no "
+        "optical odometry",
+    )
+
+    @property
+    def control_period_ns(self) -> int:
+        """Control period [ns]."""
+        return round(self.control_period * SECOND_NS)
+
+    @property
+    def steps_per_period(self) -> int:
+        """Physics steps in a control period."""
+        return round(self.control_period / self.physics_step)
+
+    def check_consistency(self) -> None:
+        """Refuse a control period that is no multiple of the physics step.
+
+        Raises:
+            ConfigurationError: names both.
+        """
+        if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
+            raise ConfigurationError(
+                "control_period",
+                f"{self.control_period:g} s is no multiple of the physics step of "
+                f"{self.physics_step:g} s",
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulatorConfiguration(Configuration):
+    """Everything that the simulated machine depends on."""
+
+    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
+    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+    ground: GroundConfiguration = section(GroundConfiguration, description="Ground")
+    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+    camera: CameraConfiguration = section(
+        CameraConfiguration, description="Exposure common to the line cameras"
+    )
+    flow_sensors: Mapping[str, FlowSensor] = section(
+        dict, description="Optical-flow sensors by name"
+    )
+    flow: FlowConfiguration = section(
+        FlowConfiguration, description="Errors common to the flow sensors"
+    )
+    maneuver: ManeuverConfiguration = section(
+        ManeuverConfiguration, description="What the scripted driver does"
+    )
+    velocity_sensor: VelocitySensorConfiguration = section(
+        VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
+    )
+    imu: ImuConfiguration = section(ImuConfiguration, description="Inertial measurement unit")
+    encoders: EncoderConfiguration = section(EncoderConfiguration, description="Wheel encoders")
+    faults: Mapping[str, FaultConfiguration] = section(
+        dict, description="Faults of velocity sensor, IMU and encoders by name"
+    )
+    simulation: SimulationConfiguration = section(
+        SimulationConfiguration, description="Steps and end of the simulation"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a camera that is too slow to deliver a pair of lines in every control period.
+
+        Nor may a line be exposed for longer than there is time, nor may a run end before the
+        driver's demands do.
+
+        Raises:
+            ConfigurationError: names the sensor.
+        """
+        for name, sensor in self.sensors.items():
+            if sensor.line_rate * self.simulation.control_period < 2.0:
+                raise ConfigurationError(
+                    f"sensors.{name}.line_rate",
+                    f"{sensor.line_rate:g} 1/s gives fewer than two lines in a control period of "
+                    f"{self.simulation.control_period:g} s",
+                )
+        check_exposure(self.sensors, self.camera)
+        check_flow_sensors(self.flow_sensors, self.flow, self.simulation.control_period)
+        last = self.maneuver.earliest_end
+        if last > self.simulation.duration_limit:
+            raise ConfigurationError(
+                "simulation.duration_limit",
+                f"{self.simulation.duration_limit:g} s end before the driver's demands, at "
+                f"{last:g} s; set it higher",
+            )

@@ -1,0 +1,117 @@
+"""The state of a vehicle that is placed on the ground, rolling perfectly, its tires at rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle import dynamics
+from omni_sim.vehicle.loads import GRAVITY, MassProperties
+from omni_sim.vehicle.plant import static_loads
+from omni_sim.vehicle.state import ROLLER, State
+from omni_sim.vehicle.suspension import settle
+from omni_sim.vehicle.uneven_ground import level
+from omni_sim.wheel.brake_pressure import release
+from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
+
+_PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
+
+
+def place(
+    state: State, masses: MassProperties, pose: FloatArray, twist: FloatArray, angle: FloatArray
+) -> None:
+    """Put a vehicle somewhere, wheels and rollers turning as it moves.
+
+    Args:
+        state: changed in place.
+        masses: of the vehicle.
+        pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
+        twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
+        angle: of the wheels [rad], shape (N,).
+    """
+    x, y, yaw = pose
+    g = masses.centre
+    v = twist[:2] + twist[2] * np.array([-g[1], g[0]])
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    plant, body, wheels = state.plant, state.body[0], state.wheels
+    for array in (state.body, wheels, state.counters):
+        array[:] = np.zeros((), array.dtype)
+    body["x"] = x + cos * g[0] - sin * g[1]
+    body["y"] = y + sin * g[0] + cos * g[1]
+    body["yaw"] = yaw
+    _lean_on_ground(state, x, y)
+    body["v_x"] = cos * v[0] - sin * v[1]
+    body["v_y"] = sin * v[0] + cos * v[1]
+    body["yaw_rate"] = twist[2]
+    release(state.pressure)
+    wheels["speed"] = plant.rolling @ twist
+    pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
+    wheels["load"] = pressing * static_loads(plant)
+    wheels["angle"] = angle
+    if state.suspension.stiffness > 0.0:
+        dynamics.standing(state, 0.0)
+        weight = pressing * plant.mass * GRAVITY
+        wheels["load"] = settle(plant, state.suspension, wheels["angle"], weight)
+    if plant.roller_pitch > 0.0:
+        wheels["speed"] = _rolling_speed(state, v, twist[2])
+    wheels["last_speed"] = wheels["speed"]
+    _place_rollers(state)
+
+
+def rolling_radius(state: State) -> FloatArray:
+    """Return ``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
+    radius: FloatArray = state.plant.radius - state.wheels["load"] / state.plant.vertical_stiffness
+    return radius
+
+
+def along_active(state: State, twist: FloatArray) -> FloatArray:
+    """Return the contacts' velocities along ``n_w`` from that of the centre of gravity."""
+    contacts = state.contacts
+    columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
+    return np.asarray(columns @ twist, dtype=np.float64)
+
+
+def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
+    """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
+    state.wheels["speed"] = 0.0
+    dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
+    hub = along_active(state, np.array([*velocity, yaw_rate]))
+    speed: FloatArray = hub / (rolling_radius(state) * state.contacts["rim"])
+    return speed
+
+
+def _place_rollers(state: State) -> None:
+    """Let every roller spin as it would roll on the ground, ``k`` of Eq. (13)."""
+    rollers, plant, body = state.rollers, state.plant, state.body[0]
+    if rollers is None:
+        return
+    rollers.push[:] = 0.0
+    rollers.state[:] = np.zeros((), ROLLER)
+    rollers.state["q_a"] = 1.0
+    state.contacts[:] = plant.contact
+    cos, sin = math.cos(body["yaw"]), math.sin(body["yaw"])
+    v_x, v_y = body["v_x"], body["v_y"]
+    rate, pitch = body["yaw_rate"], plant.roller_pitch
+    for i, radius in enumerate(rolling_radius(state)):
+        wheel, contact, axis = state.wheels[i], plant.contact[i], plant.rollers[i]
+        angle = wheel["angle"]
+        gamma = angle - pitch * nearest_roller(angle, pitch)
+        n_x, n_y, x, y, _, length, depth = roller_contact(gamma, axis)
+        r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
+        rim = radius * wheel["speed"]
+        slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]
+        slip_y = cos * v_y - sin * v_x + rate * r_x - rim * axis["u_y"]
+        spin = (slip_x * n_y - slip_y * n_x) / ((radius - depth) * length)
+        rollers.state["spin"][i] = spin
+
+
+def _lean_on_ground(state: State, x: float, y: float) -> None:
+    """Find the path plane at a position of base_link, on which the wheel positions depend."""
+    body = state.body[0]
+    g_x, g_y = body["x"] - x, body["y"] - y
+    for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):
+        body["tilt_x"], body["tilt_y"] = dynamics.standing(state, 0.0)[3:5]
+        d_x, d_y = level(body["tilt_x"], body["tilt_y"], g_x, g_y)
+        body["x"], body["y"] = x + d_x, y + d_y

@@ -1,0 +1,1 @@
+"""Studies: computations that answer one question with figures, data and metrics."""

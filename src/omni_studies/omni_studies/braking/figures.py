@@ -1,0 +1,140 @@
+"""The figures of section 3.6: velocities and errors of a run, and comparisons of two.
+
+Figures 31, 32, 34, 35, 37, 38, 44-46 and 48 show the velocity of the platform in the body frame
+with its yaw rate above, and the errors of the wheels below; Figures 40 and 42 compare velocities
+component by component, and Figure 41 errors wheel by wheel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_figures import style
+from omni_loop.history import RunHistory
+from omni_platform.quantities import FloatArray
+
+_WIDTH, _ROW = 9.0, 2.6  # [inch]
+_BEFORE = 0.2  # shown before the start of braking [s]
+_COMPONENTS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
+_REFERENCE, _COMPARED = style.BLUE, style.VERMILLION
+
+
+def velocities_and_errors(history: RunHistory, title: str, *, errors: bool = True) -> Figure:
+    """Draw velocity components and yaw rate, and below the errors of all wheels, over time.
+
+    Args:
+        history: the run.
+        title: printed above.
+        errors: False leaves the lower part out, as Figure 44 does.
+    """
+    figure, panels = _rows(2 if errors else 1, title)
+    colours = (style.BLUE, style.VERMILLION, style.GREEN)
+    for column, (label, colour) in enumerate(zip(_COMPONENTS, colours, strict=True)):
+        panels[0].plot(history.braking_time, history.twist[:, column], color=colour, label=label)
+    panels[0].set_ylabel("velocity [m/s], [rad/s]")
+    if errors:
+        for column, name in enumerate(history.wheel_names):
+            panels[1].plot(
+                history.braking_time,
+                _while_braking(history, history.error[:, column]),
+                color=style.wheel_colour(column),
+                label=name.replace("_", " "),
+                linewidth=1.1,
+            )
+        panels[1].set_ylabel("error $s_i$ [m/s]")
+    _finish(panels, [history])
+    return figure
+
+
+def compare_velocities(runs: Mapping[str, tuple[RunHistory, FloatArray]], title: str) -> Figure:
+    """Draw v_x, v_y and yaw rate in a row each, the runs over one another.
+
+    Args:
+        runs: history and what to show of it, twists of shape (T, 3), by name; two of them.
+        title: printed above.
+    """
+    figure, panels = _rows(3, title)
+    for row, label in enumerate(_COMPONENTS):
+        for (name, (history, twist)), look in zip(runs.items(), _looks(), strict=True):
+            panels[row].plot(history.braking_time, twist[:, row], label=name, **look)
+        panels[row].set_ylabel(label)
+    _finish(panels, [history for history, _ in runs.values()], legends=1)
+    return figure
+
+
+def compare_errors(runs: Mapping[str, RunHistory], title: str) -> Figure:
+    """Draw the errors of two runs over one another, one row for each wheel.
+
+    Args:
+        runs: by name; two of them, of one vehicle.
+        title: printed above.
+    """
+    first = next(iter(runs.values()))
+    figure, panels = _rows(len(first.wheel_names), title)
+    for row, wheel in enumerate(first.wheel_names):
+        for (name, history), look in zip(runs.items(), _looks(), strict=True):
+            panels[row].plot(
+                history.braking_time,
+                _while_braking(history, history.error[:, row]),
+                label=name,
+                **look,
+            )
+        label = f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]"
+        panels[row].set_ylabel(label)
+    _finish(panels, list(runs.values()), legends=1)
+    return figure
+
+
+def _looks() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the lines of the two runs; the second is thin, so that the first stays visible."""
+    return (
+        {"color": _REFERENCE, "linewidth": 2.2, "zorder": 3},
+        {"color": _COMPARED, "linewidth": 0.9, "zorder": 4},
+    )
+
+
+def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
+    shown = values.copy()
+    shown[: history.brake_start] = np.nan
+    return shown
+
+
+def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
+    height = 0.55 + count * _ROW + 0.5
+    figure = Figure(figsize=(_WIDTH, height), dpi=style.DOTS_PER_INCH)
+    panels = [figure.add_subplot(count, 1, row + 1) for row in range(count)]
+    for axes in panels:
+        axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+        axes.tick_params(labelbottom=axes is panels[-1])
+    panels[-1].set_xlabel("time since braking [s]")
+    figure.suptitle(title, y=1.0 - 0.12 / height, va="top")
+    figure.subplots_adjust(
+        left=0.1, right=0.82, top=1.0 - 0.5 / height, bottom=0.55 / height, hspace=0.12
+    )
+    return figure, panels
+
+
+def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | None = None) -> None:
+    """Give all panels the same time, mark the start of braking and explain the lines."""
+    low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
+    high = max(float(run.braking_time[-1]) for run in runs)
+    for place, axes in enumerate(panels):
+        axes.axvline(
+            0.0,
+            color=style.BLACK,
+            linestyle=":",
+            linewidth=1.2,
+            label="pedal down" if place == 0 else None,
+        )
+        axes.set_xlim(low, high)
+        if legends is None or place < legends:
+            axes.legend(
+                loc="upper left",
+                bbox_to_anchor=(1.0, 1.0),
+                handlelength=1.6,
+            )

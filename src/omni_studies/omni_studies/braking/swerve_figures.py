@@ -1,0 +1,177 @@
+"""Forces of locked wheels from above, and the sliding manifold in the plane of drift and turn."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_figures import style
+from omni_figures.scene import Scene
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.vehicles.plausibility import plain
+
+_LONGEST = 0.55  # of the largest force of a wheel, in lengths of the chassis
+_TITLES = {"even": "load in the middle: they cancel", "uneven": "load where it is: they do not"}
+_LARGEST_DRIFT, _LARGEST_TURN = 1.0, 1.0  # [m/s], [rad/s] in the picture of the manifold
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LockedWheels:
+    """What the ground does to a vehicle on locked wheels.
+
+    Attributes:
+        vehicle: that slides.
+        force: of each wheel along its active direction [N], shape (N,).
+        load: of each wheel [N], shape (N,).
+        centre: of gravity in the body frame [m], shape (2,).
+    """
+
+    vehicle: VehicleConfiguration
+    force: FloatArray
+    load: FloatArray
+    centre: FloatArray
+
+    @property
+    def geometry(self) -> PlatformGeometry:
+        """Places and active directions of the wheels."""
+        return PlatformGeometry.from_wheels(self.vehicle.wheels)
+
+    @property
+    def vectors(self) -> FloatArray:
+        """Force of each wheel in the body frame [N], shape (N, 2)."""
+        vectors: FloatArray = self.force[:, None] * self.geometry.active
+        return vectors
+
+    @property
+    def total(self) -> FloatArray:
+        """Their sum [N], shape (2,)."""
+        return np.asarray(self.vectors.sum(axis=0), dtype=np.float64)
+
+    @property
+    def moment(self) -> float:
+        """Their moment about the centre of gravity, counter-clockwise [N m]."""
+        return float(cross(self.geometry.position - self.centre, self.vectors).sum())
+
+
+def draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
+    """Draw the vehicle from above with the force of each locked wheel and what they come to.
+
+    Args:
+        cases: by name, of `_TITLES`; the vehicle moves up.
+    """
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    style.draw_title(figure, "Locked wheels push along their rollers (the vehicle slides upwards)")
+    largest = max(float(np.max(np.abs(one.force))) for one in cases.values())
+    panels = figure.subplots(1, len(cases), sharex=True, sharey=True)
+    for axes, (case, one) in zip(panels, cases.items(), strict=True):
+        _draw_vehicle(axes, one, _LONGEST * one.vehicle.chassis_length / largest)
+        side = "left" if one.moment > 0.0 else "right"
+        turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
+        words = turn if abs(one.moment) > 1.0 else "nothing turns it"
+        axes.set_title(f"{_TITLES[case]}\n{words}")
+        axes.set_xlabel("right of the middle [m]")
+    panels[0].set_ylabel("ahead of the middle [m]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
+    """Draw one case; `scale` is the length of an arrow over its force [m/N]."""
+
+    def turned(points: FloatArray) -> FloatArray:
+        return np.column_stack((-np.atleast_2d(points)[:, 1], np.atleast_2d(points)[:, 0]))
+
+    vehicle = one.vehicle
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    axes.add_patch(Polygon(turned(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GREY))
+    for outline in scene.wheel_outlines:
+        axes.add_patch(Polygon(turned(outline), facecolor="white", edgecolor=style.BLACK))
+    arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 5}
+    places, vectors = turned(one.geometry.position), scale * turned(one.vectors)
+    axes.quiver(
+        *places.T, *vectors.T, color=style.BLUE, width=0.010, label="force of a wheel", **arrows
+    )
+    for (x, y), load in zip(places, one.load, strict=True):
+        side = 1.0 if x >= 0.0 else -1.0
+        place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
+        axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
+    centre = turned(one.centre)[0]
+    # Half as long as those of the wheels, as it is of all of them.
+    total = 0.5 * scale * turned(one.total)[0]
+    axes.quiver(
+        *centre, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
+        **arrows,
+    )  # fmt: skip
+    axes.plot(*centre, "o", color=style.BLACK, zorder=6, label="centre of gravity")
+    axes.set_aspect("equal")
+    axes.margins(0.1)
+    axes.set_xlim(-1.15 * vehicle.chassis_width, 1.15 * vehicle.chassis_width)
+    axes.set_ylim(-0.8 * vehicle.chassis_length, 0.75 * vehicle.chassis_length)
+
+
+def draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Figure:
+    """Draw where the error of each wheel is zero, and how many wheels may brake.
+
+    Args:
+        manifolds: of the same vehicle by weighting; the line to keep is straight ahead.
+        speed: of the vehicle along it [m/s].
+    """
+    figure = Figure(figsize=(11.0, 4.8), layout="constrained")
+    style.draw_title(figure, f"Which wheels may brake at {speed:g} m/s along the line")
+    panels = figure.subplots(1, len(manifolds), sharex=True, sharey=True)
+    for axes, (words, manifold) in zip(panels, manifolds.items(), strict=True):
+        shades = _draw_signs(axes, manifold, speed)
+        axes.set_title(words)
+        axes.set_xlabel("velocity to the left of it [m/s]")
+    count = len(manifold.geometry.names)
+    bar = figure.colorbar(
+        shades, ax=list(panels), ticks=range(count + 1), label="wheels that brake"
+    )
+    bar.ax.set_ylim(-0.5, count + 0.5)
+    panels[0].set_ylabel("yaw rate to the left [rad/s]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    return figure
+
+
+def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
+    """Draw one weighting and return its shades."""
+    across = np.array([0.0, 1.0])
+    drift = np.linspace(-_LARGEST_DRIFT, _LARGEST_DRIFT, 81)
+    turn = np.linspace(-_LARGEST_TURN, _LARGEST_TURN, 81)
+    errors = np.array(
+        [
+            [manifold.errors(np.array([speed, v, omega]), across).total for v in drift]
+            for omega in turn
+        ]
+    )
+    names = manifold.geometry.names
+    braking = np.sum(errors < 0.0, axis=2)
+    axes.grid(False)
+    shades = axes.pcolormesh(
+        drift, turn, braking, cmap="Greys", vmin=0, vmax=2 * len(names), shading="nearest"
+    )
+    for row, name in enumerate(names):
+        # Errors of two wheels may vanish on one line.
+        colour, dashes = style.wheel_colour(row), "-" if row % 2 else "--"
+        look: dict[str, Any] = {"linewidths": 2.2, "linestyles": dashes, "zorder": 3 - row % 2}
+        axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=colour, **look)
+        axes.plot([], [], dashes, color=colour, label=f"s = 0, {name.replace('_', ' ')}")
+    axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="where to go")
+    for x, y in ((0.0, 0.72), (0.0, -0.72), (-0.72, 0.0), (0.72, 0.0)):
+        twist = np.array([speed, x * _LARGEST_DRIFT, y * _LARGEST_TURN])
+        brake = manifold.errors(twist, across).total < 0.0
+        words = "\n".join(n.replace("_", " ") for n, one in zip(names, brake, strict=True) if one)
+        words = "all" if brake.all() else words
+        axes.annotate(words, (twist[1], twist[2]), ha="center", va="center", fontsize=8.5)
+    return shades

@@ -1,0 +1,169 @@
+"""One random braking under every law, held against the bounds of what can be.
+
+Bounds cost far more than runs. So a run is compared with a sketch first, which the bound is not
+above, and with the bound itself only where it comes below that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.loads import MassProperties
+from omni_studies.campaign.random_braking import RandomBraking, draw
+from omni_tools.limit.bounds import (
+    KEPT,
+    Maneuver,
+    any_heading_bound,
+    any_heading_sketch,
+    straight_bound,
+    straight_sketch,
+)
+
+LAWS: dict[str, tuple[str, ...]] = {
+    "unassisted": (),
+    "sliding_mode": (),
+    "allocation_on_off": ("brake_assist.law=allocation",),
+    "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
+}
+"""What is braked with: words of `RandomBraking` beside what it draws."""
+
+
+class Held(NamedTuple):
+    """A braking under each of the `LAWS` and its bounds.
+
+    Attributes:
+        seed: of the braking.
+        vehicle: name of its file.
+        any_heading: bound of the path of the centre of gravity, or a sketch of it [m].
+        any_heading_slack: by how much a run may be below, NaN where the sketch was enough [m].
+        straight: bound of the distance of a stop that keeps heading and line, or a sketch of it;
+            NaN where there is none or no run has kept them [m].
+        straight_slack: likewise.
+        path_unassisted: of the centre of gravity [m].
+        path_sliding_mode: likewise.
+        path_allocation_on_off: likewise.
+        path_allocation: likewise.
+        kept_unassisted: stopping distance, NaN if heading or line was left by half a degree [m].
+        kept_sliding_mode: likewise.
+        kept_allocation_on_off: likewise.
+        kept_allocation: likewise.
+    """
+
+    seed: int
+    vehicle: str
+    any_heading: float
+    any_heading_slack: float
+    straight: float
+    straight_slack: float
+    path_unassisted: float
+    path_sliding_mode: float
+    path_allocation_on_off: float
+    path_allocation: float
+    kept_unassisted: float
+    kept_sliding_mode: float
+    kept_allocation_on_off: float
+    kept_allocation: float
+
+
+class BesideLimit:
+    """Brakes a seed under every law; sent to the workers.
+
+    Args:
+        library: where the vehicles are.
+    """
+
+    def __init__(self, library: ExperimentLibrary) -> None:
+        self._brakings = {
+            law: RandomBraking(library, changes)
+            for law, changes in LAWS.items()
+            if law != "unassisted"
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of what is run."""
+        return "-".join(braking.fingerprint[:8] for braking in self._brakings.values())
+
+    def __call__(self, seed: int) -> Held:
+        """Brake a seed under every law and hold it against its bounds."""
+        drawn = draw(seed)
+        tried = {law: one.configurations(drawn) for law, one in self._brakings.items()}
+        first = tried["sliding_mode"]["unassisted"]
+        runs = {"unassisted": run_fast_loop(first)}
+        runs |= {law: run_fast_loop(both["assisted"]) for law, both in tried.items()}
+        maneuver = _maneuver(runs["unassisted"], first)
+        paths = [_path(run, first) for run in runs.values()]
+        kept = [_kept(run, first, maneuver) for run in runs.values()]
+        bounds = *_any(first, maneuver, min(paths)), *_straight(first, maneuver, np.array(kept))
+        return Held(seed, drawn["vehicle"], *bounds, *paths, *kept)
+
+
+def _any(
+    experiment: ExperimentConfiguration, maneuver: Maneuver, shortest: float
+) -> tuple[float, float]:
+    question = experiment.vehicle, experiment.ground, maneuver
+    sketch = any_heading_sketch(*question)
+    if shortest >= sketch:
+        return sketch, math.nan
+    bound = any_heading_bound(*question)
+    return bound.distance, bound.tolerance
+
+
+def _straight(
+    experiment: ExperimentConfiguration, maneuver: Maneuver, distances: FloatArray
+) -> tuple[float, float]:
+    if np.all(np.isnan(distances)) or maneuver.twist[2] != 0.0:
+        return math.nan, math.nan
+    question = experiment.vehicle, experiment.ground, maneuver
+    sketch = straight_sketch(*question)
+    if np.nanmin(distances) >= sketch:
+        return sketch, math.nan
+    bound = straight_bound(*question)
+    return bound.distance, bound.tolerance
+
+
+def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
+    """Return the poses from the moment on at which the pedal begins to move, shape (T, 3)."""
+    ramp = experiment.maneuver.pedal_ramp_time > 0.0  # at whose start the pedal is still up
+    return run.pose[run.brake_start - int(ramp) :]
+
+
+def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> Maneuver:
+    """Return the motion as the pedal begins to move; a rate that the drive leaves is none."""
+    scripted, pose = experiment.maneuver, _braking(run, experiment)
+    twist = run.twist[-len(pose)].copy()
+    if scripted.yaw_rate_deg == 0.0:
+        twist[2] = 0.0
+    return Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
+
+
+def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
+    """Return the path of the centre of gravity while braking [m]."""
+    centre = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).centre
+    pose = _braking(run, experiment)
+    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    arm = np.column_stack((cos * centre[0] - sin * centre[1], sin * centre[0] + cos * centre[1]))
+    moved = np.diff(pose[:, :2] + arm, axis=0)
+    return float(np.sum(np.hypot(*moved.T)))
+
+
+def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver) -> float:
+    """Return the stopping distance of a run that keeps heading and line all the way, else NaN [m].
+
+    Beside ice a vehicle may turn and leave its line, to grip where the line has none, and return.
+    """
+    pose = _braking(run, experiment)
+    path = pose[:, :2] - pose[0, :2]
+    cos, sin = math.cos(pose[0, 2]), math.sin(pose[0, 2])
+    v_x, v_y = maneuver.twist[0], maneuver.twist[1]
+    along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y]) / math.hypot(v_x, v_y)
+    aside = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
+    turned = float(np.max(np.abs(pose[:, 2] - pose[0, 2])))
+    kept = turned <= KEPT and float(np.max(aside)) <= math.tan(KEPT) * float(along @ path[-1])
+    return math.hypot(*path[-1]) if kept else math.nan

@@ -1,0 +1,97 @@
+"""Figures of the robustness campaign: every run, and how the quantities are distributed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILLION,
+)
+from omni_studies.campaign.robustness import DISTANCE_FACTOR, ORIENTATION_LIMIT, Outcome
+
+_TITLES = {
+    "mecanum_forklift": "Mecanum, four wheels",
+    "three_wheel_robot": "Kiwi, three wheels",
+    "six_wheel_mecanum": "Mecanum, six wheels",
+}
+_QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping distance [m]"}
+
+
+def draw_runs(results: Sequence[Outcome]) -> Figure:
+    """Draw every run, assisted over unassisted, with the limits.
+
+    Args:
+        results: of the campaign.
+    """
+    figure = Figure(figsize=(12.0, 8.0), layout="constrained")
+    figure.suptitle("Every run: above the line, a limit is broken")
+    panels = figure.subplots(2, len(_TITLES), squeeze=False)
+    limits: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "orientation": lambda x: x + ORIENTATION_LIMIT,
+        "distance": lambda x: DISTANCE_FACTOR * x,
+    }
+    for row, (quantity, label) in zip(panels, _QUANTITIES.items(), strict=True):
+        for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):
+            chosen = [result for result in results if result.vehicle == vehicle]
+            kept = [result for result in chosen if not getattr(result, quantity)]
+            broken = [result for result in chosen if getattr(result, quantity)]
+            dots = min(max(3000.0 / max(len(chosen), 1), 3.0), 14.0)
+            for part, look in (
+                (kept, {"s": dots, "color": BLUE, "alpha": 0.5}),
+                # Whole, on the axis too.
+                (broken, {"s": 24.0, "color": VERMILLION, "clip_on": False, "zorder": 5}),
+            ):
+                axes.scatter(*_pairs(part, quantity), linewidths=0, **look)
+            largest = max([1.0, *_pairs(chosen, quantity)[0], *_pairs(chosen, quantity)[1]])
+            line = np.array([0.0, largest])
+            axes.plot(line, line, color=GREY, linewidth=0.8)
+            axes.plot(line, limits[quantity](line), color=VERMILLION, linewidth=1.0)
+            axes.set_xlim(0.0, 1.03 * largest)
+            axes.set_ylim(0.0, 1.03 * largest)
+            _finish(axes, f"{title}: {len(broken)} of {len(chosen)}", f"unassisted {label}")
+        row[0].set_ylabel(f"assisted {label}")
+    return figure
+
+
+def draw_distributions(results: Sequence[Outcome]) -> Figure:
+    """Draw the share of runs that stay below a value.
+
+    Args:
+        results: of the campaign.
+    """
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    figure.suptitle("Share of runs that stay below a value")
+    panels = figure.subplots(2, len(_TITLES), squeeze=False, sharey=True)
+    for row, (quantity, label) in zip(panels, _QUANTITIES.items(), strict=True):
+        for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):
+            chosen = [result for result in results if result.vehicle == vehicle]
+            pairs = _pairs(chosen, quantity)
+            for values, name, colour in zip(
+                pairs, ("unassisted", "assisted"), (ORANGE, BLUE), strict=True
+            ):
+                share = (np.arange(len(values)) + 1.0) / max(len(values), 1)
+                axes.step(np.sort(values), share, where="post", color=colour, label=name)
+            axes.set_xlim(left=0.0)
+            axes.set_ylim(0.0, 1.0)
+            _finish(axes, title, label)
+        row[0].set_ylabel("share of runs [1]")
+    panels[0, 0].legend(loc="lower right")
+    return figure
+
+
+def _pairs(results: Sequence[Outcome], quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    unassisted = np.array([getattr(result, f"{quantity}_unassisted") for result in results])
+    assisted = np.array([getattr(result, f"{quantity}_assisted") for result in results])
+    return unassisted, assisted
+
+
+def _finish(axes: Axes, title: str, label: str) -> None:
+    axes.set_title(title)
+    axes.set_xlabel(label)

@@ -1,0 +1,233 @@
+"""Random braking maneuvers: what one number, the seed of a run, makes of a vehicle and its day.
+
+Drawn are the vehicle (`VEHICLES`), its load with place and height, the friction of the ground with
+up to three patches on the way, the motion and the pedal, and the velocity sensor with its noise,
+offset and sampling, which in some runs fails. Every value is rounded to what a person would write,
+so that the experiment file of a run says exactly what was run.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import yaml
+
+from omni_loop.experiment import (
+    ExperimentConfiguration,
+    ExperimentLibrary,
+    merge,
+    parse_override,
+)
+from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.vehicle.loads import MassConfiguration
+from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
+
+# By file of config/vehicles: largest load [kg] and speed [m/s], and how far the load may be from
+# the centre, forward and to the side [m].
+VEHICLES = {
+    "mecanum_forklift": (500.0, 10.0, 0.6, 0.45),
+    "three_wheel_robot": (500.0, 4.0, 0.25, 0.25),
+    "six_wheel_mecanum": (1500.0, 6.0, 1.0, 0.6),
+}
+
+_BASE = "straight_line"
+_SWITCHES: dict[str, dict[str, Any]] = {
+    "unassisted": {"enabled": False},
+    "assisted": {"enabled": True},
+}
+# Section 3.5 and straight_line: the enhanced weighting with k = 7.
+_LAW = {"weighting": "enhanced", "k": 7}
+# What a change may not be of.
+_DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
+          "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
+# An assistant that is told to put up with noise, as in config/experiments/ice_patch_noisy.yaml.
+_TOLERANT = {"maximum_speed_deviation": 1.0, "speed_noise": 3.0}
+
+Tree = dict[str, Any]
+
+
+class RandomBraking:
+    """Makes the runs of a campaign from their seeds.
+
+    Args:
+        library: where the vehicles are.
+        changes: ``dotted.key=value`` texts, laid over what is not drawn.
+
+    Raises:
+        ConfigurationError: a change does not fit, or is of what is drawn.
+    """
+
+    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
+        for change in changes:
+            if change.startswith(_DRAWN):
+                raise ConfigurationError("--set", f"{change!r}: the campaign draws that")
+        self._changes = tuple(changes)
+        law = [f"brake_assist.{name}={value}" for name, value in _LAW.items()]
+        fixed = ["feedback=velocity_sensor", *law, *changes]
+        self._bases = {
+            name: library.load(_BASE, "assisted", [f"vehicle={name}", *fixed]) for name in VEHICLES
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of the vehicles and of how their days are drawn."""
+        bases = [to_mapping(base) for base in self._bases.values()]
+        samples = [draw(seed) for seed in range(20)]
+        return hashlib.sha256(json.dumps([bases, samples]).encode()).hexdigest()[:16]
+
+    def configurations(self, drawn: Tree) -> dict[str, ExperimentConfiguration]:
+        """Return the run that has been drawn without and with the assistant, by variant."""
+        base = self._bases[drawn["vehicle"]]
+        common = dataclasses.replace(
+            base,
+            seed=drawn["seed"],
+            vehicle=dataclasses.replace(base.vehicle, load=MassConfiguration(**drawn["load"])),
+            ground=dataclasses.replace(
+                base.ground,
+                friction=drawn["ground"]["friction"],
+                patches={
+                    name: FrictionPatch(**patch)
+                    for name, patch in drawn["ground"]["patches"].items()
+                },
+            ),
+            maneuver=ManeuverConfiguration(**drawn["maneuver"]),
+            velocity_sensor=VelocitySensorConfiguration(**drawn["velocity_sensor"]),
+        )
+        return {
+            variant: dataclasses.replace(
+                common,
+                brake_assist=dataclasses.replace(
+                    base.brake_assist, **drawn["brake_assist"], **switch
+                ),
+            )
+            for variant, switch in _SWITCHES.items()
+        }
+
+    def experiment_file(self, seed: int, words: str) -> str:
+        """Return the text of an experiment file that runs a seed, unassisted and assisted.
+
+        Args:
+            seed: of the run.
+            words: why it is worth replaying.
+        """
+        drawn = draw(seed)
+        ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
+        common: Tree = {"brake_assist": _LAW}
+        for change in self._changes:
+            common = merge(common, parse_override(change))
+        common = merge(common, {"vehicle": {"load": drawn["load"]}})
+        document = {
+            "description": f"Robustness run {seed}: {words}",
+            "seed": seed,
+            "vehicle": drawn["vehicle"],
+            "ground": ground,
+            "sensors": "three_generic",
+            "feedback": "velocity_sensor",
+            "maneuver": drawn["maneuver"],
+            "velocity_sensor": drawn["velocity_sensor"],
+            "variants": {
+                # Copies: the writer would make references of one and the same load.
+                variant: copy.deepcopy(
+                    merge(common, {"brake_assist": drawn["brake_assist"] | switch})
+                )
+                for variant, switch in _SWITCHES.items()
+            },
+        }
+        text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+        return text
+
+
+def draw(seed: int) -> Tree:
+    """Draw what a run differs in from ``straight_line``, as a tree of configuration values.
+
+    Args:
+        seed: of the run; one seed is always the same run.
+    """
+    random = np.random.default_rng([seed])
+    vehicle = str(random.choice(list(VEHICLES)))
+    largest_load, largest_speed, extent_x, extent_y = VEHICLES[vehicle]
+    mass = _number(random, 0.0, largest_load, 0)
+    maneuver = _maneuver(random, largest_speed)
+    return {
+        "seed": seed,
+        "vehicle": vehicle,
+        "load": {
+            "mass": mass,
+            "x": _number(random, -extent_x, extent_x),
+            "y": _number(random, -extent_y, extent_y),
+            "height": _number(random, 0.1, 0.8),
+            "yaw_inertia": round(_number(random, 0.02, 0.1) * mass, 1),
+        },
+        "ground": {
+            "friction": _number(random, 0.3, 1.1),
+            "patches": _patches(random, maneuver["direction_deg"]),
+        },
+        "maneuver": maneuver,
+        "velocity_sensor": _sensor(random, maneuver["brake_time"]),
+        "brake_assist": dict(_TOLERANT) if random.random() < 0.5 else {},
+    }
+
+
+def _number(random: np.random.Generator, low: float, high: float, digits: int = 3) -> float:
+    return round(float(random.uniform(low, high)), digits)
+
+
+def _maneuver(random: np.random.Generator, largest_speed: float) -> Tree:
+    turning = random.random() < 0.5
+    return {
+        "speed": _number(random, 0.5, largest_speed),
+        "direction_deg": _number(random, -180.0, 180.0, 1),
+        "yaw_rate_deg": _number(random, -90.0, 90.0, 1) if turning else 0.0,
+        "hold_world_direction": bool(random.random() < 0.5),
+        "brake_time": 0.2,
+        "pedal": _number(random, 0.3, 1.0) if random.random() < 0.5 else 1.0,
+        "pedal_ramp_time": _number(random, 0.0, 0.3, 2),
+    }
+
+
+def _patches(random: np.random.Generator, direction_deg: float) -> Tree:
+    """Scatter patches along the way, in front of and beside the vehicle."""
+    patches = {}
+    for index in range(int(random.integers(0, 4))):
+        along, across = random.uniform(0.0, 12.0), random.uniform(-2.0, 2.0)
+        angle = math.radians(direction_deg)
+        patches[f"patch_{index}"] = {
+            "x": round(float(along * math.cos(angle) - across * math.sin(angle)), 3),
+            "y": round(float(along * math.sin(angle) + across * math.cos(angle)), 3),
+            "length": _number(random, 0.5, 6.0),
+            "width": _number(random, 0.5, 3.0),
+            "heading_deg": _number(random, -180.0, 180.0, 1),
+            "friction": _number(random, 0.05, 1.1),
+        }
+    return patches
+
+
+def _sensor(random: np.random.Generator, brake_time: float) -> Tree:
+    noisy, failing = random.random() < 0.5, random.random() < 0.3
+    noise = _number(random, 0.0, 0.15) if noisy else 0.0
+    sensor: Tree = {
+        "sample_time": float(random.choice([0.01, 0.02, 0.04])),
+        "linear_noise": noise,
+        "yaw_rate_noise": noise,
+        "offset_x": _number(random, -0.02, 0.02) if noisy else 0.0,
+        "offset_y": _number(random, -0.02, 0.02) if noisy else 0.0,
+        "yaw_rate_offset": _number(random, -0.05, 0.05) if noisy else 0.0,
+    }
+    kind = str(random.choice(FAILURES[1:]))
+    start, duration = _number(random, -0.2, 2.0, 2), _number(random, 0.02, 2.0, 2)
+    if failing:
+        sensor |= {
+            "failure": kind,
+            "failure_time": round(brake_time + start, 2),
+            "failure_duration": duration,
+        }
+    return sensor

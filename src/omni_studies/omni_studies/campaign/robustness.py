@@ -1,0 +1,156 @@
+"""One run of the robustness campaign: the same braking unassisted and assisted, and its limits.
+
+A run that breaks a limit is run again with one adversity after the other taken away; the one
+without which the limit holds is its cause.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration
+from omni_studies.campaign.random_braking import RandomBraking, Tree, draw
+
+ORIENTATION_LIMIT = 5.0
+"""How much worse the orientation change may be than unassisted [deg]."""
+
+DISTANCE_FACTOR = 2.0
+"""How many times longer the stopping distance may be than unassisted [1]: the assistant may have to
+give up the friction of half of the wheels."""
+
+ENERGY_LIMIT = 1e-3
+"""Share of the energy at the start of braking that may come back while braking [1]."""
+
+SHORTEST_DISTANCE = 0.2
+"""Stopping distances below this are compared as if they were this long [m]."""
+
+CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
+"""Why a limit is broken: the sensor fails; it is noisy, biased or slow; wheels meet patches; the
+vehicle turns when it starts to brake; it does not move straight ahead; or none of these, which
+leaves the control law itself."""
+
+LIMITS = ("energy", "orientation", "distance", "rest")
+"""What may be violated; the fields of `Outcome` that hold the causes."""
+
+
+class Outcome(NamedTuple):
+    """What a run comes to.
+
+    Attributes:
+        seed: of the run.
+        vehicle: name of its file.
+        orientation_unassisted: change of orientation while braking [deg].
+        orientation_assisted: likewise.
+        distance_unassisted: stopping distance [m].
+        distance_assisted: likewise.
+        energy_rise_unassisted: largest rise of the energy while braking, as a share [1].
+        energy_rise_assisted: likewise.
+        stopped_unassisted: whether the vehicle came to rest, 0 or 1.
+        stopped_assisted: likewise.
+        tipping: whether a vehicle would have tipped over with either, which the planar model only
+            reports, 0 or 1.
+        distrusted: share of the braking in which the assistant had all brakes on for want of
+            trust [1].
+        energy: what causes a violation of the limit of the energy, one of `CAUSES`, else empty.
+        orientation: likewise for the orientation.
+        distance: likewise for the stopping distance.
+        rest: likewise for coming to rest, if the vehicle does so unassisted.
+    """
+
+    seed: int
+    vehicle: str
+    orientation_unassisted: float
+    orientation_assisted: float
+    distance_unassisted: float
+    distance_assisted: float
+    energy_rise_unassisted: float
+    energy_rise_assisted: float
+    stopped_unassisted: int
+    stopped_assisted: int
+    tipping: int
+    distrusted: float
+    energy: str = ""
+    orientation: str = ""
+    distance: str = ""
+    rest: str = ""
+
+
+def outcome(braking: RandomBraking, seed: int) -> Outcome:
+    """Run a seed without and with the assistant, and find the causes of what breaks a limit."""
+    drawn = draw(seed)
+    result = compare(braking, drawn)
+    open_limits = violations(result)
+    causes: dict[str, Any] = {}
+    for cause in CAUSES[:-1]:
+        if not open_limits:
+            break
+        drawn = _without(drawn, cause)
+        still = violations(compare(braking, drawn))
+        causes |= {limit: cause for limit in open_limits if limit not in still}
+        open_limits = tuple(limit for limit in open_limits if limit in still)
+    causes |= dict.fromkeys(open_limits, CAUSES[-1])
+    return result._replace(**causes)
+
+
+def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
+    """Run what has been drawn without and with the assistant."""
+    configurations = braking.configurations(drawn)
+    unassisted, assisted = (
+        run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
+    )
+    configuration = configurations["assisted"]
+    return Outcome(
+        seed=drawn["seed"],
+        vehicle=drawn["vehicle"],
+        orientation_unassisted=unassisted.orientation_change,
+        orientation_assisted=assisted.orientation_change,
+        distance_unassisted=unassisted.stopping_distance,
+        distance_assisted=assisted.stopping_distance,
+        energy_rise_unassisted=energy_rise(unassisted, configuration),
+        energy_rise_assisted=energy_rise(assisted, configuration),
+        stopped_unassisted=int(unassisted.stopped),
+        stopped_assisted=int(assisted.stopped),
+        tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
+        distrusted=float(np.mean(~assisted.record.trusted[assisted.brake_start :])),
+    )
+
+
+def _without(drawn: Tree, cause: str) -> Tree:
+    """Return what has been drawn without one of its adversities."""
+    if cause == "failure":
+        kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
+        return drawn | {"velocity_sensor": kept}
+    if cause == "noise":
+        return drawn | {"velocity_sensor": {}}
+    if cause == "patches":
+        return drawn | {"ground": drawn["ground"] | {"patches": {}}}
+    entry = "yaw_rate_deg" if cause == "rotation" else "direction_deg"
+    return drawn | {"maneuver": drawn["maneuver"] | {entry: 0.0}}
+
+
+def energy_rise(run: FastRun, configuration: ExperimentConfiguration) -> float:
+    """Return the largest rise of the energy from any stamp to a later one [1].
+
+    Kinetic and elastic energy on flat ground, from the moment on at which the pedal has opened the
+    clutch, as a share of the energy at that moment: brakes only take.
+    """
+    free = run.pedal >= configuration.vehicle.drive.clutch_threshold
+    energy = run.record.energy[free]
+    rise = np.max(energy - np.minimum.accumulate(energy))
+    return float(rise / energy[0])
+
+
+def violations(result: Outcome) -> tuple[str, ...]:
+    """Return the limits that a run breaks: ``energy``, ``orientation``, ``distance``, ``rest``."""
+    longest = DISTANCE_FACTOR * max(result.distance_unassisted, SHORTEST_DISTANCE)
+    broken = {
+        "energy": max(result.energy_rise_unassisted, result.energy_rise_assisted) > ENERGY_LIMIT,
+        "orientation": result.orientation_assisted
+        > result.orientation_unassisted + ORIENTATION_LIMIT,
+        "distance": result.distance_assisted > longest,
+        "rest": result.stopped_assisted < result.stopped_unassisted,
+    }
+    return tuple(name for name, is_broken in broken.items() if is_broken)

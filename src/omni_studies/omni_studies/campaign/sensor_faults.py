@@ -1,0 +1,381 @@
+"""Stops with a fault of a sensor, of two sensors at once or of a brake: one number makes a stop.
+
+The seed draws the law, whether there is an IMU, the vehicle with its braking (`CASES`) and the
+fault. A `single` fault takes one channel; a `pair` takes two with the same kind and onset, as a
+shared supply, clock or calibration does; a `brake` fault takes the brake of one wheel, before or
+during the stop. Every `SEARCH_SHARE`-th seed searches for the worst fault nearby by changing one
+entry after the other.
+
+Sensor faults are compared with the longer stop and the larger rotation of unassisted braking and of
+assisted braking without a fault; brake faults with unassisted braking with the same fault.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.configuration import to_mapping
+from omni_sim.faults import KINDS, FaultConfiguration
+from omni_sim.vehicle.configuration import WheelCondition
+
+CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "straight_line": ("straight_line", "assisted", ()),
+    "diagonal": ("straight_line", "assisted", ("maneuver.direction_deg=30", "maneuver.speed=8")),
+    "slippery": ("straight_line", "assisted", ("ground.friction=0.4", "maneuver.speed=6")),
+    "turn_while_translate": ("turn_while_translate", "k7", ()),
+    "three_wheel_diagonal": ("three_wheel_diagonal", "assisted", ()),
+    "table_2": ("straight_line", "assisted", ("vehicle=table_2_mecanum", "maneuver.speed=6")),
+    "six_wheels": ("straight_line", "assisted", ("vehicle=six_wheel_mecanum", "maneuver.speed=6")),
+}
+"""Experiment, its variant with the assistant, and what differs from it, by name."""
+
+LAWS: dict[str, tuple[str, ...]] = {
+    "sliding_mode": ("brake_assist.law=sliding_mode",),
+    "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
+}
+"""Settings of each law: `allocation` is made for brakes that follow any share of the pressure."""
+
+EXTENTS = ("single", "single", "pair", "brake")
+"""What fails; as often as it is listed."""
+
+SEARCH_SHARE = 8
+SEARCH_STEPS = 10
+
+# Size of a fault in the unit of the channel, from and to; the last axis of the twist is a rate.
+_SIZES = {
+    "twist": (0.1, 5.0),
+    "rate": (0.03, 3.0),
+    "gyro": (0.03, 3.0),
+    "accelerometer": (0.3, 15.0),
+    "encoder": (0.5, 40.0),
+}
+_SHARES = ("scale", "echo")  # their size is a share
+_CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
+_BRAKES = ("brake", "open_valve", "stuck_brake")  # entries of `WheelCondition`
+# Encoders of 4096 counts; no picture is needed; a stop that takes longer has failed.
+_SETTING = (
+    "feedback=velocity_sensor",
+    "simulation.render_lines=false",
+    "simulation.duration_limit=20",
+    "encoders.resolution=4096",
+    "brake_assist.second_opinion=true",
+)
+
+
+class Fault(NamedTuple):
+    """A fault.
+
+    Attributes:
+        channel: of the sensors, two of them joined by ``+``, or ``brake``.
+        kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
+        axis: of the channel, or the wheel; -1 for all.
+        onset: time from the pedal on [s].
+        amplitude: in the unit of the first channel; a second one has the same share of its range.
+        period: of a ramp, sine or delay [s].
+    """
+
+    channel: str
+    kind: str
+    axis: int
+    onset: float
+    amplitude: float
+    period: float
+
+
+class Setting(NamedTuple):
+    """A stop without its fault: `LAWS`, whether there is an IMU, one of `CASES`."""
+
+    law: str
+    imu: bool
+    case: str
+
+
+class Reference(NamedTuple):
+    """Stop to compare with: whether it comes to rest, distance [m], change of orientation [deg]."""
+
+    rest: bool
+    distance: float
+    rotation: float
+
+
+class Stop(NamedTuple):
+    """Result of a stop with a fault.
+
+    Attributes:
+        seed: of the run.
+        law: entries of `Setting`; `imu` is 0 or 1.
+        imu: as above.
+        case: as above.
+        extent: one of `EXTENTS`.
+        channel: entries of `Fault`.
+        kind: as above.
+        axis: as above.
+        onset: as above [s].
+        amplitude: as above.
+        period: as above [s].
+        counted: whether the reference comes to rest, 0 or 1.
+        rest: whether the vehicle comes to rest, 0 or 1.
+        distance: ratio to the reference [1].
+        rotation: excess over the reference [deg].
+        assisting: whether brakes were still released 0.5 s after the onset, or the stop was over by
+            then, 0 or 1.
+    """
+
+    seed: int
+    law: str
+    imu: int
+    case: str
+    extent: str
+    channel: str
+    kind: str
+    axis: int
+    onset: float
+    amplitude: float
+    period: float
+    counted: int
+    rest: int
+    distance: float
+    rotation: float
+    assisting: int
+
+    @property
+    def group(self) -> str:
+        """Case of the study's metrics."""
+        return f"{self.law}_{'imu' if self.imu else 'no_imu'}_{self.extent}"
+
+
+class FaultyStops:
+    """Makes stops from their seeds.
+
+    Args:
+        library: of experiments and vehicles.
+        changes: of every assistant and vehicle, as ``dotted.key=value``; a law among them is the
+            only one then.
+    """
+
+    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
+        chosen = [c.split("=", 1)[1] for c in changes if c.startswith("brake_assist.law=")]
+        laws = {law: LAWS.get(law, (f"brake_assist.law={law}",)) for law in chosen or LAWS}
+        self._laws = tuple(laws)
+        self._bases = {
+            (Setting(law, imu, case), variant != "unassisted"): library.load(
+                experiment,
+                variant,
+                [*_SETTING, *own, *settings, *changes, f"imu.enabled={str(imu).lower()}"],
+            )
+            for law, settings in laws.items()
+            for case, (experiment, assisted, own) in CASES.items()
+            for imu in (True, False)
+            for variant in ("unassisted", assisted)
+        }
+        self._references: dict[Setting, Reference] = {}
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of everything that the stops depend on besides their seeds."""
+        bases = [to_mapping(base) for base in self._bases.values()]
+        text = json.dumps([bases, EXTENTS, SEARCH_SHARE, SEARCH_STEPS])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def __call__(self, seed: int) -> Stop:
+        """Draw and run a seed."""
+        random = np.random.default_rng([seed, 29])
+        imu = bool(random.random() < 0.6)
+        setting = Setting(str(random.choice(self._laws)), imu, str(random.choice(list(CASES))))
+        extent = str(random.choice(EXTENTS))
+        fault = self._draw(random, setting, extent)
+        worst = self.run(setting, fault, seed)
+        if seed % SEARCH_SHARE == 0:
+            for _ in range(SEARCH_STEPS):
+                changed = self._change(random, setting, extent, fault)
+                tried = self.run(setting, changed, seed)
+                if _badness(tried) > _badness(worst):
+                    worst, fault = tried, changed
+        return worst
+
+    def run(self, setting: Setting, fault: Fault, seed: int = 0) -> Stop:
+        """Run a stop with a fault."""
+        base = self._bases[setting, True]
+        time = max(round(base.maneuver.brake_time + fault.onset, 3), 0.0)
+        if fault.channel == "brake":
+            extent = "brake"
+            wheel = list(base.vehicle.wheels)[fault.axis]
+            condition = WheelCondition(onset=time, **{fault.kind: fault.amplitude})
+            vehicle = dataclasses.replace(base.vehicle, conditions={wheel: condition})
+            faulty = dataclasses.replace(base, vehicle=vehicle)
+            unassisted = dataclasses.replace(self._bases[setting, False], vehicle=vehicle)
+            reference = _reference([run_fast_loop(unassisted)])
+        else:
+            faults = _configurations(fault, time)
+            extent = "single" if len(faults) == 1 else "pair"
+            faulty = dataclasses.replace(base, faults=faults)
+            reference = self.reference(setting)
+        run = run_fast_loop(faulty)
+        return Stop(
+            seed,
+            setting.law,
+            int(setting.imu),
+            setting.case,
+            extent,
+            *fault,
+            counted=int(reference.rest),
+            rest=int(run.stopped),
+            distance=run.stopping_distance / reference.distance,
+            rotation=run.orientation_change - reference.rotation,
+            assisting=int(_still_assists(run, base, fault)),
+        )
+
+    def reference(self, setting: Setting) -> Reference:
+        """Return the worse of unassisted braking and of assisted braking without a fault."""
+        if setting not in self._references:
+            bases = [self._bases[setting, assisted] for assisted in (False, True)]
+            self._references[setting] = _reference([run_fast_loop(base) for base in bases])
+        return self._references[setting]
+
+    def _draw(self, random: np.random.Generator, setting: Setting, extent: str) -> Fault:
+        wheels = len(self._bases[setting, True].vehicle.wheels)
+        onset = round(float(random.uniform(-0.2, 1.2)), 2)
+        if random.random() < 0.2:
+            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # while driving
+        if extent == "brake":
+            kind = str(random.choice(_BRAKES))
+            before = random.random() < 0.5
+            amplitude = {"brake": 0.0, "open_valve": 1.0, "stuck_brake": 0.5}[kind]
+            wheel = int(random.integers(0, wheels))
+            return Fault("brake", kind, wheel, -9.0 if before else abs(onset), amplitude, 0.1)
+        kind = str(random.choice(KINDS))
+        if extent == "pair":
+            pair = random.choice(_CHANNELS[setting.imu], 2, replace=False)
+            channel, axis = "+".join(sorted(map(str, pair))), int(random.integers(-1, 3))
+        else:
+            channel = str(random.choice(_CHANNELS[setting.imu]))
+            # A single fault is one wheel, one gyro, but any axes of the others.
+            axes = {"twist": 3, "accelerometer": 2, "gyro": 1, "encoder": wheels}[channel]
+            axis = int(random.integers(0 if channel in ("encoder", "gyro") else -1, axes))
+        low, high = _range(channel.split("+")[0], kind, axis)
+        size = float(np.exp(random.uniform(np.log(low), np.log(high))))
+        return Fault(
+            channel,
+            kind,
+            axis,
+            onset,
+            round(size * float(random.choice([-1.0, 1.0])), 3),
+            round(float(random.uniform(0.01, 0.6)), 2),
+        )
+
+    def _change(
+        self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
+    ) -> Fault:
+        """Return a fault that differs in one entry."""
+        other = self._draw(random, setting, extent)
+        entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
+        if entry == "all" or (extent == "brake" and entry != "onset"):
+            return other
+        if entry == "kind":
+            return fault._replace(kind=other.kind)
+        if entry == "onset":
+            moved = round(fault.onset + float(random.normal(0.0, 0.1)), 2)
+            return fault._replace(onset=moved)
+        if entry == "amplitude":
+            factor = float(np.exp(random.normal(0.0, 0.4)))
+            return fault._replace(amplitude=round(fault.amplitude * factor, 3))
+        return fault._replace(period=other.period)
+
+
+def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
+    if kind in _SHARES:
+        return 0.05, 1.5
+    return _SIZES["rate" if channel == "twist" and axis == 2 else channel]
+
+
+def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
+    """Return the faults of all channels: of two, with the same share of their ranges of size.
+
+    All wheels share a fault that an encoder shares with another sensor. A pair on the axes of the
+    twist has the same axis of the accelerometer, and the gyro only for the yaw rate or all.
+    """
+    channels = fault.channel.split("+")
+    low, high = _range(channels[0], fault.kind, fault.axis)
+    share = np.log(max(abs(fault.amplitude), 1e-9) / low) / np.log(high / low)
+    faults = {}
+    for channel in channels:
+        first, last = _range(channel, fault.kind, fault.axis)
+        axis = fault.axis
+        if len(channels) > 1:
+            axis = {"twist": axis, "accelerometer": axis if axis < 2 else -1}.get(channel, -1)
+        faults[channel] = FaultConfiguration(
+            channel=channel,
+            kind=fault.kind,
+            axis=axis,
+            time=time,
+            amplitude=float(np.copysign(first * (last / first) ** share, fault.amplitude)),
+            period=fault.period,
+        )
+    return faults
+
+
+def _reference(runs: Sequence[FastRun]) -> Reference:
+    return Reference(
+        all(run.stopped for run in runs),
+        max(run.stopping_distance for run in runs),
+        max(run.orientation_change for run in runs),
+    )
+
+
+def _badness(stop: Stop) -> float:
+    """Return how bad a stop is: 1 at the limits of distance or rotation."""
+    limit = limits(stop.extent, imu=bool(stop.imu))
+    far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)
+    turned = stop.rotation / limit.rotation if limit.rotation else 0.0
+    return stop.counted * (max(far, turned) + 100.0 * (1 - stop.rest))
+
+
+def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: Fault) -> bool:
+    start = configuration.maneuver.brake_time + max(fault.onset, 0.0) + 0.5
+    first = round(start * 1e9) // run.period_ns
+    released = np.any(run.record.enable[first:] < 0.5, axis=1)
+    moving = np.hypot(run.twist[first:, 0], run.twist[first:, 1]) > 1.0
+    return bool(not np.any(moving) or np.any(released[moving]))
+
+
+class Limits(NamedTuple):
+    """Limits of a kind of fault; None where there is none.
+
+    Attributes:
+        distance: ratio to the reference [1].
+        rotation: excess over the reference [deg].
+        assisting: share of stops that go on assisting [%].
+    """
+
+    distance: float | None
+    rotation: float | None
+    assisting: float | None
+
+
+def limits(extent: str, *, imu: bool) -> Limits:
+    """Return the limits that hold for both laws."""
+    if extent == "brake":
+        return Limits(1.2, 5.0, None)
+    if extent == "pair":
+        return Limits(1.5 if imu else None, None, None)
+    return Limits(1.15, 5.0, 92.0) if imu else Limits(1.5, 15.0, None)
+
+
+def loss_of_twist(stops: FaultyStops, onset: float) -> float:
+    """Return the change of orientation [deg] on ``straight_line`` if the twist is lost for good.
+
+    Args:
+        stops: makes the stop.
+        onset: time from the pedal on [s].
+    """
+    setting = Setting(stops._laws[0], True, "straight_line")
+    stop = stops.run(setting, Fault("twist", "drop_out", -1, onset, 0.0, 0.1))
+    return stop.rotation + stops.reference(setting).rotation

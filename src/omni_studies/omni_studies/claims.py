@@ -1,0 +1,97 @@
+"""Claims about the metrics of a study: a sentence, an expression and a comparison each.
+
+They stand in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
+``quantity`` all of its cases, and ``of(quantity, "pattern")`` those whose names match; ``min``,
+``max``, ``mean`` and ``abs`` are known. A claim about metrics that a run does not have, say of a
+ground that was not asked for, is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import statistics
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+from omni_loop.metrics import Metric, results_entry
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """A claim and what was found.
+
+    Attributes:
+        sentence: what is claimed.
+        found: value of its expression, with the limits that it states.
+    """
+
+    sentence: str
+    found: Metric
+
+    def __str__(self) -> str:
+        found = self.found
+        unit = "" if found.unit == "1" else f" {found.unit}"
+        limits = [
+            f"{words} {limit:g}"
+            for words, limit in (("at least", found.at_least), ("at most", found.at_most))
+            if limit is not None
+        ]
+        return f"{self.sentence}: {found.value:.3g}{unit}, {' and '.join(limits)}: {found.status}"
+
+    def entry(self) -> dict[str, Any]:
+        """Return the claim as it stands in the document of a study."""
+        return {"claim": self.sentence} | results_entry(self.found)
+
+
+class _Cases(dict[str, float]):
+    """Values of a quantity by case; a case is also an attribute."""
+
+    def __getattr__(self, case: str) -> float:
+        return self[case]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.values())
+
+
+def _of(cases: _Cases, pattern: str) -> list[float]:
+    found = [value for case, value in cases.items() if fnmatchcase(case, pattern)]
+    if not found:
+        raise KeyError(pattern)
+    return found
+
+
+_FUNCTIONS = {"of": _of, "min": min, "max": max, "abs": abs, "mean": statistics.fmean}
+
+
+def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
+    """Hold the claims of a study against its metrics.
+
+    Args:
+        study: its name.
+        metrics: by ``<quantity>.<case>``.
+
+    Returns:
+        Those whose metrics there are.
+    """
+    text = (files(__package__) / "claims.yaml").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    for name, metric in metrics.items():
+        quantity, _, case = name.partition(".")
+        names.setdefault(quantity, _Cases())[case] = metric.value
+    claims = []
+    for row in (yaml.safe_load(text) or {}).get(study, ()):
+        try:
+            value = float(eval(row["value"], {"__builtins__": {}, **_FUNCTIONS}, names))
+        except (KeyError, NameError):
+            continue
+        except ZeroDivisionError:
+            value = math.nan
+        limits = {name: row[name] for name in ("at_least", "at_most") if name in row}
+        found = Metric(value, row.get("unit", "1"), note=row.get("note", ""), **limits)
+        claims.append(Claim(row["claim"], found))
+    return tuple(claims)

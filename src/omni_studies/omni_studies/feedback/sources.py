@@ -1,0 +1,175 @@
+"""Error models of the sources of a body twist.
+
+A model draws white noise and a constant scale error, delays and samples the true twist, and
+measures nothing beyond the largest speed or where a sample is lost. The basis of the numbers stands
+beside them. Wheel odometry and dead reckoning are no error models: they use the simulated encoders
+and IMU.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+
+import numpy as np
+
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_platform.signals import TwistSample
+from omni_sim.simulator import Observation
+
+MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
+_UNMEASURED = 1e6  # variance
+_SMALLEST = 1e-4  # deviation that a source without noise states
+
+
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """A source of the body twist.
+
+    Attributes:
+        label: for tables.
+        basis: where the numbers come from.
+        kind: error model, wheel odometry, or wheel odometry before braking and none after.
+        linear: standard deviation of v_x and v_y [m/s].
+        turning: standard deviation of the yaw rate [rad/s].
+        relative: standard deviation per speed [1].
+        scale: standard deviation of the constant error of the scale [1].
+        period: of the samples [s].
+        latency: from the measurement to the message [s].
+        lost: share of samples without a measurement [1].
+        maximum_speed: beyond which nothing is measured [m/s].
+    """
+
+    label: str
+    basis: str
+    kind: str = MODEL
+    linear: float = 0.0
+    turning: float = 0.0
+    relative: float = 0.0
+    scale: float = 0.0
+    period: float = 0.01
+    latency: float = 0.0
+    lost: float = 0.0
+    maximum_speed: float = math.inf
+
+
+_LINES = "study accuracy and covariance: RMSE and availability on photographs"
+_LEVER = 0.4  # [m] half of the distance between two sensors under a small vehicle
+
+
+def _pair(label: str, basis: str, sensors: int, linear: float, **changes: float) -> Source:
+    """Return some flow sensors at a lever of 0.4 m: their mean, and the difference as yaw rate."""
+    shared = linear / math.sqrt(sensors)
+    return Source(label, basis, linear=shared, turning=shared / _LEVER, **changes)  # type: ignore[arg-type]
+
+
+_PAA5100 = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
+_PMW3901 = "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed"
+SOURCES = {
+    "ideal": Source("ideal, 100 Hz", "exact"),
+    "lines_coarse": Source(
+        "3 line cameras, 128 px", _LINES, linear=0.03, turning=0.05, lost=0.1, latency=0.005
+    ),
+    "lines": Source(
+        "3 line cameras, 335 px", _LINES, linear=0.008, turning=0.015, lost=0.03, latency=0.005
+    ),
+    "lines_fine": Source(
+        "3 line cameras, 1024 px", _LINES, linear=0.004, turning=0.008, lost=0.01, latency=0.005
+    ),
+    "paa5100_2": _pair(
+        "2 x PAA5100JE", _PAA5100, 2, 0.01, relative=0.02, scale=0.02, maximum_speed=1.14
+    ),
+    "paa5100_3": _pair(
+        "3 x PAA5100JE", _PAA5100, 3, 0.01, relative=0.02, scale=0.02, maximum_speed=1.14
+    ),
+    "pmw3901_2": _pair(
+        "2 x PMW3901", _PMW3901, 2, 0.02, relative=0.03, scale=0.03, maximum_speed=0.74
+    ),
+    "pmw3901_3": _pair(
+        "3 x PMW3901", _PMW3901, 3, 0.02, relative=0.03, scale=0.03, maximum_speed=0.74
+    ),
+    "otos": Source(
+        "SparkFun OTOS",
+        "data sheet: 2.5 m/s, filtered with its IMU; delay of the filter assumed",
+        linear=0.01,
+        turning=0.02,
+        relative=0.01,
+        scale=0.01,
+        latency=0.01,
+        maximum_speed=2.5,
+    ),
+    "correvit": Source(
+        "optical 2-D sensor (Correvit type) and gyro",
+        "data sheets of such sensors: 0.1 % of the speed, 250 Hz, 6 ms",
+        linear=0.01,
+        turning=0.005,
+        relative=0.001,
+        scale=0.001,
+        latency=0.006,
+    ),
+    "encoders": Source("wheel encoders alone", "simulated encoders", WHEELS),
+    "encoders_imu": Source("encoders until braking, then IMU", "simulated sensors", INERTIAL),
+    "late_20ms": Source("ideal, 20 ms late", "exact", latency=0.02),
+    "late_50ms": Source("ideal, 50 ms late", "exact", latency=0.05),
+    "late_100ms": Source("ideal, 100 ms late", "exact", latency=0.1),
+    "rate_50hz": Source("ideal, 50 Hz", "exact", period=0.02),
+    "rate_25hz": Source("ideal, 25 Hz", "exact", period=0.04),
+}
+
+
+class SourceEstimator:
+    """Gives the controller what a source would measure.
+
+    Args:
+        source: the error model.
+        kinematics: of the wheels, for wheel odometry.
+        seed: of the noise.
+    """
+
+    def __init__(self, source: Source, kinematics: PlatformKinematics, seed: int) -> None:
+        self._source = source
+        self._kinematics = kinematics
+        self._random = np.random.default_rng(seed)
+        self._scale = 1.0 + source.scale * float(self._random.standard_normal())
+        self._waiting: deque[tuple[int, TwistSample]] = deque()  # by arrival [ns]
+        self._last: TwistSample | None = None
+        self._sampled_ns = -(10**18)
+
+    def estimate(self, observation: Observation) -> TwistSample:
+        """Return the newest measurement that has arrived; one that measured nothing at first."""
+        now_ns, source = observation.stamp_ns, self._source
+        if now_ns - self._sampled_ns >= round(source.period * 1e9):
+            self._sampled_ns = now_ns
+            arrival_ns = now_ns + round(source.latency * 1e9)
+            self._waiting.append((arrival_ns, self._measure(observation)))
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            self._last = self._waiting.popleft()[1]
+        if self._last is None:
+            return TwistSample(now_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+        return self._last
+
+    def _measure(self, observation: Observation) -> TwistSample:
+        source, stamp_ns = self._source, observation.stamp_ns
+        if source.kind != MODEL:
+            return self._by_wheels(observation)
+        speed = math.hypot(*observation.twist[:2])
+        lost = self._random.random() < source.lost
+        noise = self._random.standard_normal(3)
+        if lost or speed > source.maximum_speed:
+            return TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+        linear = max(math.hypot(source.linear, source.relative * speed), _SMALLEST)
+        deviation = np.array([linear, linear, max(source.turning, _SMALLEST)])
+        scale = np.array([self._scale, self._scale, 1.0])
+        # A source states its scale error too, as its maker does.
+        stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
+        value: FloatArray = scale * observation.twist + deviation * noise
+        return TwistSample(stamp_ns, value, np.diag(stated))
+
+    def _by_wheels(self, observation: Observation) -> TwistSample:
+        stamp_ns = observation.stamp_ns
+        if self._source.kind == INERTIAL and observation.pedal > 0.0:
+            return TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+        twist = self._kinematics.twist(observation.encoder_speed)
+        return TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)

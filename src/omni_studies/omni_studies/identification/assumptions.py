@@ -1,0 +1,73 @@
+"""How much Table 2 depends on what was not sought: tire, wheels and the shape of the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_studies.identification import table_2
+from omni_studies.identification.identification import Parameters, configure, measure
+
+EXPERIMENT = "turn_while_translate"
+
+
+class Assumption(NamedTuple):
+    """Something changed that the search holds.
+
+    Attributes:
+        name: of the change.
+        overrides: of the experiment.
+        sought: parameters of the search that take the value of another.
+        patch_width: of the slippery patch, over its own [1].
+    """
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    sought: tuple[tuple[str, str], ...] = ()
+    patch_width: float = 1.0
+
+
+ASSUMPTIONS = (
+    Assumption("nothing"),
+    Assumption("tire stiffness 100 kN/m", ("vehicle.tire.stiffness=1e5",)),
+    Assumption("tire stiffness 400 kN/m", ("vehicle.tire.stiffness=4e5",)),
+    Assumption("tire damping 500 N s/m", ("vehicle.tire.damping=500",)),
+    Assumption("tire damping 10 kN s/m", ("vehicle.tire.damping=1e4",)),
+    Assumption("Magic Formula tire", ("vehicle.tire.model=magic_formula",)),
+    Assumption("linear tire", ("vehicle.tire.model=linear",)),
+    *(
+        Assumption(
+            f"{count} individual rollers",
+            ("vehicle.wheel_model=rollers", f"vehicle.rollers.count={count}"),
+        )
+        for count in (24, 12, 6)
+    ),
+    Assumption("patch 0.7 times as wide", patch_width=0.7),
+    Assumption("patch half as wide", patch_width=0.5),
+    Assumption("friction of the ground everywhere", sought=(("patch_friction", "friction"),)),
+    Assumption("friction of the patch everywhere", sought=(("friction", "patch_friction"),)),
+)
+
+
+def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[str, float]]:
+    """Yield the ten numbers of a candidate under each of `ASSUMPTIONS`.
+
+    Args:
+        library: where the experiment is.
+        parameters: the candidate, by the names of `identification.QUANTITIES`.
+    """
+    for _, overrides, sought, patch_width in ASSUMPTIONS:
+        changed = {
+            **parameters,
+            **{name: parameters[source] for name, source in sought},
+            "patch_width": patch_width * parameters["patch_width"],
+        }
+        yield measure(
+            {
+                case: configure(
+                    library.load(EXPERIMENT, case, [table_2.TWIST_ALONE, *overrides]), changed
+                )
+                for case in table_2.CASES
+            }
+        )

@@ -1,0 +1,133 @@
+"""Table 2 as a trade-off, and how sensitive it is to what was identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from omni_brake_assist.weighting import weighting_function
+from omni_figures import style
+from omni_studies.identification import table_2
+from omni_studies.identification.identification import QUANTITIES
+from omni_studies.identification.sensitivity import Sensitivity
+
+_LABELS = {
+    "unassisted": "unassisted",
+    "zero": r"$\psi = 0$",
+    "cosine": r"$\psi = \cos\delta$",
+    "k1": "enhanced, k = 1",
+    "k7": "enhanced, k = 7",
+}
+
+
+def weighting_functions() -> Figure:
+    """Draw how much the parallel component of a wheel counts over its angle, Figure 28."""
+    figure = Figure(figsize=(8.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    angle = np.linspace(0.0, 90.0, 181)
+    for row, case in enumerate(("zero", "cosine", "k1", "k3", "k7")):
+        kind = "enhanced" if case[0] == "k" else case
+        k = int(case[1:]) if kind == "enhanced" else 1
+        weights = weighting_function(kind, k)(np.radians(angle))
+        label = f"enhanced, k = {k}" if kind == "enhanced" else _LABELS[case]
+        axes.plot(angle, weights, color=style.wheel_colour(row), linewidth=1.8, label=label)
+    axes.set_xlabel(r"angle $\delta$ between active direction and velocity [deg]")
+    axes.set_ylabel(r"weight $\psi$ [1]")
+    axes.set_title("A wheel that cannot brake counts for nothing", loc="left")
+    axes.set_xticks(range(0, 91, 15))
+    axes.legend()
+    return figure
+
+
+def trade_off(measured: Mapping[str, float]) -> Figure:
+    """Draw orientation change against stopping distance, beside the dissertation's.
+
+    Args:
+        measured: all of `table_2.REFERENCES` in their units.
+    """
+    figure = Figure(figsize=(8.0, 5.2), dpi=style.DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    for row, case in enumerate(table_2.CASES):
+        colour = style.wheel_colour(row)
+        names = f"stopping_distance.{case}", f"orientation_change.{case}"
+        x0, y0 = (table_2.REFERENCES[name] for name in names)
+        dx, dy = (table_2.tolerance(name) for name in names)
+        x, y = (measured[name] for name in names)
+        axes.add_patch(
+            Rectangle((x0 - dx, y0 - dy), 2 * dx, 2 * dy, facecolor=colour, alpha=0.18, zorder=1)
+        )
+        axes.plot([x0], [y0], "o", markerfacecolor="white", color=colour, markersize=9, zorder=3)
+        axes.plot([x], [y], "o", color=colour, markersize=6, zorder=4)
+        axes.annotate(
+            _LABELS[case],
+            (x0 + dx, y0),
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    axes.set_xlim(8.5, 13.7)
+    axes.set_ylim(0.0, 95.0)
+    axes.set_xlabel("stopping distance [m]")
+    axes.set_ylabel("orientation change [deg]")
+    axes.set_title("Table 2: orientation against distance")
+    grey: dict[str, Any] = {"color": style.GREY, "linestyle": "", "marker": "o"}
+    axes.legend(
+        handles=[
+            Line2D([], [], markerfacecolor="white", markersize=9, label="dissertation", **grey),
+            Patch(facecolor=style.GREY, alpha=0.3, label="5 % or 2 deg, 3 %"),
+            Line2D([], [], markersize=6, label="identified vehicle", **grey),
+        ],
+        loc="upper right",
+    )
+    return figure
+
+
+def sensitivity_map(sensitivity: Sensitivity) -> Figure:
+    """Draw the change of every number for a step of every parameter, in tolerances."""
+    values = sensitivity.in_tolerances.T
+    figure = Figure(figsize=(10.0, 7.6), dpi=style.DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    axes.grid(False)
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    for (row, column), value in np.ndenumerate(values):
+        axes.text(
+            column,
+            row,
+            f"{value:+.2f}",
+            ha="center",
+            va="center",
+            color="white" if abs(value) > 0.7 else style.BLACK,
+        )
+    axes.set_xticks(
+        range(len(sensitivity.numbers)),
+        [f"{_LABELS[name.partition('.')[2]]}" for name in sensitivity.numbers],
+        rotation=30,
+        ha="right",
+    )
+    axes.set_yticks(
+        range(len(QUANTITIES)),
+        [
+            f"{quantity.name.replace('_', ' ')} +{quantity.step:g} {quantity.unit}".removesuffix(
+                " 1"
+            )
+            for quantity in QUANTITIES
+        ],
+    )
+    axes.axvline(4.5, color=style.BLACK, linewidth=1.5)
+    for x, words in ((2.0, "orientation change"), (7.0, "stopping distance")):
+        axes.annotate(
+            words,
+            (x, -0.5),
+            xytext=(0, 6),
+            textcoords="offset points",
+            ha="center",
+        )
+    axes.tick_params(length=0)
+    bar = figure.colorbar(image, ax=axes, shrink=0.7)
+    bar.set_label("change in tolerances of Table 2")
+    return figure

@@ -1,0 +1,113 @@
+"""The configuration files of an identified candidate: its vehicle and its experiment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from omni_loop.commented_yaml import commented_yaml, rounded
+from omni_loop.experiment import ExperimentConfiguration
+
+VEHICLE = "table_2_mecanum"
+"""Name of the identified vehicle."""
+
+_MOUNT = ("x", "y", "roller_angle_deg", "radius")
+_PATCH = ("x", "y", "length", "width", "heading_deg", "friction")
+_SOURCE = "found by ./omni study table2 --identify; see docs/identification.md."
+
+
+def write_files(configuration: ExperimentConfiguration, folder: Path) -> tuple[Path, Path]:
+    """Write vehicle and experiment of a candidate, as they go to ``config/``.
+
+    Args:
+        configuration: any variant of the candidate.
+        folder: where the two files go.
+
+    Returns:
+        Vehicle file and experiment file.
+    """
+    vehicle = folder / f"{VEHICLE}.yaml"
+    vehicle.write_text(
+        commented_yaml(
+            _vehicle(configuration),
+            f"The Mecanum platform that gives Table 2, {_SOURCE}\n"
+            "Wheels, tire and the inertia of the wheels are assumed.",
+            {
+                "wheels": "order of Eq. (35); rollers form an X seen from above",
+                "load": "a point",
+                "drive": "only before the pedal is down",
+            },
+        ),
+        encoding="utf-8",
+    )
+    experiment = folder / "turn_while_translate.yaml"
+    experiment.write_text(
+        commented_yaml(
+            _experiment(configuration),
+            "Braking out of a turn while translating, on a slippery patch (Figures 43 to 48, Table "
+            f"2).\nMotion, ground and vehicle were {_SOURCE}\n"
+            "At the start of braking base_link is at the origin and moves along y.",
+        ),
+        encoding="utf-8",
+    )
+    return vehicle, experiment
+
+
+def _vehicle(configuration: ExperimentConfiguration) -> dict[str, Any]:
+    vehicle = configuration.vehicle
+    body, load = vehicle.body, vehicle.load
+    values: dict[str, Any] = {
+        "wheels": {
+            name: {key: getattr(mount, key) for key in _MOUNT}
+            for name, mount in vehicle.wheels.items()
+        },
+        "chassis_length": vehicle.chassis_length,
+        "chassis_width": vehicle.chassis_width,
+        "body": {"mass": body.mass, "height": body.height, "yaw_inertia": body.yaw_inertia},
+        "load": {"mass": load.mass, "x": load.x, "y": load.y, "height": body.height},
+        "tire": "rill_table_1",
+        "brake": {"max_torque": vehicle.brake.max_torque},
+        "drive": {
+            "max_torque": vehicle.drive.max_torque,
+            "stiffness": vehicle.drive.stiffness,
+        },
+        "wheel_inertia": vehicle.wheel_inertia,
+    }
+    return rounded(values)
+
+
+def _experiment(configuration: ExperimentConfiguration) -> dict[str, Any]:
+    ground, maneuver = configuration.ground, configuration.maneuver
+    (patch,) = ground.patches.values()
+    laws: dict[str, dict[str, Any]] = {
+        "unassisted": {"enabled": False},
+        "zero": {"weighting": "zero"},
+        "cosine": {"weighting": "cosine"},
+        "k1": {"weighting": "enhanced", "k": 1},
+        "k7": {"weighting": "enhanced", "k": 7},
+    }
+    return {
+        "description": "Braking out of a turn-while-translate maneuver",
+        "vehicle": VEHICLE,
+        "ground": {
+            "texture": {"kind": "cork"},
+            "friction": ground.friction,
+            "patches": {"ice": rounded({key: getattr(patch, key) for key in _PATCH})},
+        },
+        "sensors": "three_generic",
+        "feedback": "velocity_sensor",
+        "maneuver": rounded(
+            {
+                "y": maneuver.y,
+                "heading_deg": maneuver.heading_deg,
+                "speed": maneuver.speed,
+                "direction_deg": maneuver.direction_deg,
+                "yaw_rate_deg": maneuver.yaw_rate_deg,
+                "hold_world_direction": True,
+                "brake_time": maneuver.brake_time,
+            },
+            10,
+        ),
+        "simulation": {"duration_limit": configuration.simulation.duration_limit},
+        "variants": {name: {"brake_assist": law} for name, law in laws.items()},
+    }

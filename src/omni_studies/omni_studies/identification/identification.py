@@ -1,0 +1,354 @@
+"""Which vehicle gives Table 2? The dissertation does not print its parameters, so they are sought.
+
+A candidate is a vector of the `QUANTITIES`: what the vehicle weighs and where, how far apart its
+wheels are, how hard it brakes, how it moves when the pedal goes down, and what it stands on. The
+rest, such as the tire of Table 1, is assumed. `evaluate` runs the five cases of Table 2 with it
+in the fast loop; the cost is the sum of the squared deviations in tolerances, so that a cost
+below 1 means that all ten numbers are within their tolerance.
+
+The vehicle moves along the world's y axis, up the page as in Figure 43, and braking starts with
+`base_link` at the origin.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import ConfigurationError
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
+from omni_studies.identification import table_2
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """One parameter that is sought.
+
+    Attributes:
+        name: of the parameter.
+        unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
+        low: smallest value.
+        high: largest value.
+        step: of the sensitivities; a change of practical size.
+        decimals: to which it is rounded, as a configuration file gives it.
+        description: one line.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    decimals: int
+    description: str
+
+
+QUANTITIES = (
+    Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0, "body with wheels, at the centre"),
+    Quantity("body_inertia", "kg m^2", 150.0, 700.0, 10.0, 0, "of the body about the vertical"),
+    Quantity("load_mass", "kg", 200.0, 600.0, 10.0, 0, "load, a point"),
+    Quantity("load_x", "m", 0.3, 0.8, 0.01, 3, "load, forward of the centre"),
+    Quantity("load_y", "m", 0.1, 0.6, 0.01, 3, "load, left of the centre"),
+    Quantity("height", "m", 0.2, 0.6, 0.01, 3, "centres of gravity above the ground"),
+    Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3, "distance of front and rear wheels"),
+    Quantity("track", "m", 0.7, 1.3, 0.01, 3, "distance of left and right wheels"),
+    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0, "largest torque of a brake"),
+    Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3, "when the pedal goes down"),
+    Quantity("direction", "deg", -60.0, -30.0, 1.0, 2, "of motion from forward, at that moment"),
+    Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2, "at that moment"),
+    Quantity("friction", "1", 0.5, 0.8, 0.01, 3, "mu/mu_0 of the ground"),
+    Quantity("patch_friction", "1", 0.25, 0.5, 0.01, 3, "mu/mu_0 of the patch"),
+    Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2, "centre of the patch, right of the motion"),
+    Quantity("patch_y", "m", 0.0, 6.0, 0.05, 2, "centre of the patch along the motion"),
+    Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2, "of the patch along the motion"),
+    Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2, "of the patch across the motion"),
+)
+"""The parameters that are sought, and the box that is searched."""
+
+Parameters = Mapping[str, float]
+
+
+def rounded(vector: Sequence[float] | FloatArray) -> dict[str, float]:
+    """Return a candidate by name, rounded as a configuration file gives it.
+
+    Args:
+        vector: values in the order of `QUANTITIES`.
+    """
+    return {
+        quantity.name: round(float(value), quantity.decimals)
+        for quantity, value in zip(QUANTITIES, vector, strict=True)
+    }
+
+
+def configure(base: ExperimentConfiguration, parameters: Parameters) -> ExperimentConfiguration:
+    """Return an experiment with the vehicle, ground and motion of a candidate.
+
+    Args:
+        base: one variant of ``turn_while_translate``; what is not sought comes from it.
+        parameters: by the names of `QUANTITIES`.
+
+    Raises:
+        ConfigurationError: such a vehicle cannot stand.
+    """
+    p = parameters
+    wheels = {
+        name: dataclasses.replace(
+            mount,
+            x=math.copysign(p["wheelbase"] / 2.0, mount.x),
+            y=math.copysign(p["track"] / 2.0, mount.y),
+        )
+        for name, mount in base.vehicle.wheels.items()
+    }
+    vehicle = dataclasses.replace(
+        base.vehicle,
+        wheels=wheels,
+        chassis_length=round(p["wheelbase"] + 0.4, 2),  # the wheels' diameter
+        chassis_width=round(p["track"] + 0.2, 2),
+        body=MassConfiguration(
+            mass=p["body_mass"],
+            height=p["height"],
+            yaw_inertia=p["body_inertia"],
+        ),
+        load=MassConfiguration(
+            mass=p["load_mass"], x=p["load_x"], y=p["load_y"], height=p["height"]
+        ),
+        brake=dataclasses.replace(base.vehicle.brake, max_torque=p["brake_torque"]),
+    )
+    patch = FrictionPatch(
+        x=p["patch_x"],
+        y=p["patch_y"],
+        length=p["patch_length"],
+        width=p["patch_width"],
+        heading_deg=90.0,
+        friction=p["patch_friction"],
+    )
+    before = base.maneuver.brake_time
+    direction = round(p["direction"] + p["yaw_rate"] * before, 4)
+    maneuver = dataclasses.replace(
+        base.maneuver,
+        y=round(-p["speed"] * before, 4),
+        heading_deg=round(90.0 - direction, 4),
+        direction_deg=direction,
+        speed=p["speed"],
+        yaw_rate_deg=p["yaw_rate"],
+    )
+    return dataclasses.replace(
+        base,
+        vehicle=vehicle,
+        ground=dataclasses.replace(base.ground, friction=p["friction"], patches={"ice": patch}),
+        maneuver=maneuver,
+        brake_assist=dataclasses.replace(base.brake_assist, wheels=wheels, brake=vehicle.brake),
+    )
+
+
+def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
+    """Return the parameters that `configure` would make this experiment of."""
+    vehicle, maneuver = configuration.vehicle, configuration.maneuver
+    ground = configuration.ground
+    mount = next(iter(vehicle.wheels.values()))
+    patch = next(iter(ground.patches.values()))
+    values = {
+        "body_mass": vehicle.body.mass,
+        "body_inertia": vehicle.body.yaw_inertia,
+        "load_mass": vehicle.load.mass,
+        "load_x": vehicle.load.x,
+        "load_y": vehicle.load.y,
+        "height": vehicle.body.height,
+        "wheelbase": 2.0 * abs(mount.x),
+        "track": 2.0 * abs(mount.y),
+        "brake_torque": vehicle.brake.max_torque,
+        "speed": maneuver.speed,
+        "direction": maneuver.direction_deg - maneuver.yaw_rate_deg * maneuver.brake_time,
+        "yaw_rate": maneuver.yaw_rate_deg,
+        "friction": ground.friction,
+        "patch_friction": patch.friction,
+        "patch_x": patch.x,
+        "patch_y": patch.y,
+        "patch_length": patch.length,
+        "patch_width": patch.width,
+    }
+    return rounded([values[quantity.name] for quantity in QUANTITIES])
+
+
+def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, float]:
+    """Run the cases of Table 2; return the ten numbers, NaN where a vehicle does not stop.
+
+    Args:
+        configurations: by case.
+    """
+    measured = {}
+    for case, configuration in configurations.items():
+        run = run_fast_loop(configuration)
+        change, distance = run.orientation_change, run.stopping_distance
+        measured[f"orientation_change.{case}"] = change if run.stopped else math.nan
+        measured[f"stopping_distance.{case}"] = distance if run.stopped else math.nan
+    return {name: measured[name] for name in table_2.REFERENCES}
+
+
+_SKIPPED = 100.0  # cost of a case that is not worth running
+_HOPELESS = 25.0  # mean cost of the cases before it from which on it is not
+
+
+def unsound(vehicle: VehicleConfiguration) -> float:
+    """Return how far a vehicle is from standing soundly [1], 0 if it does.
+
+    Sound is a load over the area between the wheels, and no wheel that carries more at rest than
+    the tire is known for.
+    """
+    position = PlatformKinematics(vehicle.wheels).geometry.position
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    carried = masses.mass * GRAVITY * load_plane(position - masses.centre)[:, 0]
+    overload = max(float(carried.max()) / vehicle.tire.largest_load - 1.0, 0.0)
+    overhang = np.abs([vehicle.load.x, vehicle.load.y]) / np.abs(position).max(axis=0) - 1.0
+    return overload + float(np.maximum(overhang, 0.0).sum())
+
+
+def cost(
+    bases: Mapping[str, ExperimentConfiguration],
+    parameters: Parameters,
+    exponent: int = 2,
+    *,
+    sound: bool = False,
+) -> float:
+    """Return the sum of powers of the deviations from Table 2 in tolerances [1].
+
+    Cases after one that is far off are not run; they cost more than any that is.
+
+    Args:
+        bases: the variants of ``turn_while_translate`` by case.
+        parameters: by the names of `QUANTITIES`.
+        exponent: even; the larger, the more the worst deviation counts.
+        sound: whether vehicles that are `unsound` cost more than any that is not.
+    """
+    total = 0.0
+    if sound:
+        try:
+            amiss = unsound(configure(next(iter(bases.values())), parameters).vehicle)
+        except ConfigurationError:
+            return math.inf
+        if amiss > 0.0:
+            return _SKIPPED * len(bases) * (1.0 + amiss)
+    for done, (case, base) in enumerate(bases.items()):
+        if total > _HOPELESS * done:
+            return total + (len(bases) - done) * _SKIPPED
+        try:
+            run = run_fast_loop(configure(base, parameters))
+        except ConfigurationError:
+            return math.inf
+        for quantity, value in (
+            ("orientation_change", run.orientation_change),
+            ("stopping_distance", run.stopping_distance),
+        ):
+            name = f"{quantity}.{case}"
+            deviation = (value - table_2.REFERENCES[name]) / table_2.tolerance(name)
+            total += min(deviation**exponent, _SKIPPED / 2.0) if run.stopped else _SKIPPED / 2.0
+    return total
+
+
+GENERATIONS = 250
+"""Generations of a search at most."""
+
+_REFINEMENT = 60  # generations of the refinement at most
+_NEIGHBOURHOOD = 0.1  # half its box, as a share of the whole one
+_IMPOSSIBLE = 1e4
+
+OnGeneration = Callable[[int, float], None]
+
+
+def search(
+    bases: Mapping[str, ExperimentConfiguration],
+    *,
+    seed: int,
+    generations: int = GENERATIONS,
+    sound: bool = False,
+    on_generation: OnGeneration = lambda _generation, _cost: None,
+) -> dict[str, float]:
+    """Seek the parameters that give Table 2, by differential evolution in one process.
+
+    The first search, over the whole box, makes the sum of the squares small; a second one about
+    its result makes the largest deviation small, by the sum of the fourth powers. The same seed
+    gives the same result, with the same versions of the libraries.
+
+    Args:
+        bases: the variants of ``turn_while_translate`` by case.
+        seed: of every random draw.
+        generations: of the first search at most, which ends when its cost is below 1; the second
+            takes no more than these either, and ends when no deviation is above 0.7 tolerances.
+        sound: whether only vehicles are sought that are not `unsound`.
+        on_generation: called after each with its number, counted anew in the second search, and
+            the lowest cost so far.
+
+    Returns:
+        The best candidate found, by the names of `QUANTITIES`.
+    """
+    box = [(quantity.low, quantity.high) for quantity in QUANTITIES]
+    squares = functools.partial(cost, bases, exponent=2, sound=sound)
+    found = _evolve(squares, box, 1.0, seed, generations, on_generation)
+    most = min(generations, _REFINEMENT)
+    return refine(
+        bases, found, seed=seed, generations=most, sound=sound, on_generation=on_generation
+    )
+
+
+def refine(
+    bases: Mapping[str, ExperimentConfiguration],
+    found: Parameters,
+    *,
+    seed: int,
+    generations: int = _REFINEMENT,
+    sound: bool = False,
+    on_generation: OnGeneration = lambda _generation, _cost: None,
+) -> dict[str, float]:
+    """Make the largest deviation small in the neighbourhood of a candidate; see `search`."""
+    box = []
+    for quantity in QUANTITIES:
+        reach = _NEIGHBOURHOOD * (quantity.high - quantity.low)
+        centre = found[quantity.name]
+        box.append((max(centre - reach, quantity.low), min(centre + reach, quantity.high)))
+    fourths = functools.partial(cost, bases, exponent=4, sound=sound)
+    return _evolve(fourths, box, 0.7**4, seed, generations, on_generation)
+
+
+def _evolve(
+    cost_of: Callable[[Parameters], float],
+    box: Sequence[tuple[float, float]],
+    good_enough: float,
+    seed: int,
+    generations: int,
+    on_generation: OnGeneration,
+) -> dict[str, float]:
+    from scipy.optimize import OptimizeResult, differential_evolution  # heavy
+
+    done = 0
+
+    def after_generation(intermediate_result: OptimizeResult) -> None:
+        nonlocal done
+        done += 1
+        on_generation(done, float(intermediate_result.fun))
+        if intermediate_result.fun < good_enough:
+            raise StopIteration
+
+    result = differential_evolution(
+        lambda vector: min(cost_of(rounded(vector)), _IMPOSSIBLE),
+        box,
+        rng=seed,
+        init="latinhypercube",
+        popsize=4,
+        maxiter=generations,
+        mutation=(0.4, 0.9),
+        recombination=0.8,
+        tol=0.0,
+        polish=False,
+        callback=after_generation,
+    )
+    return rounded(result.x)

@@ -1,0 +1,79 @@
+"""Table 2 of the dissertation: what braking out of a turn comes to under each control law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from omni_loop.metrics import Metric
+
+CASES = ("unassisted", "zero", "cosine", "k1", "k7")
+"""Variants of the experiment ``turn_while_translate`` in the order of the table's columns."""
+
+TWIST_ALONE = "brake_assist.second_opinion=false"
+"""Change of the experiment: the text's assistant uses the twist alone."""
+
+ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))
+"""[deg], from the start of braking to the final position."""
+
+STOPPING_DISTANCE = dict(zip(CASES, (10.0, 12.2, 9.7, 9.3, 10.4), strict=True))
+"""In the units of the table [m]."""
+
+REFERENCES: dict[str, float] = {
+    **{f"orientation_change.{case}": value for case, value in ORIENTATION_CHANGE.items()},
+    **{f"stopping_distance.{case}": value for case, value in STOPPING_DISTANCE.items()},
+}
+"""The ten numbers by the name of their metric."""
+
+
+def tolerance(name: str) -> float:
+    """Return by how much a number may deviate, in its unit.
+
+    An orientation change by 5 % or 2 deg, whichever is larger; a stopping distance by 3 %.
+
+    Args:
+        name: one of `REFERENCES`.
+    """
+    reference = REFERENCES[name]
+    if name.startswith("orientation_change"):
+        return max(0.05 * reference, 2.0)
+    return 0.03 * reference
+
+
+def unit(name: str) -> str:
+    """Return the unit of one of `REFERENCES`."""
+    return "deg" if name.startswith("orientation_change") else "m"
+
+
+def deviations(measured: Mapping[str, float]) -> dict[str, float]:
+    """Return what was measured less the dissertation's figure, in tolerances [1].
+
+    Args:
+        measured: all of `REFERENCES` in their units.
+    """
+    return {
+        name: (measured[name] - reference) / tolerance(name)
+        for name, reference in REFERENCES.items()
+    }
+
+
+def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
+    """Return the ten numbers and how far they are from the dissertation's.
+
+    Args:
+        measured: all of `REFERENCES` in their units.
+
+    Returns:
+        Every number with its reference and the upper end of its tolerance as its limit, and as
+        ``<quantity>_deviation.<case>`` the magnitude of its deviation, limited by the tolerance.
+    """
+    result: dict[str, Metric] = {}
+    for name, reference in REFERENCES.items():
+        result[name] = Metric(
+            measured[name], unit(name), reference=reference, at_most=reference + tolerance(name)
+        )
+    for name, reference in REFERENCES.items():
+        quantity, _, case = name.partition(".")
+        result[f"{quantity}_deviation.{case}"] = Metric(
+            abs(measured[name] - reference), unit(name), at_most=tolerance(name)
+        )
+    return result

@@ -1,0 +1,113 @@
+"""Figures of the studies of one line camera: maps of errors over two parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from omni_figures.style import BLACK, panels
+from omni_platform.quantities import FloatArray
+from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials import view_grid
+
+_EDGES = (0.0, 1e-9, 0.5, 2.0, 8.0, 32.0, 128.0, 1024.0)  # [px]
+_SHADES = ("#FFFFFF", "#FDE7B0", "#F6C15C", "#E69F00", "#D55E00", "#8F2A00", "#3B0A00")
+_NORM, _COLOURS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
+_SAMPLE = 0.02  # edge of the pictures, as in Figure 59 [m]
+
+
+class Scale(NamedTuple):
+    """A parameter along an edge of a map: its label, and evenly spaced values."""
+
+    label: str
+    values: Sequence[float]
+
+
+def view_lengths(lengths: Sequence[float]) -> Scale:
+    """Return the scale of lengths of a field of view [m]."""
+    return Scale("length of field of view [mm]", [1e3 * length for length in lengths])
+
+
+def draw_error_maps(
+    title: str,
+    rows: Sequence[Mapping[str, FloatArray]],
+    overlap: FloatArray,
+    scales: tuple[Scale, Scale] | None = None,
+    levels: Sequence[float] = (0.4, 0.6, 0.8),
+    grounds: Mapping[str, GroundTexture] | None = None,
+) -> Figure:
+    """Draw mean errors over two parameters with lines of equal overlap; white is no error.
+
+    Args:
+        title: of the figure.
+        rows: maps of the mean magnitude of (84) [px] by their titles, shape (y, x).
+        overlap: of consecutive lines, same shape, 0..1.
+        scales: along x and y; by default those of `view_grid`.
+        levels: of the lines of equal overlap.
+        grounds: a picture for the beginning of each row, by its title.
+    """
+    if scales is None:
+        shapes = Scale("width over length [%]", [100.0 * shape for shape in view_grid.SHAPES])
+        scales = view_lengths(view_grid.LENGTHS), shapes
+    first = 1 if grounds else 0
+    columns = first + max(len(row) for row in rows)
+    size = (3.6 * columns + 1.0, 3.6 * len(rows) + 0.6)
+    figure, grid = panels(title, len(rows), columns, size=size)
+    for own, (name, ground) in zip(grid, (grounds or {}).items(), strict=False):
+        _draw_ground(own[0], name, ground)
+    for own, row in zip(grid, rows, strict=True):
+        maps = own[first : first + len(row)]
+        for axes, (name, error) in zip(maps, row.items(), strict=True):
+            _draw_map(axes, error, overlap, scales, levels)
+            axes.set_title(name)
+        for axes in own[first + len(row) :]:
+            axes.set_visible(False)
+    bar = figure.colorbar(
+        ScalarMappable(_NORM, _COLOURS),
+        ax=grid.ravel().tolist(),
+        spacing="uniform",
+        ticks=_EDGES,
+        shrink=0.9,
+        pad=0.01,
+    )
+    bar.ax.set_yticklabels(["", "0", *(f"{edge:g}" for edge in _EDGES[2:])])
+    bar.set_label("mean error [px], Eq. (84)")
+    return figure
+
+
+def _draw_map(
+    axes: Axes,
+    error: FloatArray,
+    overlap: FloatArray,
+    scales: tuple[Scale, Scale],
+    levels: Sequence[float],
+) -> None:
+    x, y = (np.asarray(scale.values) for scale in scales)
+    axes.grid(False)
+    axes.pcolormesh(x, y, error, cmap=_COLOURS, norm=_NORM, shading="nearest")
+    lines = axes.contour(x, y, overlap, levels=list(levels), colors=BLACK, linewidths=1.0)
+    # Readable on the darkest shade too.
+    lines.set_path_effects([withStroke(linewidth=2.4, foreground="white")])
+    for text in axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %"):
+        text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
+    axes.set_xlabel(scales[0].label)
+    axes.set_ylabel(scales[1].label)
+
+
+def _draw_ground(axes: Axes, name: str, ground: GroundTexture) -> None:
+    texels = min(len(ground.grey), round(_SAMPLE / ground.texel))
+    edge = 1e3 * texels * ground.texel
+    grey = ground.grey[:texels, :texels]
+    axes.grid(False)
+    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
+    axes.grid(visible=False)
+    axes.set_title(name)
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")

@@ -1,0 +1,314 @@
+"""Drives over grounds with faulty line cameras, and the errors of every camera and batch.
+
+A drive is rendered once and developed by every faulty camera, then given to a fresh odometry, so
+that what it learns of a camera it learns within the drive.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.signals import LineBatch
+from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.picture import read_picture
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration
+from omni_tools.line_trials.rig import poses_at
+
+BATCH_LINES = 25
+LEAST_ERROR = 0.05  # m/s
+DEVIATIONS = 4.0
+
+_SIZE, _TEXELS = 0.2, 8192  # two texels a pixel of 1024 px on 50 mm
+_COARSE = 16
+_REPEAT = 0.0256  # period of the ground that repeats itself [m]
+
+SENSORS: Mapping[str, LineSensor] = {
+    "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
+    "right": LineSensor(x=0.0, y=-0.5, heading_deg=0.0),
+    "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """A circle or a straight line at a speed that changes evenly.
+
+    Attributes:
+        twist: at the start (v_x, v_y [m/s], yaw rate [rad/s]).
+        growth: of all of it, relative to the start [1/s].
+    """
+
+    twist: tuple[float, float, float]
+    growth: float = 0.0
+
+    def travelled(self, time: FloatArray) -> FloatArray:
+        """Return the time that the start's twist would take for the way at a time [s]."""
+        path: FloatArray = time + 0.5 * self.growth * time**2
+        return path
+
+
+MOTIONS: tuple[Motion, ...] = (
+    Motion((10.0, 0.0, 0.0)),
+    Motion((8.0, 0.0, 0.3), -1.0),
+    Motion((5.0, 0.0, 0.0), -1.5),
+    Motion((4.0, -3.0, 0.8)),
+    Motion((3.0, 1.0, 0.5)),
+    Motion((2.0, 0.0, 0.0)),
+    Motion((1.0, 0.3, -0.3), 1.0),
+    Motion((0.5, 0.0, 0.0)),
+    Motion((0.2, 0.1, 0.05)),
+    Motion((0.05, 0.0, 0.0)),
+    Motion((0.0, 0.0, 0.0)),
+    Motion((0.0, 3.0, 0.0)),
+    Motion((0.0, -1.0, 0.2)),
+    Motion((0.0, 0.0, 1.5)),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """A fault of the cameras, or of their data.
+
+    Attributes:
+        camera: their optics and pixels.
+        rate: configured line rate over the true one.
+        lost: every how many lines one is missing; 0 for none.
+        swapped: every how many batches two are delivered in the wrong order; 0 for none.
+        repeated: every how many batches one takes the place of the next; 0 for none.
+        repeats: whether the ground repeats itself within the field of view.
+    """
+
+    camera: CameraConfiguration = dataclasses.field(default_factory=CameraConfiguration)
+    rate: float = 1.0
+    lost: int = 0
+    swapped: int = 0
+    repeated: int = 0
+    repeats: bool = False
+
+
+def _camera(**changes: Any) -> Fault:
+    return Fault(camera=CameraConfiguration(**changes))
+
+
+FAULTS: Mapping[str, Fault] = {
+    "none": Fault(),
+    "dirt_spots": _camera(dirt_spots=30),
+    "stuck_pixel": _camera(stuck_pixels=1),
+    "hot_pixels": _camera(hot_pixels=10),
+    "prnu": _camera(photo_response=0.05),
+    "dark_steps": _camera(dark_steps=3.0),
+    "mud": _camera(mud=0.25),
+    "shadow_fixed": _camera(shadow=0.5),
+    "shadow_moving": _camera(shadow=0.5, shadow_speed=0.3),
+    "lost_lines": Fault(lost=30),
+    "wrong_rate": Fault(rate=1.04),
+    "swapped_batches": Fault(swapped=5),
+    "repeated_batches": Fault(repeated=5),
+    "repeating_ground": Fault(repeats=True),
+}
+OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
+
+
+@dataclasses.dataclass(frozen=True)
+class Ground:
+    """A ground and how it lies.
+
+    Attributes:
+        kind: of `omni_sim.texture.texture.KINDS`, or a picture's file.
+        angle: of the driving direction from the texture's x (the grain) [rad]; NaN for any.
+        dpi: dots per inch on the ground of a picture.
+        seed: of a kind's pattern.
+        texels: of a kind, per period of 0.2 m.
+    """
+
+    kind: str
+    angle: float = math.nan
+    dpi: float = 0.0
+    seed: int = 1
+    texels: int = _TEXELS
+
+    def texture(self) -> GroundTexture:
+        """Return how it looks."""
+        if self.dpi > 0.0:
+            return read_picture(self.kind, self.dpi)
+        configuration = TextureConfiguration(
+            kind=self.kind, size=_SIZE, texels=self.texels, seed=self.seed
+        )
+        return TextureCache.of_user().texture(configuration)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tally:
+    """Errors of all batches of all cameras for one texture and one injected fault.
+
+    Attributes:
+        ratio: error of the velocity along the axis over its stated deviation, NaN where it was
+            not measured, shape (m,).
+        error: of that velocity [m/s], shape (m,).
+        reasons: why the others were not measured, and remarks on those that were.
+    """
+
+    ratio: FloatArray
+    error: FloatArray
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def undetected(self) -> NDArray[np.bool_]:
+        """Batches with an error that their stated deviation does not cover."""
+        wrong: NDArray[np.bool_] = (abs(self.ratio) > DEVIATIONS) & (abs(self.error) > LEAST_ERROR)
+        return wrong
+
+    @property
+    def available(self) -> float:
+        """Share of the batches that were measured, 0..1."""
+        return float(np.mean(np.isfinite(self.ratio)))
+
+
+def drive_over(
+    ground: Ground,
+    faults: Mapping[str, Fault],
+    drives: range,
+    batches: int,
+    seed: int,
+    motions: Sequence[Motion] = MOTIONS,
+    sensors: Mapping[str, LineSensor] = SENSORS,
+    **settings: Any,
+) -> dict[str, Tally]:
+    """Drive over a ground with every fault.
+
+    Args:
+        ground: which.
+        faults: by name.
+        drives: their numbers; each has a random place of its own, and they take the motions in
+            turn.
+        batches: of each camera in a drive.
+        seed: of places, headings and noise.
+        motions: to take.
+        sensors: the line cameras.
+        **settings: of the odometry.
+    """
+    repeats = any(fault.repeats for fault in faults.values())
+    view = _Views(ground, tuple(sensors.items()), seed)
+    texture = _texture(ground)
+    clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
+    # They only develop what the others have seen: a coarse ground is laid out sooner.
+    grey = np.ascontiguousarray(texture.grey[::_COARSE, ::_COARSE])
+    coarse = GroundTexture(grey, texture.size)
+    key = np.random.SeedSequence(seed)
+    faulty = {
+        name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
+    }
+    found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
+    for number in drives:
+        generator = np.random.default_rng((seed, 7, number))
+        motion = motions[number % len(motions)]
+        time = np.arange(BATCH_LINES * batches + 1) / next(iter(sensors.values())).line_rate
+        yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
+        start = np.array([*generator.uniform(0.0, texture.size, 2), yaw])
+        path = motion.travelled(time)
+        poses = poses_at(path, start, np.array(motion.twist))
+        seen: dict[bool, dict[str, NDArray[np.float32]]] = {}
+        for name, fault in faults.items():
+            if fault.repeats not in seen:
+                cameras = clean[fault.repeats].cameras
+                seen[fault.repeats] = {n: c.ground(poses) for n, c in cameras.items()}
+            lines = {}
+            for eye, camera in faulty[name].cameras.items():
+                lines[eye] = camera.blank(len(time))
+                camera.develop(seen[fault.repeats][eye], number * len(time), lines[eye])
+            found[name] += _measure(fault, sensors, lines, time, path, motion, settings)
+    return {
+        name: Tally(
+            np.array([ratio for ratio, _, _ in entries]),
+            np.array([error for _, error, _ in entries]),
+            tuple(words for _, _, words in entries if words),
+        )
+        for name, entries in found.items()
+    }
+
+
+class _Views(NamedTuple):
+    """What is laid out once for all drives: which ground is seen by which cameras."""
+
+    ground: Ground
+    sensors: tuple[tuple[str, LineSensor], ...]
+    seed: int
+
+
+@functools.lru_cache(1)
+def _texture(ground: Ground) -> GroundTexture:
+    return ground.texture()
+
+
+@functools.lru_cache(2)
+def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
+    """Return cameras without faults, over the ground or over one that repeats itself."""
+    texture = _texture(view.ground)
+    return LineCameraArray(
+        dict(view.sensors),
+        _repeating(texture) if repeats else texture,
+        CameraConfiguration(),
+        np.random.SeedSequence(view.seed),
+    )
+
+
+def _repeating(texture: GroundTexture) -> GroundTexture:
+    texels = round(_REPEAT / texture.texel)
+    times = math.ceil(0.06 / _REPEAT)
+    return GroundTexture(np.tile(texture.grey[:texels, :texels], (times, times)), times * _REPEAT)
+
+
+def _measure(
+    fault: Fault,
+    sensors: Mapping[str, LineSensor],
+    lines: Mapping[str, NDArray[np.uint8] | NDArray[np.uint16]],
+    time: FloatArray,
+    path: FloatArray,
+    motion: Motion,
+    settings: Mapping[str, Any],
+) -> list[tuple[float, float, str]]:
+    """Give a drive to a fresh odometry; return error over deviation, error and reason."""
+    configured = {
+        n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in sensors.items()
+    }
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=configured, **settings))
+    rows = sensor_matrix(sensors)
+    kept = np.arange(len(time))
+    if fault.lost:
+        kept = kept[(kept % fault.lost) != fault.lost // 2]
+    ends = np.arange(0, len(kept), BATCH_LINES)
+    order = list(range(len(ends)))
+    for i in range(fault.swapped, len(order) - 1, fault.swapped) if fault.swapped else ():
+        order[i], order[i + 1] = order[i + 1], order[i]
+    found = []
+    for turn, number in enumerate(order):
+        shown = number
+        if fault.repeated and turn > 1 and turn % fault.repeated == 0:
+            shown = number - 1
+        end = ends[shown]
+        chosen = kept[max(0, end - BATCH_LINES + 1) : end + 1]
+        stamp_ns = 10**9 + round(1e9 * time[kept[ends[number]]])
+        estimate = odometry.update(
+            {n: LineBatch(stamp_ns, own[chosen]) for n, own in lines.items()}
+        )
+        if number == 0:
+            continue
+        first, last = kept[ends[number] - BATCH_LINES], kept[ends[number]]
+        pace = (path[last] - path[first]) / (time[last] - time[first])
+        truth = rows @ np.array(motion.twist) * pace
+        for reading, velocity in zip(estimate.readings.values(), truth, strict=True):
+            error = reading.velocity - velocity
+            ratio = error / math.sqrt(reading.variance) if reading.measured else math.nan
+            found.append((ratio, error, reading.reason or reading.remark))
+    return found

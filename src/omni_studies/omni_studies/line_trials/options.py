@@ -1,0 +1,121 @@
+"""Options and grounds that the studies of line cameras share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from linescan_odometry.matching.search import METRICS
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.ground_choice import ground_overrides, is_picture
+from omni_platform.command_options import option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import KINDS, GroundTexture
+from omni_tools.line_trials.rig import ground
+from omni_tools.line_trials.trials import Matches, Motion, measure
+
+_EXPERIMENT = "straight_line"  # lends everything but its ground
+_DPI = 1200.0
+
+
+def kinds_option(*kinds: str) -> Any:
+    """Declare the kinds of ground to look at; `kinds` is the default."""
+    return option(kinds, metavar="KIND", choices=KINDS, description="kind of ground")
+
+
+def pairs_option(pairs: int, fewest: int = 1) -> Any:
+    """Declare the number of consecutive pairs of lines."""
+    words = "consecutive pairs of lines that each value is the mean over"
+    return parameter(pairs, description=words, minimum=fewest, maximum=10_000)
+
+
+def noise_option(noise: float = 1.0) -> Any:
+    """Declare the noise of the cameras; `noise` is the default [grey levels]."""
+    words = "standard deviation in grey levels"
+    return option(noise, metavar="LEVELS", description=words, minimum=0.0, maximum=100.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineOptions(Configuration):
+    """Grounds, distance, number of pairs, noise and seed."""
+
+    ground: tuple[str, ...] = kinds_option("cork")
+    metric: str = parameter("pearson", choices=tuple(METRICS), description="distance between lines")
+    pairs: int = pairs_option(20)
+    noise: float = noise_option()
+    texels: int = parameter(
+        8192, description="resolution of the ground over 0.2 m", minimum=256, maximum=8192
+    )
+    seed: int = parameter(1, description="of places and noise", minimum=0)
+
+    @property
+    def kinds(self) -> list[str]:
+        """The grounds, each once."""
+        return list(dict.fromkeys(self.ground))
+
+
+def measure_on(
+    kinds: Sequence[str], motions: Sequence[Motion], options: LineOptions
+) -> dict[str, list[Matches]]:
+    """Return the matches of each motion, by kind of ground, with the options as they are."""
+    return {
+        kind: measure(
+            motions,
+            ground(kind, options.texels),
+            options.pairs,
+            options.noise,
+            options.seed,
+            options.metric,
+        )
+        for kind in kinds
+    }
+
+
+def grounds_option(*grounds: str) -> Any:
+    """Declare the grounds to look at; `grounds` is the default."""
+    words = "a file of config/grounds/, or your own scan or photo with --dpi"
+    return option(grounds, metavar="NAME|PICTURE", description=words)
+
+
+def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
+    """Declare the number of random places; `run` describes what is measured from each."""
+    return parameter(runs, description=f"random places {run}", minimum=1, maximum=1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextureOptions(Configuration):
+    """Grounds, their resolution, random places and the seed."""
+
+    ground: tuple[str, ...] = grounds_option("cork")
+    dpi: float | None = parameter(
+        None,
+        description=f"dots per inch of the grounds (default: {_DPI:g}; a picture needs its own)",
+    )
+    runs: int = runs_option(2)
+    seed: int = parameter(1, description="of places and noise", minimum=0)
+
+
+def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str, GroundTexture]:
+    """Return the grounds to look at, by name.
+
+    Raises:
+        ConfigurationError: names the ground and what is wrong.
+    """
+    cache = TextureCache.of_user()
+    grounds: dict[str, GroundTexture] = {}
+    for file in options.ground:
+        name = Path(file).stem
+        if name in grounds:
+            raise ConfigurationError("--ground", f"two of the grounds are called {name!r}")
+        dpi = _DPI if options.dpi is None and not is_picture(file) else options.dpi
+        overrides = ground_overrides(file, dpi)
+        variant = library.variants(_EXPERIMENT)[0]
+        texture = library.load(_EXPERIMENT, variant, overrides).ground.texture
+        try:
+            grounds[name] = cache.texture(texture)
+        except ConfigurationError as error:
+            raise error.below("ground.texture") from None
+    return grounds

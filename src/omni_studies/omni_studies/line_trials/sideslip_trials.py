@@ -1,0 +1,148 @@
+"""Trials of the sideslip meter: a wheel that rolls straight on at an angle over rendered ground."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from linescan_odometry.sideslip.angle import SideslipWheel
+from linescan_odometry.sideslip.meter import SideslipConfiguration, SideslipMeter
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials.rig import Rig
+
+_WHEEL, _CAMERA = "wheel", "camera"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Angles:
+    """Measurements of some angles at one speed.
+
+    Attributes:
+        speed: of the wheel over ground [m/s].
+        overlap: of consecutive lines across the camera's axis at angle 0, 0..1.
+        truth: sideslip angles [rad], shape (A,).
+        angle: that were measured, NaN where there is none [rad], shape (A, batches).
+        deviation: that the meter states, NaN where there is none [rad], shape (A, batches).
+        sideways: velocity that was measured, NaN where there is none [m/s], shape (A, batches).
+    """
+
+    speed: float
+    overlap: float
+    truth: FloatArray
+    angle: FloatArray
+    deviation: FloatArray
+    sideways: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured less true angle, NaN where not measured [rad], shape (A, batches)."""
+        return self.angle - self.truth[:, None]
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the batches that gave an angle, 0..1."""
+        return float(np.mean(np.isfinite(self.angle)))
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of the errors [rad], NaN if nothing was measured."""
+        return root_mean_square(self.error)
+
+    @property
+    def bias(self) -> float:
+        """RMS over the angles of what all batches at an angle have in common [rad].
+
+        The scatter within an angle, as far as it is in the mean, is taken off; NaN if there are
+        fewer than two batches anywhere.
+        """
+        count = np.count_nonzero(np.isfinite(self.error), axis=1)
+        error = self.error[count > 1]
+        if not len(error):
+            return math.nan
+        scatter = np.nanvar(error, axis=1, ddof=1) / count[count > 1]
+        return math.sqrt(max(0.0, float(np.mean(np.nanmean(error, axis=1) ** 2 - scatter))))
+
+    def rms_error_with(self, wheel_speed: float) -> float:
+        """Return the RMS error [rad] if the forward velocity is wrong.
+
+        Args:
+            wheel_speed: over the true forward velocity, such as 0.99 for a wheel that slips.
+        """
+        forward = wheel_speed * self.speed * np.cos(self.truth)
+        return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the RMS of the values that are finite, NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
+
+
+def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
+    """Move a camera to the contact of a wheel, along its axis of rotation.
+
+    Args:
+        name: of the camera.
+        sensor: what it sees; its place and heading are replaced.
+
+    Raises:
+        ConfigurationError: its lines are too short or too rare to measure anything.
+    """
+    return SideslipConfiguration(
+        sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},
+        sideslip={_WHEEL: SideslipWheel(sensor=name, x=0.0, y=0.0)},
+    )
+
+
+class RollingWheel:
+    """A wheel with a camera along its axis of rotation, over one ground."""
+
+    def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
+        """Place the camera.
+
+        Args:
+            sensor: what it sees; its place and heading are the wheel's.
+            texture: the ground.
+            noise: standard deviation [grey levels].
+            seed: of the noise.
+        """
+        self._configuration = camera_at_a_wheel(_CAMERA, sensor)
+        self._sensor = self._configuration.sensors[_CAMERA]
+        self._size = texture.size
+        self._rig = Rig({_CAMERA: self._sensor}, texture, noise, seed)
+
+    def measure(
+        self,
+        speed: float,
+        angles: FloatArray,
+        places: int,
+        batches: int,
+        generator: np.random.Generator,
+    ) -> Angles:
+        """Roll at every angle from random places; the forward velocity is the true one.
+
+        Args:
+            speed: of the wheel over ground [m/s].
+            angles: of sideslip [rad], shape (A,).
+            places: random ones for each angle.
+            batches: of 10 ms from each.
+            generator: draws the places.
+        """
+        found = np.full((3, len(angles), places * batches), math.nan)
+        for i, angle in enumerate(angles):
+            # A positive angle is a slide to the right, -y.
+            twist = speed * np.array([math.cos(angle), -math.sin(angle), 0.0])
+            for place in range(places):
+                meter = SideslipMeter(self._configuration, _WHEEL)
+                start = np.append(generator.uniform(0.0, self._size, 2), 0.0)
+                for batch, seen in enumerate(self._rig.drive(start, twist, batches)):
+                    estimate = meter.update(seen[_CAMERA], float(twist[0]))
+                    if estimate.measured:
+                        column = place * batches + batch
+                        found[:, i, column] = estimate.angle, estimate.deviation, estimate.sideways
+        overlap = max(0.0, 1.0 - speed / self._sensor.line_rate / self._sensor.width)
+        return Angles(speed, overlap, np.array(angles), found[0], found[1], found[2])

@@ -1,0 +1,76 @@
+"""Matches over many views as comma-separated values, and their metrics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from omni_figures.data_table import write_table
+from omni_loop.metrics import Metric
+from omni_studies.line_trials.view_grid import GROUP
+from omni_tools.line_trials.errors import ERROR_COLUMNS
+from omni_tools.line_trials.trials import Matches, Motion
+
+_OVERLAP = 0.6  # from which on views count
+
+
+def surface_metrics(
+    case: str, motions: Sequence[Motion], found: Sequence[Matches]
+) -> dict[str, Metric]:
+    """Return mean error, wrong and flagged share over the views with 60 % overlap or more.
+
+    Args:
+        case: ends the names of the metrics.
+        motions: that were tried.
+        found: the matches of each.
+    """
+    enough = [m for motion, m in zip(motions, found, strict=True) if motion.overlap >= _OVERLAP]
+    usable = float(np.mean([m.usable for m in enough]))
+    return {
+        f"mean_error.{case}": Metric(float(np.mean([m.mean_error for m in enough])), "px"),
+        f"wrong_share.{case}": Metric(float(np.mean([m.undetected_share for m in enough])), "1"),
+        f"flagged_share.{case}": Metric(1.0 - usable, "1"),
+    }
+
+
+def write_matches(
+    path: Path,
+    names: tuple[str, ...],
+    motions: Sequence[Motion],
+    cases: Mapping[tuple[str, ...], Sequence[Matches]],
+) -> Path:
+    """Write one row for every case and motion.
+
+    Args:
+        path: of the file.
+        names: headers of the words of a case.
+        motions: that were tried.
+        cases: the matches of each motion, by case.
+    """
+    header = (
+        *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",
+        "true_displacement_px", "right_share", "exact_share", "usable_share",
+        "undetected_share", "median_error_px", "median_right_share", *ERROR_COLUMNS,
+    )  # fmt: skip
+    rows: Iterator[tuple[str | float, ...]] = (
+        (*case, *_row(motion, m))
+        for case, found in cases.items()
+        for motion, m in zip(motions, found, strict=True)
+    )
+    return write_table(path, header, rows, digits=6)
+
+
+def _row(motion: Motion, m: Matches) -> tuple[float, ...]:
+    view = motion.view
+    medians = math.nan, math.nan
+    if len(m.shift) >= GROUP:
+        medians = float(np.mean(np.abs(m.median_error(GROUP)))), m.right_medians(GROUP)
+    return (
+        motion.speed, 1e3 * view.length, view.width / view.length, motion.overlap,
+        float(m.truth[0]), float(np.mean(m.right)), float(np.mean(m.pixel_error == 0.0)),
+        float(np.mean(m.usable)), m.undetected_share, *medians,
+        *m.error_values(view, motion.speed),
+    )  # fmt: skip

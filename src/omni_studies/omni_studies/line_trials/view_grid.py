@@ -1,0 +1,56 @@
+"""Sideways motion over the two dimensions of the field of view (Figures 63, 64 and 71)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_tools.line_trials.rig import View
+from omni_tools.line_trials.trials import Motion
+
+LENGTHS = tuple(0.01 * i for i in range(1, 8))
+"""Of the field of view [m]."""
+
+SHAPES = tuple(0.1 * i for i in range(1, 11))
+"""Widths over lengths [1]."""
+
+GROUP = 10
+"""n of the median filter over consecutive displacements (section 4.6)."""
+
+SPEED = 12.0
+"""Of the sideways motion [m/s]."""
+
+ANGLE = math.radians(89.0)
+"""Of the sideways motion from the axis [rad]."""
+
+
+def sideways_motions(axis: float = 0.0) -> list[Motion]:
+    """Return 12 m/s at 89 deg to an axis [rad], 2500 lines/s, for every shape and length."""
+    return [
+        Motion(View(length=length, width=shape * length), SPEED, ANGLE, axis)
+        for shape in SHAPES
+        for length in LENGTHS
+    ]
+
+
+def as_map(values: list[float]) -> FloatArray:
+    """Arrange values of `sideways_motions` as a map, shape (shapes, lengths)."""
+    return np.array(values).reshape(len(SHAPES), len(LENGTHS))
+
+
+def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
+    """Return the overlap from which on every view is right in at least a share of its pairs.
+
+    Args:
+        overlap: of each view.
+        right: share of its pairs that are right.
+        share: that is asked for.
+
+    Returns:
+        The smallest overlap above that of all views that are not; NaN if there is none.
+    """
+    failing = overlap[right < share]
+    passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]
+    return float(passing.min()) if len(passing) else math.nan

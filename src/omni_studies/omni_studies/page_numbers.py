@@ -1,0 +1,156 @@
+"""The measured numbers in the pages, filled in from the documents of the commands.
+
+A page holds a template in a comment, and the filled template below it::
+
+    <!-- numbers: ice_patch
+    | rotation [deg] | {orientation_change.assisted:.1f} |
+    -->
+    | rotation [deg] | 2.4 |
+    <!-- /numbers -->
+
+``{study:metric.case:.1f}`` names a metric of another study, and ``run_EXPERIMENT`` a run over the
+graph. ``docs/numbers.json`` keeps the numbers that templates use. This program takes them from the
+``summary.json`` files that it is given and fills the pages::
+
+    ./omni exec python -m omni_studies.page_numbers results/*/summary.json
+
+With ``--check`` it changes nothing and ends with 1 if a page differs from ``docs/numbers.json``, or
+a number there from a file by more than 2 % and one unit of its last printed digit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+Numbers = Mapping[str, Mapping[str, float | None]]
+"""Values of metrics by study and name."""
+
+_TOLERANCE = 0.02
+_PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
+_BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
+_PAGES = ("README.md", "docs/*.md", "src/*/README.md")
+
+
+class Place(NamedTuple):
+    """A metric that a template names.
+
+    Attributes:
+        study: that measures it.
+        metric: its name.
+        form: format of the number, as of `format`.
+    """
+
+    study: str
+    metric: str
+    form: str
+
+
+def places(template: str, study: str) -> Iterator[Place]:
+    """Yield the metrics that a template names; `study` is that of names without one."""
+    for found in _PLACE.finditer(template):
+        yield Place(found[1] or study, found[2], found[3] or "")
+
+
+def filled(template: str, study: str, numbers: Numbers) -> str:
+    """Return a template with its numbers; one that is not known is a dash.
+
+    Args:
+        template: with places as in the module's docstring.
+        study: of metrics without one.
+        numbers: to fill in.
+    """
+
+    def number(found: re.Match[str]) -> str:
+        value = numbers.get(found[1] or study, {}).get(found[2])
+        return "-" if value is None else format(value, found[3] or "")
+
+    return _PLACE.sub(number, template)
+
+
+def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
+    """Yield page, study and template of all blocks, and of the rows of the dissertation's page."""
+    for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
+        for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
+            yield page, block[2], block[3]
+    table = workspace / "docs/dissertation.yaml"
+    yield table, "", table.read_text(encoding="utf-8")
+
+
+def page_with(text: str, numbers: Numbers) -> str:
+    """Return the text of a page with its blocks filled."""
+    return _BLOCK.sub(lambda b: b[1] + filled(b[3], b[2], numbers) + b[4], text)
+
+
+def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
+    """Return the numbers that the pages show."""
+    text = (workspace / "docs/numbers.json").read_text(encoding="utf-8")
+    numbers: dict[str, dict[str, float | None]] = json.loads(text)
+    return numbers
+
+
+def measured(files: list[Path]) -> dict[str, dict[str, float | None]]:
+    """Return the metrics of documents by study; those of runs over the graph as ``run_NAME``."""
+    found: dict[str, dict[str, float | None]] = {}
+    for file in files:
+        document: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        beside_recording = (file.parent / "metadata.yaml").exists()
+        name = ("run_" if beside_recording else "") + document["name"]
+        metrics = found.setdefault(name, {})
+        metrics |= {key: metric["value"] for key, metric in document["metrics"].items()}
+    return found
+
+
+def outdated(place: Place, old: float | None, new: float | None) -> bool:
+    """Return whether a stored number is too far from what was measured."""
+    if old is None or new is None:
+        return old is not new
+    digits = re.search(r"\.(\d+)f", place.form)
+    step = 10.0 ** -int(digits[1]) if digits else 0.0
+    return not math.isclose(old, new, rel_tol=_TOLERANCE, abs_tol=step * 1.0001)
+
+
+def main() -> int:
+    """Fill the pages, or check them."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("files", nargs="*", type=Path, help="summary.json files of commands")
+    parser.add_argument("--check", action="store_true", help="change nothing, say what is outdated")
+    options = parser.parse_args()
+    workspace = Path(os.environ.get("OMNI_WORKSPACE", "."))
+    numbers, new = stored(workspace), measured(options.files)
+    kept: dict[str, dict[str, float | None]] = {}
+    problems = []
+    for page, study, template in templates(workspace):
+        for place in places(template, study):
+            old = numbers.get(place.study, {}).get(place.metric)
+            value = new[place.study].get(place.metric) if place.study in new else old
+            if options.check and outdated(place, old, value):
+                problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
+            # Within the tolerance the old one stays, so that pages change only for a reason.
+            kept.setdefault(place.study, {})[place.metric] = (
+                value if outdated(place, old, value) else old
+            )
+    if not options.check:
+        text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
+        (workspace / "docs/numbers.json").write_text(text, encoding="utf-8")
+    for page in dict.fromkeys(page for page, *_ in templates(workspace) if page.suffix == ".md"):
+        text = page.read_text(encoding="utf-8")
+        full = page_with(text, numbers if options.check else kept)
+        if options.check and full != text:
+            problems.append(f"{page.name}: its numbers are not those of docs/numbers.json")
+        elif not options.check:
+            page.write_text(full, encoding="utf-8")
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

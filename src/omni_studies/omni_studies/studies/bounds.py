@@ -1,0 +1,107 @@
+"""Hold random stops under every law against the bounds that no stop is below.
+
+The path of the centre of gravity is compared with the bound over all headings, and the distance of
+a stop that keeps heading and line within half a degree with the bound of such stops.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILLION,
+    draw_title,
+    save_figure,
+)
+from omni_loop.metrics import Metric
+from omni_platform.configuration import parameter
+from omni_platform.quantities import FloatArray
+from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
+from omni_studies.study import StudyResult, StudyRun, claim
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+
+_COLOURS = dict(zip(LAWS, (BLACK, BLUE, GREEN, VERMILLION), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions):
+    """How many brakings are run, and where."""
+
+    runs: int = parameter(
+        10_000, description="number of runs; four laws share a braking", minimum=4, maximum=10**7
+    )
+    seed: int = parameter(0, description="seed of the first braking; others follow", minimum=0)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Brake, and count what is below a bound by more than its tolerance."""
+    work = BesideLimit(study.experiments)
+    seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
+    path = study.folder / "stops.csv"
+    held = run_campaign(work, seeds, Held, options, path, work.fingerprint, study.report)
+    metrics = {"runs.all": Metric(len(LAWS) * len(held), "1")}
+    sentences = []
+    for bound, words in (("any_heading", "no path"), ("straight", "no stop that keeps its line")):
+        shares, lower = _over_bound(held, bound), below(held, bound)
+        count = int(np.sum(~np.isnan(shares)))
+        solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in held)
+        metrics |= {
+            f"compared.{bound}": Metric(count, "1"),
+            f"solved.{bound}": Metric(solved, "1"),
+            f"below_bound.{bound}": Metric(lower, "1", at_most=0.0),
+        }
+        if count:
+            metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
+        sentences.append(
+            claim(f"Below its bound is {words}", f"{lower} of {count} are", holds=not lower)
+        )
+    figure = save_figure(_draw(held), study.folder / "bounds.png")
+    return StudyResult(metrics, (path, figure), tuple(sentences))
+
+
+def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:
+    """Return what the runs take over a bound, NaN where it does not hold for them, (R, laws)."""
+    part = "path" if bound == "any_heading" else "kept"
+    taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in held])
+    shares: FloatArray = taken / np.array([[getattr(one, bound)] for one in held])
+    return shares
+
+
+def below(held: Sequence[Held], bound: str) -> int:
+    """Return how many runs are below a bound by more than its tolerance.
+
+    Args:
+        held: what was run.
+        bound: ``any_heading`` or ``straight``.
+    """
+    slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in held])
+    return int(np.sum(_over_bound(held, bound) < 1.0 - np.nan_to_num(slack)))
+
+
+def _draw(held: Sequence[Held]) -> Figure:
+    """Draw how many of the runs come how near to their bounds, by law."""
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    draw_title(figure, "No stop is below its bound")
+    panels = figure.subplots(1, 2, sharey=True)
+    names = ("path of the centre of gravity", "distance where heading and line are kept")
+    for axes, bound, name in zip(panels, ("any_heading", "straight"), names, strict=True):
+        shares = _over_bound(held, bound)
+        for column, (law, colour) in enumerate(_COLOURS.items()):
+            values = np.sort(shares[~np.isnan(shares[:, column]), column])
+            label = law.replace("_", " ")
+            axes.step(values, np.linspace(0.0, 1.0, len(values)), color=colour, label=label)
+        axes.axvline(1.0, color=GREY, linestyle="--")
+        axes.set_xlim(0.9, 2.0)
+        axes.set_xlabel(f"{name} over its bound [1]")
+    panels[0].set_ylabel("share of the runs below [1]")
+    panels[1].legend(fontsize=9)
+    return figure

@@ -1,0 +1,278 @@
+"""The experiments of section 3.6, every variant run in one process: Figures 30 to 48.
+
+A figure of the dissertation comes as ``figure_<number>.png`` with ``figure_<number>.csv`` beside
+it, which holds what the figure shows. The assistant of the text knows the twist alone; ours also
+checks it against IMU and wheel speeds. Where an experiment uses both, the assisted variant is run
+once more without them, as ``<variant>_twist_alone``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures.data_table import TIME, history_columns, write_columns
+from omni_figures.run_figures import scene_of
+from omni_figures.style import save_figure
+from omni_figures.top_view import top_view
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.history import RunHistory
+from omni_loop.loop import run_closed_loop
+from omni_loop.metrics import Metric, run_metrics
+from omni_loop.options import LoopOptions
+from omni_platform.configuration import parameter
+from omni_platform.quantities import FloatArray
+from omni_studies.braking import figures as braking_figures
+from omni_studies.identification.files import VEHICLE
+from omni_studies.study import StudyResult, StudyRun
+
+CASES = {
+    "straight_line": "Emergency braking of Table 2's vehicle straight ahead, assisted and not: "
+    "Figures 30 to 32",
+    "three_wheel_diagonal": "The three-wheeled robot stops from a diagonal motion: Figures 33 "
+    "to 35",
+    "ice_patch": "Braking with a front wheel already on ice, assisted and not: Figures 36 to 38",
+    "ice_patch_noisy": "Braking on ice with noisy feedback, Eqs. (60), (61): Figures 39 to 42",
+    "turn_while_translate": "Braking out of a turn-while-translate maneuver under every "
+    "weighting: Figures 43 to 48",
+}
+
+_QUANTITIES = (
+    "orientation_change",
+    "stopping_distance",
+    "lateral_deviation",
+    "stopping_time",
+    "peak_yaw_rate",
+    "brake_switchings",
+)
+_ALONE = "_twist_alone"
+_TWIST_ALONE = "brake_assist.second_opinion=false"
+_COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
+
+
+@dataclasses.dataclass(frozen=True)
+class ExperimentRuns:
+    """Variants of an experiment, run to their end.
+
+    Attributes:
+        configurations: by variant.
+        histories: runs by variant.
+        feedback: twists that the assistant received [m/s, m/s, rad/s], (T, 3), by variant.
+    """
+
+    configurations: Mapping[str, ExperimentConfiguration]
+    histories: Mapping[str, RunHistory]
+    feedback: Mapping[str, FloatArray]
+
+    @property
+    def metrics(self) -> dict[str, Metric]:
+        """How every variant stopped and its largest error, by ``<quantity>.<variant>``."""
+        by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
+        metrics = {
+            f"{quantity}.{name}": by_variant[name][quantity]
+            for quantity in _QUANTITIES
+            for name in by_variant
+        }
+        for name, history in self.histories.items():
+            metrics[f"largest_error.{name}"] = Metric(largest_error(history), "m/s")
+        width = next(iter(self.configurations.values())).vehicle.chassis_width
+        metrics["width.vehicle"] = Metric(width, "m")
+        return metrics
+
+
+def largest_error(history: RunHistory) -> float:
+    """Return the largest magnitude of any ``s_i`` while braking [m/s]."""
+    return float(np.max(np.abs(history.error[history.brake_start :])))
+
+
+def run_experiment(
+    library: ExperimentLibrary, experiment: str, overrides: Sequence[str]
+) -> ExperimentRuns:
+    """Run every variant of an experiment in one process.
+
+    On the velocity sensor that is the fast loop; on optical feedback the loop with its cameras.
+
+    Args:
+        library: where the experiment is.
+        experiment: its name.
+        overrides: ``dotted.key=value`` texts, laid over every variant.
+
+    Raises:
+        ConfigurationError: a name, key or value does not fit.
+    """
+    configurations = {
+        variant: library.load(experiment, variant, overrides)
+        for variant in library.variants(experiment, overrides)
+    }
+    for variant, configuration in list(configurations.items()):
+        assistant = configuration.brake_assist
+        if assistant.enabled and assistant.second_opinion and not configuration.hears_lines:
+            alone = library.load(experiment, variant, (*overrides, _TWIST_ALONE))
+            configurations[variant + _ALONE] = alone
+    histories, feedback = {}, {}
+    for variant, configuration in configurations.items():
+        if not configuration.hears_lines:
+            run = run_fast_loop(configuration)
+            histories[variant], feedback[variant] = run.history(), run.record.feedback
+        else:
+            histories[variant] = run_closed_loop(configuration)
+            feedback[variant] = histories[variant].estimate
+    return ExperimentRuns(configurations, histories, feedback)
+
+
+def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
+    """Return what makes the file ``straight_line`` the dissertation's experiment.
+
+    That is the identified vehicle on the ground that was identified with it, and a velocity sensor.
+
+    Args:
+        library: where the experiments are.
+        vehicle: name of another vehicle.
+    """
+    ground = library.load("turn_while_translate", "unassisted").ground
+    return [f"vehicle={vehicle}", f"ground.friction={ground.friction}", "feedback=velocity_sensor"]
+
+
+Options = LoopOptions
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _StraightLine(LoopOptions):
+    """The vehicle, and what is changed of the experiment."""
+
+    vehicle: str = parameter(VEHICLE, description="a file of config/vehicles/")
+
+
+OPTIONS = {"straight_line": _StraightLine}
+
+
+def run(options: LoopOptions, study: StudyRun) -> StudyResult:
+    """Run an experiment and draw its figures."""
+    changes = options.changes
+    if isinstance(options, _StraightLine):
+        changes = [*table_2_vehicle(study.experiments, options.vehicle), *changes]
+    runs = run_experiment(study.experiments, study.case, changes)
+    files = []
+    for number, drawing in _FIGURES[study.case].items():
+        figure, columns = drawing(runs)
+        files.append(save_figure(figure, study.folder / f"figure_{number}.png"))
+        files.append(write_columns(study.folder / f"figure_{number}.csv", columns))
+    return StudyResult(runs.metrics, tuple(files))
+
+
+Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
+"""Draws one figure of the dissertation; returns it with its data by ``name [unit]``."""
+
+
+def _over_time(variant: str, *, errors: bool = True) -> Drawing:
+    """Draw velocity components and errors of one variant over time."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        history = runs.histories[variant]
+        title = f"{runs.configurations[variant].description}: {variant}"
+        figure = braking_figures.velocities_and_errors(history, title, errors=errors)
+        return figure, history_columns(history, errors=errors)
+
+    return drawing
+
+
+def _from_above(*variants: str) -> Drawing:
+    """Draw snapshots of some variants from above, with the paths as data."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        histories = {variant: runs.histories[variant] for variant in variants}
+        configuration = runs.configurations[variants[0]]
+        figure = top_view(scene_of(configuration), histories, title=configuration.description)
+        return figure, _stacked(histories, _pose_columns)
+
+    return drawing
+
+
+def _compared(title: str, *, errors: bool) -> Drawing:
+    """Draw errors or velocities of the assisted runs with and without noise."""
+
+    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+        clean, noisy = runs.histories["assisted"], runs.histories["noisy"]
+        if errors:
+            both = {"no noise": clean, "noisy feedback": noisy}
+            figure = braking_figures.compare_errors(both, title)
+        else:
+            pairs = {"no noise": (clean, clean.twist), "noisy feedback": (noisy, noisy.twist)}
+            figure = braking_figures.compare_velocities(pairs, title)
+        histories = {"assisted": clean, "noisy": noisy}
+        return figure, _stacked(histories, _error_columns if errors else _twist_columns)
+
+    return drawing
+
+
+def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
+    """Draw the noisy feedback over the motion."""
+    history, feedback = runs.histories["noisy"], runs.feedback["noisy"]
+    shown = {"original": (history, history.twist), "noisy": (history, feedback)}
+    figure = braking_figures.compare_velocities(shown, "Noise on the feedback")
+    noisy = {f"noisy {name}": feedback[:, place] for place, name in enumerate(_COMPONENTS)}
+    return figure, {TIME: history.braking_time, **_twist_columns(history), **noisy}
+
+
+def _stacked(
+    histories: Mapping[str, RunHistory], columns: Callable[[RunHistory], Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return columns of several runs below one another."""
+    tables = [{TIME: run.braking_time, **columns(run)} for run in histories.values()]
+    names = [name for name, run in histories.items() for _ in run.stamp_ns]
+    return {"variant": names} | {
+        column: np.concatenate([table[column] for table in tables]) for column in tables[0]
+    }
+
+
+def _pose_columns(history: RunHistory) -> dict[str, Any]:
+    pose = history.pose
+    return {"x [m]": pose[:, 0], "y [m]": pose[:, 1], "yaw [deg]": pose[:, 2] * (180.0 / math.pi)}
+
+
+def _twist_columns(history: RunHistory) -> dict[str, Any]:
+    return {name: history.twist[:, place] for place, name in enumerate(_COMPONENTS)}
+
+
+def _error_columns(history: RunHistory) -> dict[str, Any]:
+    names = enumerate(history.wheel_names)
+    return {f"s {wheel} [m/s]": history.error[:, place] for place, wheel in names}
+
+
+_FIGURES: Mapping[str, Mapping[int, Drawing]] = {
+    "straight_line": {
+        30: _from_above("unassisted", "assisted"),
+        31: _over_time("unassisted"),
+        32: _over_time("assisted"),
+    },
+    "three_wheel_diagonal": {
+        33: _from_above("unassisted", "assisted"),
+        34: _over_time("unassisted"),
+        35: _over_time("assisted"),
+    },
+    "ice_patch": {
+        36: _from_above("unassisted", "assisted"),
+        37: _over_time("unassisted"),
+        38: _over_time("assisted"),
+    },
+    "ice_patch_noisy": {
+        39: _from_above("unassisted", "assisted", "noisy"),
+        40: _measured,
+        41: _compared("Errors with and without noise", errors=True),
+        42: _compared("Velocities with and without noise", errors=False),
+    },
+    "turn_while_translate": {
+        43: _from_above("unassisted", "zero", "cosine"),
+        44: _over_time("unassisted", errors=False),
+        45: _over_time("zero"),
+        46: _over_time("cosine"),
+        47: _from_above("cosine", "k1", "k7"),
+        48: _over_time("k1"),
+    },
+}

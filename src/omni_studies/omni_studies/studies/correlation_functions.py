@@ -1,0 +1,193 @@
+"""Distance over shift on three grounds (Figure 68).
+
+20 m/s at 45 deg, 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5 grey levels. The distances are
+evaluated with `scipy.spatial.distance` at every shift, apart from the search of the odometry.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.signal import find_peaks
+from scipy.spatial import distance
+from scipy.stats import rankdata
+
+from omni_figures.data_table import write_table
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    VERMILLION,
+    draw_title,
+    save_figure,
+)
+from omni_loop.metrics import Metric
+from omni_platform.quantities import FloatArray
+from omni_studies.line_trials.options import LineOptions, kinds_option, noise_option, pairs_option
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials.rig import View, camera, ground
+from omni_tools.line_trials.trials import path
+
+_VIEW = View()
+_SPEED, _ANGLE = 20.0, math.radians(45.0)
+_PROMINENCE = 0.1  # of a local minimum, over the range of the curve
+
+_DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
+    "pearson": distance.correlation,  # Eq. (81)
+    "spearman": lambda x, y: float(distance.correlation(rankdata(x), rankdata(y))),
+    "cosine": distance.cosine,  # Eq. (83)
+    "euclidean": lambda x, y: float(distance.euclidean(x, y)) / len(x),  # Eq. (79)
+    "squared_euclidean": lambda x, y: float(distance.sqeuclidean(x, y)) / len(x),
+    "manhattan": lambda x, y: float(distance.cityblock(x, y)) / len(x),  # Eq. (80)
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """Distances of a pair of lines.
+
+    Attributes:
+        shift: [px], shape (m,).
+        distance: at each, shape (m,).
+        truth: displacement [px].
+    """
+
+    shift: FloatArray
+    distance: FloatArray
+    truth: float
+
+    @property
+    def minima(self) -> int:
+        """Number of minima that stand out by a tenth of the curve's range."""
+        prominence = _PROMINENCE * float(np.ptp(self.distance))
+        padded = np.pad(-self.distance, 1, mode="minimum")  # the ends may be minima, too
+        return len(find_peaks(padded, prominence=prominence)[0])
+
+    @property
+    def width(self) -> float:
+        """Width of the deepest minimum half way up to the mean distance [px]."""
+        lowest = int(np.argmin(self.distance))
+        half = 0.5 * (float(self.distance[lowest]) + float(self.distance.mean()))
+        above = np.flatnonzero(self.distance > half)
+        left = above[above < lowest]
+        right = above[above > lowest]
+        first = left[-1] if len(left) else -1
+        last = right[0] if len(right) else len(self.distance)
+        return float(last - first - 1)
+
+    @property
+    def error(self) -> float:
+        """Deepest minimum less the true displacement [px]."""
+        return float(self.shift[np.argmin(self.distance)]) - self.truth
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = kinds_option("stone", "asphalt", "cork")
+    pairs: int = pairs_option(20)
+    noise: float = noise_option(5.0)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Evaluate the distances; write figure, data and metrics."""
+    curves: dict[str, list[Curve]] = {}
+    for kind in options.kinds:
+        eye = camera(_VIEW, ground(kind, options.texels), options.noise, options.seed)
+        generator = np.random.default_rng(options.seed)
+        curves[kind] = []
+        for pair in range(options.pairs):
+            poses = path(_VIEW, _SPEED, _ANGLE, 2, generator)
+            old, new = eye.lines(poses, 2 * pair).astype(np.float64)
+            truth = float(poses[1, 0] - poses[0, 0]) / _VIEW.pitch
+            curves[kind].append(distances(old, new, truth, options.metric, _VIEW.pixels // 2))
+    metrics: dict[str, Metric] = {}
+    for kind, every in curves.items():
+        metrics |= {
+            f"minima.{kind}": Metric(float(np.mean([c.minima for c in every])), "1"),
+            f"minimum_width.{kind}": Metric(
+                1e3 * _VIEW.pitch * float(np.median([c.width for c in every])), "mm"
+            ),
+            f"right_share.{kind}": Metric(
+                float(np.mean([abs(c.error) <= 1.5 for c in every])), "1"
+            ),
+            f"median_error_px.{kind}": Metric(
+                float(np.median([abs(c.error) for c in every])), "1", note="pixels"
+            ),
+        }
+    files = (
+        save_figure(_draw(curves, options.metric), study.folder / "figure_68.png"),
+        write_table(
+            study.folder / "correlation_functions.csv",
+            ("ground", "shift_px", "distance", "true_displacement_px"),
+            (
+                (kind, int(s), d, every[0].truth)
+                for kind, every in curves.items()
+                for s, d in zip(every[0].shift, every[0].distance, strict=True)
+            ),
+        ),
+    )
+    return StudyResult(metrics, files, _findings(list(curves), metrics))
+
+
+def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
+    """Return the distance of two lines over all shifts, over their overlap.
+
+    Args:
+        old: a line, shape (n,).
+        new: the line after it, shape (n,).
+        truth: displacement between them [px].
+        metric: name of the distance.
+        limit: largest shift [px].
+    """
+    n = len(new)
+    shifts = np.arange(-limit, limit + 1)
+    values = [
+        float(_DISTANCES[metric](new[max(0, -s) : n - max(0, s)], old[max(0, s) : n + min(0, s)]))
+        for s in shifts.tolist()
+    ]
+    return Curve(shifts.astype(np.float64), np.array(values, dtype=np.float64), truth)
+
+
+def _findings(kinds: list[str], metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    entries = [
+        f"{kind} {metrics[f'minima.{kind}'].value:.1f} minima, the deepest one "
+        f"{metrics[f'minimum_width.{kind}'].value:.1f} mm wide"
+        for kind in kinds
+    ]
+    found = [f"{'; '.join(entries)}."]
+    fine = [kind for kind in kinds if kind in {"asphalt", "cork"}]
+    if "stone" in kinds and fine:
+        fewer = all(metrics["minima.stone"].value < metrics[f"minima.{k}"].value for k in fine)
+        wider = all(
+            metrics["minimum_width.stone"].value > metrics[f"minimum_width.{k}"].value for k in fine
+        )
+        found.append(
+            "The dissertation's claims: that coarse stone has fewer minima than asphalt and cork "
+            f"{'holds' if fewer else 'does not hold'}, and that its minimum is flatter "
+            f"{'holds' if wider else 'does not hold'}."
+        )
+    return tuple(found)
+
+
+def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
+    figure = Figure(figsize=(11.0, 2.5 * len(curves) + 0.8), layout="constrained")
+    panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
+    draw_title(
+        figure,
+        f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
+        "true displacement dashed, other places in grey",
+    )
+    for axes, (kind, every) in zip(panels, curves.items(), strict=True):
+        for curve in every[1:4]:
+            axes.plot(curve.shift, curve.distance, color=GREY, linewidth=0.7, alpha=0.6)
+        axes.plot(every[0].shift, every[0].distance, color=BLUE, linewidth=1.2)
+        axes.axvline(every[0].truth, color=VERMILLION, linewidth=1.0, linestyle="--")
+        axes.set_title(kind.replace("_", " "))
+        axes.set_ylabel("distance")
+    panels[-1].set_xlabel("shift [px]")
+    return figure

@@ -1,0 +1,318 @@
+"""Whether the twist is as accurate as the odometry says, over grounds, line cameras and motions.
+
+Three line cameras on a circle, along its tangents. The error squared of the twist, over what its
+covariance lets expect, has the mean 1 where the covariance is right. Speeds are shares of the
+largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are tried alike.
+
+Does that hold on a ground that nobody has seen? A factor for matches of pairs of lines and one for
+matches of all lines of a batch are fitted on all grounds but one, and judged on that one. The
+odometry itself has none for the latter.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from linescan_odometry.odometry import OdometryConfiguration
+from omni_figures.data_table import write_table
+from omni_figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    draw_title,
+    save_figure,
+)
+from omni_loop.metrics import Metric
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.sensors import LineSensor
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials.rig import Rig, ground
+from omni_tools.line_trials.twist_trials import TwistTrial, drive
+from omni_tools.placement.classical import tangential
+
+_GROUNDS = ("cork", "asphalt", "stone")
+_HARDER = (
+    "worn_asphalt", "concrete", "wet_concrete", "gravel", "grass", "sand", "bark", "brick",
+    "cobble",
+)  # fmt: skip
+_TEXELS = 8192  # of these: two a pixel
+_COLOURS = (BLUE, ORANGE, GREEN)
+_RADIUS = 0.6  # m
+_OVERLAP = 0.6
+_BATCHES = 8
+_CAMERAS = {
+    "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
+    "lis770i": LineSensor(
+        x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
+    ),
+    "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
+}
+# (v_x, v_y) as shares of the largest sideways speed, and the lateral share of a point on the circle
+# that turning adds.
+_MOTIONS = {
+    "at rest": (0.0, 0.0, 0.0),
+    "creeping": (0.001, 0.0, 0.0005),
+    "slow": (0.05, 0.0, 0.0),
+    "ahead": (0.5, 0.0, 0.0),
+    "sideways": (0.0, 0.5, 0.0),
+    "diagonal": (0.25, 0.25, 0.0),
+    "in a curve": (0.25, 0.0, 0.05),
+    "spinning": (0.0, 0.0, 0.1),
+}
+_LOW, _HIGH = 0.8, 1.25  # within which a covariance counts as right
+_JUDGED = "generic"  # the camera that is driven over all grounds
+_HIGHEST, _COVERED = 1.3, 90.0  # of a ground that was left out; % within 95 % intervals
+_WITHIN_95 = 1.96
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One camera, ground and motion, from several places in several directions.
+
+    Attributes:
+        camera: its name.
+        ground: its kind.
+        motion: its name.
+        trials: one for each start.
+    """
+
+    camera: str
+    ground: str
+    motion: str
+    trials: tuple[TwistTrial, ...]
+
+    @property
+    def squares(self) -> NDArray[np.float64]:
+        """Errors squared over their expectation, of all batches."""
+        return np.concatenate([trial.normalised_error_squared for trial in self.trials])
+
+    def squares_of(self, *, together: bool) -> NDArray[np.float64]:
+        """Errors squared of single cameras over their variances, where lines were matched so."""
+        return np.concatenate(
+            [trial.ratio[trial.together == together] ** 2 for trial in self.trials]
+        )
+
+    @property
+    def mean(self) -> float:
+        """Mean of `squares`."""
+        return _mean(self.squares)
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean, from one start to the other: batches from one start are not independent."""
+        squares = [trial.normalised_error_squared for trial in self.trials]
+        means = [s.mean() for s in squares if len(s)]
+        return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+
+    @property
+    def measured(self) -> float:
+        """Share of the batches that were measured, 0..1."""
+        return float(np.mean([trial.measured for trial in self.trials]))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """How much is driven, and with how much noise."""
+
+    starts: int = parameter(
+        12,
+        description=f"random places and directions, with {_BATCHES} batches of 10 ms from each, "
+        "for each camera, ground and motion",
+        minimum=2,
+        maximum=10_000,
+    )
+    noise: float = parameter(
+        1.0, description="standard deviation in grey levels", minimum=0.0, maximum=50.0
+    )
+    seed: int = parameter(1, description="of places and noise", minimum=0)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Drive every case; write figure, data and metrics."""
+    cases = [case for kind in _GROUNDS for name in _CAMERAS for case in _drive(name, kind, options)]
+    cases += [
+        case
+        for kind in (_HARDER if _JUDGED in _CAMERAS else ())
+        for case in _drive(_JUDGED, kind, options)
+    ]
+    judged = _leave_one_out(cases)
+    files = (
+        save_figure(_draw(cases), study.folder / "covariance.png"),
+        write_table(
+            study.folder / "left_out.csv",
+            ("ground", "factor_pairs", "factor_together", "normalised_error_squared", "coverage"),
+            ((kind, *values) for kind, values in judged.items()),
+        ),
+        write_table(
+            study.folder / "covariance.csv",
+            (
+                "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
+                "normalised_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
+                "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
+            ),
+            (_row(case) for case in cases),
+        ),
+    )  # fmt: skip
+    return StudyResult(_metrics(cases, judged), files, _findings(cases, judged))
+
+
+class LeftOut(NamedTuple):
+    """What a ground says of variances that were fitted on all others.
+
+    Attributes:
+        pairs: factor of the variances of matches of pairs, from the other grounds.
+        together: the same of matches of all lines.
+        squared: error squared of single cameras over these variances, on this ground.
+        coverage: of them within 1.96 standard deviations [%].
+    """
+
+    pairs: float
+    together: float
+    squared: float
+    coverage: float
+
+
+def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
+    """Fit the factors of the variances on all grounds but one each, and judge them on that one."""
+    found: dict[str, list[NDArray[np.float64]]] = {}
+    for kind in dict.fromkeys(case.ground for case in cases):
+        own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]
+        if own:
+            found[kind] = [
+                np.concatenate([case.squares_of(together=how) for case in own])
+                for how in (False, True)
+            ]
+    judged = {}
+    for kind, own_squares in found.items():
+        others = [squares for other, squares in found.items() if other != kind]
+        pairs, together = (_fitted([squares[how] for squares in others]) for how in range(2))
+        left = np.concatenate([own_squares[0] / pairs, own_squares[1] / together])
+        if len(left):
+            covered = 100.0 * float(np.mean(left <= _WITHIN_95**2))
+            judged[kind] = LeftOut(pairs, together, float(left.mean()), covered)
+    return judged
+
+
+def _fitted(squares: list[NDArray[np.float64]]) -> float:
+    """Return the factor of the variances by which the mean over the grounds is 1."""
+    means = [float(own.mean()) for own in squares if len(own)]
+    return float(np.mean(means)) if means else 1.0
+
+
+def _drive(name: str, kind: str, options: Options) -> list[Case]:
+    """Drive all motions with one kind of camera over one ground."""
+    camera = _CAMERAS[name]
+    sensors = tangential(_RADIUS, camera)
+    configuration = OdometryConfiguration(sensors=sensors)
+    texture = ground(kind, _TEXELS) if kind in _HARDER else ground(kind)
+    rig = Rig(sensors, texture, options.noise, options.seed)
+    generator = np.random.default_rng(options.seed)
+    largest = (1.0 - _OVERLAP) * camera.width * camera.line_rate
+    cases = []
+    for motion, shares in _MOTIONS.items():
+        twist = largest * np.array(shares) / np.array([1.0, 1.0, _RADIUS])
+        trials = tuple(
+            drive(configuration, rig, twist, _BATCHES, generator) for _ in range(options.starts)
+        )
+        cases.append(Case(name, kind, motion, trials))
+    return cases
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metric]:
+    metrics = {}
+    for name, kind in dict.fromkeys((case.camera, case.ground) for case in cases):
+        own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
+        pooled = np.concatenate([case.squares for case in own])
+        measured = float(np.mean([case.measured for case in own]))
+        metrics[f"normalised_error_squared.{name}_{kind}"] = Metric(
+            _mean(pooled), "1", reference=1.0
+        )
+        metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
+    for kind, left in judged.items():
+        metrics[f"left_out.{kind}"] = Metric(left.squared, "1", at_most=_HIGHEST, reference=1.0)
+        metrics[f"coverage_left_out.{kind}"] = Metric(left.coverage, "%", at_least=_COVERED)
+    every = np.concatenate([case.squares for case in cases])
+    metrics["normalised_error_squared.all"] = Metric(_mean(every), "1", reference=1.0)
+    right = [_LOW <= case.mean <= _HIGH for case in cases if len(case.squares)]
+    metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
+    return metrics
+
+
+def _findings(cases: list[Case], judged: Mapping[str, LeftOut]) -> tuple[str, ...]:
+    means = {
+        f"{case.camera}, {case.ground}, {case.motion}": case.mean
+        for case in cases
+        if len(case.squares)
+    }
+    if not means:
+        return ("Nothing was measured.",)
+    every = np.concatenate([case.squares for case in cases])
+    right = sum(_LOW <= value <= _HIGH for value in means.values())
+    worst = max(means, key=lambda name: abs(math.log(means[name])))
+    return (
+        f"The error squared of the twist is {every.mean():.2f} times what its covariance lets "
+        f"expect; {right} of {len(means)} cases lie within {_LOW:g} to {_HIGH:g}.",
+        f"The farthest off is {worst}, with {means[worst]:.2f}.",
+        *(
+            f"Of a single camera, with variances fitted on the other grounds: {kind} "
+            f"{left.squared:.2f}, {left.coverage:.0f} % within 95 %."
+            for kind, left in judged.items()
+            if not (0.8 <= left.squared <= _HIGHEST and left.coverage >= _COVERED)
+        ),
+    )
+
+
+def _row(case: Case) -> tuple[str | float, ...]:
+    error = np.concatenate([trial.error for trial in case.trials])
+    covariance = np.concatenate([trial.covariance for trial in case.trials])
+    rmse = [math.sqrt(_mean(column**2)) for column in error.T]
+    stated = [math.sqrt(_mean(covariance[:, i, i])) for i in range(3)]
+    return (
+        case.camera, case.ground, case.motion, *case.trials[0].twist, case.measured,
+        case.mean, case.standard_error, *rmse, *stated,
+    )  # fmt: skip
+
+
+def _draw(cases: list[Case]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.8), layout="constrained")
+    panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
+    draw_title(
+        figure,
+        "Error squared of the twist over what its covariance lets expect; bars: standard error",
+    )
+    places = np.arange(len(_MOTIONS))
+    for axes, name in zip(panels, _CAMERAS, strict=True):
+        axes.axhspan(_LOW, _HIGH, color=PALE, alpha=0.6, linewidth=0.0)
+        axes.axhline(1.0, color=GREY, linewidth=1.0)
+        for i, (kind, colour) in enumerate(zip(_GROUNDS, _COLOURS, strict=False)):
+            own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
+            mean = [case.mean for case in own]
+            spread = [case.standard_error for case in own]
+            axes.errorbar(
+                places + 0.2 * (i - 1), mean, spread, fmt="o", color=colour, label=kind, capsize=2
+            )
+        view = _CAMERAS[name]
+        axes.set_title(
+            f"{name}: {view.pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm",
+            loc="left",
+        )
+        axes.set_xticks(places, list(_MOTIONS), rotation=35, ha="right")
+        axes.set_yscale("log")
+        axes.set_yticks([0.5, 0.8, 1.0, 1.25, 2.0], ["0.5", "0.8", "1", "1.25", "2"])
+        axes.minorticks_off()
+    panels[0].set_ylabel("error squared over its expectation [1]")
+    panels[0].legend(loc="upper left")
+    return figure

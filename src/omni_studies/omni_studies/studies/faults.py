@@ -1,0 +1,120 @@
+"""Stops with faults of sensors and brakes: whether the vehicle stops, how far, how much it turns.
+
+Both laws, with and without an IMU, on several vehicles: single sensor faults, faults that two
+sensors share, and brakes that fail before or during the stop; every eighth stop is the worst of a
+local search. Sensor faults are compared with the longer stop and the larger rotation of unassisted
+and fault-free assisted braking, brake faults with all other brakes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from omni_figures.style import save_figure
+from omni_loop.metrics import Metric
+from omni_loop.options import LoopOptions
+from omni_platform.configuration import parameter
+from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_of_twist
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+
+_LOSS_ONSET, _LOSS_LIMIT = 0.3, 6.0  # [s] after the pedal, [deg]
+_WORST = 20  # stops in the table of the worst
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions, LoopOptions):
+    """How many stops are run, and where."""
+
+    runs: int = parameter(4000, description="number of stops", minimum=1, maximum=10_000_000)
+    seed: int = parameter(0, description="seed of the first; the others follow", minimum=0)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Run the stops, write their table, the worst of them and a figure."""
+    work = FaultyStops(study.experiments, options.changes)
+    seeds = range(options.seed, options.seed + options.runs)
+    path = study.folder / "stops.csv"
+    stops = run_campaign(work, seeds, Stop, options, path, work.fingerprint, study.report)
+    groups = {
+        group: [stop for stop in stops if stop.group == group]
+        for group in sorted({stop.group for stop in stops})
+    }
+    metrics = {"runs.all": Metric(len(stops), "1")}
+    for group, chosen in groups.items():
+        metrics |= _metrics(group, chosen)
+    rotation = loss_of_twist(work, _LOSS_ONSET)
+    metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg", at_most=_LOSS_LIMIT)
+    files = (
+        path,
+        _write_worst(stops, study.folder / "worst.csv"),
+        save_figure(_draw(groups), study.folder / "stops.png"),
+    )
+    findings = (*map(_finding, groups.values()), f"Loss of the twist: {rotation:.1f} deg")
+    return StudyResult(metrics, files, findings)
+
+
+def _metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
+    limit = limits(stops[0].extent, imu=bool(stops[0].imu))
+    counted = [stop for stop in stops if stop.counted]
+    rest = 100.0 * sum(stop.rest for stop in counted) / max(len(counted), 1)
+    assisting = 100.0 * sum(stop.assisting for stop in stops) / len(stops)
+    distance = max((stop.distance for stop in counted), default=0.0)
+    rotation = max((stop.rotation for stop in counted), default=0.0)
+    return {
+        f"runs.{group}": Metric(len(counted), "1"),
+        f"comes_to_rest.{group}": Metric(rest, "%", at_least=100.0),
+        f"worst_distance_ratio.{group}": Metric(distance, "1", at_most=limit.distance),
+        f"worst_extra_rotation.{group}": Metric(rotation, "deg", at_most=limit.rotation),
+        f"still_assisting.{group}": Metric(assisting, "%", at_least=limit.assisting),
+    }
+
+
+def _finding(stops: Sequence[Stop]) -> str:
+    worst = max(stops, key=lambda stop: (stop.counted * (1 - stop.rest), stop.distance))
+    rest = sum(stop.rest for stop in stops if stop.counted)
+    return (
+        f"{worst.group}: {rest} of {sum(stop.counted for stop in stops)} come to rest; longest "
+        f"{worst.distance:.2f} times the distance ({worst.case}: {worst.channel} {worst.kind} "
+        f"{worst.amplitude:g} from {worst.onset:g} s)"
+    )
+
+
+def _write_worst(stops: Sequence[Stop], path: Path) -> Path:
+    """Write the stops that went farthest and those that turned most."""
+    chosen = sorted(stops, key=lambda stop: -stop.distance)[:_WORST]
+    chosen += sorted(stops, key=lambda stop: -stop.rotation)[:_WORST]
+    lines = [",".join(Stop._fields)] + [",".join(str(value) for value in stop) for stop in chosen]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def _draw(groups: dict[str, list[Stop]]) -> Figure:
+    """Draw distance and rotation of all stops, one panel for each group."""
+    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    panels = figure.subplots(-(-len(groups) // 3), 3, sharey=True, squeeze=False)
+    for panel, (group, stops) in zip(panels.flat, groups.items(), strict=False):
+        for index, channel in enumerate(sorted({stop.channel for stop in stops})):
+            chosen = [stop for stop in stops if stop.counted and stop.channel == channel]
+            panel.plot(
+                [stop.distance for stop in chosen],
+                [stop.rotation for stop in chosen],
+                ".",
+                color=f"C{index % 10}",
+                markersize=3,
+                label=channel,
+            )
+        limit = limits(stops[0].extent, imu=bool(stops[0].imu))
+        if limit.distance is not None:
+            panel.axvline(limit.distance, color="0.4", linewidth=0.8, linestyle="--")
+        if limit.rotation is not None:
+            panel.axhline(limit.rotation, color="0.4", linewidth=0.8, linestyle="--")
+        panel.set_title(group, fontsize="small")
+        panel.legend(loc="lower right", fontsize="x-small")
+    figure.supxlabel("distance over the reference [1]")
+    figure.supylabel("rotation beyond the reference [deg]")
+    return figure

@@ -1,0 +1,265 @@
+"""How much a stop costs with each source of the body twist that people own.
+
+The same random stops are braked without the assistant, and with both laws and each source: ideal,
+line cameras, optical-flow chips, wheel odometry, dead reckoning, late and slow ones. The table says
+where assistance does more harm than good.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures import style
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.loop import run_closed_loop
+from omni_loop.metrics import Metric, run_metrics
+from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.kinematics import PlatformKinematics
+from omni_sim.vehicle.loads import MassConfiguration
+from omni_studies.feedback.sources import SOURCES, SourceEstimator
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+
+_LAWS = ("sliding_mode", "allocation")
+_UNASSISTED = "unassisted"
+_VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
+_LONGER = 1.05  # median of the distance over that without assistant, from which it harms
+_WORST = 1.5  # likewise of the 95th percentile
+_TURN = 2.0  # [deg] by which the 95th percentile of the rotation may be larger
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions):
+    """Vehicles, sources and number of stops."""
+
+    vehicle: tuple[str, ...] = parameter(
+        _VEHICLES, description="a file of config/vehicles/, a path, or the folder of a vehicle"
+    )
+    source: tuple[str, ...] = parameter(
+        tuple(SOURCES), description="a source of the twist", choices=tuple(SOURCES)
+    )
+    runs: int = parameter(20, description="random stops of each vehicle", minimum=1, maximum=10000)
+    speed: float = parameter(
+        2.0, description="largest speed of the stops", unit="m/s", above=0.1, maximum=20.0
+    )
+
+
+class Stop(NamedTuple):
+    """A stop.
+
+    Attributes:
+        seed: number of the case.
+        vehicle: its file.
+        stop: number of the stop, the same for all sources.
+        law: of control, or ``unassisted``.
+        source: of the twist.
+        distance: stopping distance [m].
+        rotation: change of orientation [deg].
+    """
+
+    seed: int
+    vehicle: str
+    stop: int
+    law: str
+    source: str
+    distance: float
+    rotation: float
+
+
+@dataclass(frozen=True)
+class Cases:
+    """The cases of the campaign, by number."""
+
+    bases: dict[str, ExperimentConfiguration]
+    sources: tuple[str, ...]
+    runs: int
+    speed: float
+
+    @property
+    def _each(self) -> list[tuple[str, str]]:
+        """Law and source of the cases of a stop."""
+        return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in self.sources)]
+
+    def __len__(self) -> int:
+        return len(self.bases) * self.runs * len(self._each)
+
+    def run(self, number: int) -> Stop:
+        """Brake a case."""
+        rest, case = divmod(number, len(self._each))
+        place, stop = divmod(rest, self.runs)
+        vehicle, (law, source) = list(self.bases)[place], self._each[case]
+        configuration = _drawn(self.bases[vehicle], stop, self.speed)
+        assisted = law != _UNASSISTED
+        brake_assist = dataclasses.replace(
+            configuration.brake_assist,
+            enabled=assisted,
+            law=law if assisted else _LAWS[0],
+            feedback_delay=SOURCES[source].latency,
+        )
+        configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
+        kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
+        estimator = SourceEstimator(SOURCES[source], kinematics, stop)
+        metrics = run_metrics(run_closed_loop(configuration, estimator=estimator))
+        distance, rotation = (
+            metrics[name].value for name in ("stopping_distance", "orientation_change")
+        )
+        return Stop(number, vehicle, stop, law, source, distance, rotation)
+
+
+def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> ExperimentConfiguration:
+    """Return a random stop of a vehicle: motion, friction and load."""
+    random = np.random.default_rng([7, stop])
+    vehicle = base.vehicle
+    reach = 0.3 * vehicle.chassis_length, 0.3 * vehicle.chassis_width
+    load = MassConfiguration(
+        mass=random.uniform(0.0, 0.4) * vehicle.body.mass,
+        x=random.uniform(-1.0, 1.0) * reach[0],
+        y=random.uniform(-1.0, 1.0) * reach[1],
+        height=vehicle.body.height,
+        yaw_inertia=0.0,
+    )
+    maneuver = dataclasses.replace(
+        base.maneuver,
+        speed=random.uniform(0.25, 1.0) * speed,
+        direction_deg=random.uniform(-180.0, 180.0),
+        yaw_rate_deg=random.uniform(-30.0, 30.0) if stop % 2 else 0.0,
+        brake_time=0.3,
+    )
+    return dataclasses.replace(
+        base,
+        seed=stop,
+        vehicle=dataclasses.replace(vehicle, load=load),
+        ground=dataclasses.replace(base.ground, friction=random.uniform(0.4, 1.0)),
+        maneuver=maneuver,
+    )
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Brake all cases, and write table and picture."""
+    cases = Cases(_bases(study.experiments, options), options.source, options.runs, options.speed)
+    rows = run_campaign(
+        partial(Cases.run, cases),
+        range(len(cases)),
+        Stop,
+        options,
+        study.folder / "stops.csv",
+        f"{sorted(cases.bases)} {options.source} {options.runs} {options.speed}",
+        study.report,
+    )
+    table = {
+        (vehicle, law, source): _judged(rows, vehicle, law, source)
+        for vehicle in cases.bases
+        for law in _LAWS
+        for source in options.source
+    }
+    metrics = {}
+    for (vehicle, law, source), found in table.items():
+        for quantity, (value, unit) in found.items():
+            metrics[f"{quantity}.{vehicle}_{law}_{source}"] = Metric(value, unit)
+    files = [study.folder / "stops.csv"]
+    files += [
+        style.save_figure(_figure(table, vehicle, options.source), study.folder / f"{vehicle}.png")
+        for vehicle in cases.bases
+    ]
+    return StudyResult(metrics, tuple(files), tuple(_findings(table)))
+
+
+def _bases(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:
+    if len(set(options.vehicle)) != len(options.vehicle):
+        raise ConfigurationError("--vehicle", "names a vehicle twice")
+    plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    kind = "vehicle.brake.kind=proportional"
+    return {
+        name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
+            "straight_line", "assisted", [f"vehicle={name}", *plain, kind]
+        )
+        for name in options.vehicle
+    }
+
+
+def _judged(
+    rows: Sequence[Stop], vehicle: str, law: str, source: str
+) -> dict[str, tuple[float, str]]:
+    """Return distance and rotation beside those of the same stops without assistant."""
+    own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
+    stops = [
+        (row, own[row.stop])
+        for row in rows
+        if (row.vehicle, row.law, row.source) == (vehicle, law, source)
+    ]
+    # One that never comes to rest is infinitely long.
+    ratios = [
+        math.inf if math.isnan(row.distance) else row.distance / max(free.distance, 0.05)
+        for row, free in stops
+    ]
+    turned = [math.inf if math.isnan(row.rotation) else row.rotation for row, _ in stops]
+    free = [free.rotation for _, free in stops]
+    return {
+        "distance_ratio_median": (float(np.median(ratios)), "1"),
+        "distance_ratio_p95": (float(np.percentile(ratios, 95, method="higher")), "1"),
+        "rotation_median": (float(np.median(turned)), "deg"),
+        "rotation_p95": (float(np.percentile(turned, 95, method="higher")), "deg"),
+        "rotation_unassisted_p95": (float(np.percentile(free, 95, method="higher")), "deg"),
+    }
+
+
+def _harms(found: dict[str, tuple[float, str]]) -> bool:
+    """Return whether a stop is longer without turning less, or far longer in the worst cases."""
+    ratio, worst = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
+    turned, free = found["rotation_p95"][0], found["rotation_unassisted_p95"][0]
+    return turned > free + _TURN or worst > _WORST or (ratio > _LONGER and turned > free)
+
+
+def _findings(table: dict[tuple[str, str, str], dict[str, tuple[float, str]]]) -> list[str]:
+    sentences = []
+    for (vehicle, law, source), found in table.items():
+        if _harms(found):
+            sentences.append(
+                f"{vehicle}, {law}, {SOURCES[source].label}: assistance does more harm than good "
+                f"(95th percentile: {found['distance_ratio_p95'][0]:.2f} times the distance, "
+                f"{found['rotation_p95'][0]:.1f} deg; without "
+                f"{found['rotation_unassisted_p95'][0]:.1f} deg)"
+            )
+    return sentences or ["No source makes assistance do more harm than good"]
+
+
+def _figure(
+    table: dict[tuple[str, str, str], dict[str, tuple[float, str]]],
+    vehicle: str,
+    sources: Sequence[str],
+) -> Figure:
+    """Draw for each source how long and how far turned the 95th of 100 stops is."""
+    figure, grid = style.panels(
+        f"{vehicle}: 95 of 100 stops are better than the end of the bar",
+        1,
+        2,
+        size=(10.0, 1.5 + 0.38 * len(sources)),
+        sharey=True,
+    )
+    panels = grid[0]
+    places = np.arange(len(sources))[::-1]
+    quantities = (("distance_ratio_p95", 3.0), ("rotation_p95", math.inf))
+    for axes, (quantity, most) in zip(panels, quantities, strict=True):
+        for shift, law, colour in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
+            found = [table[vehicle, law, source] for source in sources]
+            values = [min(one[quantity][0], most) for one in found]
+            values = [value if math.isfinite(value) else 360.0 for value in values]
+            edges = [style.VERMILLION if _harms(one) else colour for one in found]
+            axes.barh(places + shift, values, 0.34, color=colour, edgecolor=edges, linewidth=2.0,
+                      label=law)  # fmt: skip
+    panels[0].axvline(1.0, color=style.GREY)
+    panels[0].set_xlabel("stopping distance over that without assistant [1]")
+    free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"][0]
+    panels[1].axvline(free, color=style.GREY, label="without assistant")
+    panels[1].set_xlabel("rotation [deg]")
+    panels[0].set_yticks(places, [SOURCES[source].label for source in sources])
+    panels[1].legend(frameon=False)
+    return figure

@@ -1,0 +1,203 @@
+"""All grounds side by side, with their spectra and what a wide view leaves (Figures 59, 67).
+
+100 x 100 mm of each ground, and for the generic camera (50 x 20 mm, 1024 px): the contrast of
+its lines, which average 20 mm across, and the frequency below which half of it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures.data_table import write_table
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    VERMILLION,
+    draw_title,
+    save_figure,
+)
+from omni_loop.metrics import Metric
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor
+from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
+from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option
+from omni_studies.study import StudyResult, StudyRun
+
+_SHOWN = 0.1  # [m]
+_DOTS = 480  # that a picture has
+_COLUMNS = 6
+_LINES = 200
+_DECADES = (0.02, 10.0)  # cycles per millimetre that are drawn
+_PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
+"""Contrast after a box of 20 mm of photographs of asphalt [grey levels]."""
+
+_GROUNDS = (
+    "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",
+    "worn_asphalt", "concrete", "wet_concrete", "gravel", "sand", "grass", "bark", "brick",
+    "cobble", "planks",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(TextureOptions):
+    """Grounds, their resolution and the seed of the places."""
+
+    ground: tuple[str, ...] = grounds_option(*_GROUNDS)
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a ground looks like.
+
+    Attributes:
+        patch: grey levels of the piece that is shown, shape (k, k).
+        contrast: mean standard deviation along lines of the camera [grey levels].
+        frequency: of the spectrum [cycles per mm], shape (f,).
+        spectrum: mean power density of the lines [grey levels^2 mm], shape (f,).
+        median_frequency: below which half of the power is [cycles per mm].
+        texels_per_pixel: texels of the ground to a pixel of the camera.
+    """
+
+    patch: FloatArray
+    contrast: float
+    frequency: FloatArray
+    spectrum: FloatArray
+    median_frequency: float
+    texels_per_pixel: float
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Look at the grounds; write plate, spectra and table."""
+    looks = {
+        name: _look(g, options.seed) for name, g in grounds_of(options, study.experiments).items()
+    }
+    metrics: dict[str, Metric] = {}
+    for name, look in looks.items():
+        note = "grey levels, after a box of 20 mm"
+        if name in _PHOTOGRAPHED:
+            note += "; photographed {:g} to {:g}".format(*_PHOTOGRAPHED[name])
+        metrics |= {
+            f"contrast.{name}": Metric(look.contrast, "1", note=note),
+            f"median_frequency.{name}": Metric(look.median_frequency, "1/mm"),
+            f"texels_per_pixel.{name}": Metric(look.texels_per_pixel, "1"),
+        }
+    rows = (
+        (
+            n,
+            k.contrast,
+            *_PHOTOGRAPHED.get(n, (math.nan, math.nan)),
+            k.median_frequency,
+            k.texels_per_pixel,
+        )
+        for n, k in looks.items()
+    )
+    header = (
+        "ground", "contrast_grey_levels", "photographed_from", "photographed_to",
+        "median_frequency_per_mm", "texels_per_pixel",
+    )  # fmt: skip
+    files = (
+        save_figure(_plate(looks), study.folder / "grounds.png"),
+        save_figure(_spectra(looks), study.folder / "spectra.png"),
+        write_table(study.folder / "grounds.csv", header, rows),
+    )
+    ranked = sorted(looks, key=lambda name: looks[name].contrast)
+    findings = [
+        "Contrast after a box of 20 mm, grey levels: "
+        + ", ".join(f"{name} {looks[name].contrast:.1f}" for name in ranked)
+        + "."
+    ]
+    findings += [
+        f"{name}: {looks[name].contrast:.1f} grey levels; photographs of asphalt have "
+        f"{low:g} to {high:g}."
+        for name, (low, high) in _PHOTOGRAPHED.items()
+        if name in looks
+    ]
+    return StudyResult(metrics, files, tuple(findings))
+
+
+def _look(texture: GroundTexture, seed: int) -> Look:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
+    cameras = LineCameraArray(
+        {"eye": sensor},
+        texture,
+        CameraConfiguration(noise=0.0),
+        np.random.SeedSequence(seed),
+    )
+    generator = np.random.default_rng(seed)
+    places = generator.uniform(0.0, texture.size, (_LINES, 2))
+    poses = np.column_stack((places, generator.uniform(0.0, 2.0 * math.pi, _LINES)))
+    lines = cameras.render({"eye": poses})["eye"].astype(np.float64)
+    lines -= lines.mean(axis=1, keepdims=True)
+    pitch = 1e3 * sensor.pixel_pitch
+    window = np.hanning(sensor.pixels)
+    power = np.abs(np.fft.rfft(lines * window, axis=1)) ** 2 * pitch / np.sum(window**2)
+    spectrum = np.asarray(power.mean(axis=0)[1:], np.float64)
+    frequency = np.asarray(np.fft.rfftfreq(sensor.pixels, pitch)[1:], np.float64)
+    share = np.cumsum(spectrum) / np.sum(spectrum)
+    block = max(1, round(_SHOWN / texture.texel / _DOTS))
+    count = block * max(1, round(_SHOWN / texture.texel / block))
+    patch = np.tile(texture.grey, (1 + count // len(texture.grey),) * 2)[:count, :count]
+    dots = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
+    return Look(
+        np.asarray(dots, np.float64),
+        float(lines.std(axis=1).mean()),
+        frequency,
+        spectrum,
+        float(frequency[np.searchsorted(share, 0.5)]),
+        sensor.pixel_pitch / texture.texel,
+    )
+
+
+def _plate(looks: dict[str, Look]) -> Figure:
+    rows = math.ceil(len(looks) / _COLUMNS)
+    figure = Figure(figsize=(2.2 * _COLUMNS, 2.65 * rows + 0.5), layout="constrained")
+    draw_title(
+        figure,
+        "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm",
+    )
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False)
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
+        axes.imshow(
+            look.patch,
+            cmap="gray",
+            vmin=0.0,
+            vmax=255.0,
+            origin="lower",
+            interpolation="antialiased",
+        )
+        axes.set_title(
+            f"{name.replace('_', ' ')}: {look.contrast:.1f}",
+            loc="left",
+            pad=3.0,
+        )
+    return figure
+
+
+def _spectra(looks: dict[str, Look]) -> Figure:
+    rows = math.ceil(len(looks) / _COLUMNS)
+    figure = Figure(figsize=(2.3 * _COLUMNS, 2.0 * rows + 0.7), layout="constrained")
+    draw_title(
+        figure,
+        "Spectra of lines 20 mm wide; dashed: noise of one grey level; upright: half of the power",
+    )
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True)
+    for axes in list(panels.flat)[len(looks) :]:
+        axes.set_axis_off()
+    for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
+        axes.loglog(look.frequency, look.spectrum, color=BLUE, linewidth=1.0)
+        axes.axhline(0.5 / look.frequency[-1], color=GREY, linestyle="--", linewidth=0.9)
+        axes.axvline(look.median_frequency, color=VERMILLION, linewidth=0.9)
+        axes.set_xlim(*_DECADES)
+        axes.set_title(name.replace("_", " "), loc="left", pad=3.0)
+    for axes in panels[-1]:
+        axes.set_xlabel("cycles per mm")
+    for row in panels:
+        row[0].set_ylabel("levels² mm")
+    return figure

@@ -1,0 +1,335 @@
+"""Integrity of the line cameras: undetected errors on difficult textures and with camera faults.
+
+An undetected error is a batch of one camera that is reported as measured although its velocity
+along its axis is off by more than 4 of its stated standard deviations and by more than 0.05 m/s.
+`availability` is the share of batches that are measured at all, and `normalized_error` the mean of
+error squared over stated variance. Every drive begins with an odometry that knows nothing of its
+cameras.
+
+A run of the campaign is one drive: it is rendered once, and its lines are given every fault.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from linescan_odometry.configuration import METHODS, OdometryConfiguration
+from omni_figures.data_table import write_table
+from omni_figures.style import draw_title, save_figure
+from omni_loop.metrics import Metric
+from omni_platform.configuration import ConfigurationError, parameter
+from omni_studies.line_trials import integrity_trials
+from omni_studies.line_trials.integrity_trials import (
+    FAULTS,
+    MOTIONS,
+    OF_TIME,
+    SENSORS,
+    Ground,
+    Tally,
+    drive_over,
+)
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+
+_WOOD_ANGLES = (15, 30, 45, 60, 75)
+GROUNDS = {
+    "asphalt": Ground("asphalt"),
+    "worn_asphalt": Ground("worn_asphalt"),
+    "concrete": Ground("concrete"),
+    "wet_concrete": Ground("wet_concrete"),
+    "gravel": Ground("gravel"),
+    "grass": Ground("grass"),
+    "sand": Ground("sand"),
+    "bark": Ground("bark"),
+    "brick": Ground("brick"),
+    "cobble": Ground("cobble"),
+    "planks": Ground("planks"),
+    **{f"wood_{angle}": Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
+}
+_ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
+_WITHIN_95 = 1.96  # standard deviations
+_WITHOUT, _WITH = 2.0, 10.0  # per mille of undetected errors without and with a fault
+_OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
+_EASY = ("asphalt", "concrete", "gravel", "grass")
+_AVAILABLE = 90.0  # % of the batches over these without a fault
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions):
+    """Grounds, faults and extent of the drives."""
+
+    grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
+    faults: str = parameter(
+        "",
+        description=f"some of {', '.join(FAULTS)}; empty for all, over wood only none, and those "
+        "of time, which no ground changes, over a few grounds",
+    )
+    batches: int = parameter(
+        16,
+        description=f"of each of {len(SENSORS)} cameras in each of {len(MOTIONS)} motions",
+        minimum=2,
+        maximum=10_000,
+    )
+    method: str = parameter(
+        OdometryConfiguration.method,
+        description="of the odometry: estimator of displacements",
+        choices=METHODS,
+    )
+    seed: int = parameter(1, description="of grounds, places and noise", minimum=0)
+
+
+class Drive(NamedTuple):
+    """One drive over one ground.
+
+    Attributes:
+        seed: number of the drive among all.
+        ground: by name.
+        counts: for each fault its name and the fields of `Counts`, such as ``mud 144 2 ...``.
+    """
+
+    seed: int
+    ground: str
+    counts: str
+
+
+class Counts(NamedTuple):
+    """Statistics of some batches.
+
+    Attributes:
+        batches: of all cameras.
+        undetected: with an undetected error.
+        measured: that were measured.
+        squares: sum of their errors squared over their variances.
+        covered: of them within 1.96 standard deviations.
+        energy: sum of their errors squared [m^2/s^2].
+    """
+
+    batches: int = 0
+    undetected: int = 0
+    measured: int = 0
+    squares: float = 0.0
+    covered: int = 0
+    energy: float = 0.0
+
+    @classmethod
+    def of(cls, tally: Tally) -> Counts:
+        """Count the batches of a drive."""
+        measured = np.isfinite(tally.ratio)
+        ratio, error = tally.ratio[measured], tally.error[measured]
+        return cls(
+            len(tally.ratio),
+            int(np.count_nonzero(tally.undetected)),
+            len(ratio),
+            float(ratio @ ratio),
+            int(np.count_nonzero(np.abs(ratio) <= _WITHIN_95)),
+            float(error @ error),
+        )
+
+    def __str__(self) -> str:
+        """Return the numbers as a row of a table holds them."""
+        return " ".join(str(value) for value in self)
+
+    @classmethod
+    def read(cls, words: Sequence[str]) -> Counts:
+        """Read what `__str__` wrote."""
+        batches, undetected, measured, squares, covered, energy = words
+        return cls(
+            int(batches), int(undetected), int(measured), float(squares), int(covered),
+            float(energy),
+        )  # fmt: skip
+
+    def plus(self, other: Counts) -> Counts:
+        """Return the counts of both."""
+        return Counts(
+            self.batches + other.batches,
+            self.undetected + other.undetected,
+            self.measured + other.measured,
+            self.squares + other.squares,
+            self.covered + other.covered,
+            self.energy + other.energy,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drives:
+    """Makes the drives of a campaign by their number: one ground after the other."""
+
+    grounds: tuple[str, ...]
+    faults: tuple[str, ...]
+    chosen: bool
+    batches: int
+    seed: int
+    method: str
+
+    def __call__(self, number: int) -> Drive:
+        """Drive once."""
+        index, motion = divmod(number, len(MOTIONS))
+        name = self.grounds[index]
+        chosen = {fault: FAULTS[fault] for fault in self.faults_over(name)}
+        drives = range(motion, motion + 1)
+        tallies = drive_over(
+            GROUNDS[name], chosen, drives, self.batches, self.seed, method=self.method
+        )
+        counts = ";".join(f"{fault} {Counts.of(tally)!s}" for fault, tally in tallies.items())
+        return Drive(number, name, counts)
+
+    def faults_over(self, ground: str) -> tuple[str, ...]:
+        """Return the faults that are tried over a ground, all of them if they were chosen."""
+        if self.chosen:
+            return self.faults
+        if ground in _ORIENTED:
+            return ("none",)
+        return tuple(f for f in self.faults if f not in OF_TIME or ground in _OF_TIME_OVER)
+
+    @property
+    def fingerprint(self) -> str:
+        """Digest of everything that the drives depend on."""
+        told = f"{self!r}{inspect.getsource(integrity_trials)}{GROUNDS!r}"
+        return hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Drive over every ground with every fault; write figure, data and metrics."""
+    grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
+    faults = _chosen("--faults", options.faults, tuple(FAULTS))
+    work = _Drives(
+        grounds, faults, bool(options.faults), options.batches, options.seed, options.method
+    )
+    drives = run_campaign(
+        work,
+        range(len(grounds) * len(MOTIONS)),
+        Drive,
+        options,
+        study.folder / "drives.csv",
+        work.fingerprint,
+        study.report,
+    )
+    tallies = _added_up(drives)
+    cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
+    files = (
+        study.folder / "drives.csv",
+        save_figure(_draw(grounds, faults, tallies), study.folder / "integrity.png"),
+        write_table(
+            study.folder / "integrity.csv",
+            (
+                "ground", "fault", "batches", "undetected_per_mille", "available_percent",
+                "normalized_error", "coverage_percent", "rmse_mm_per_s",
+            ),
+            ((*cell, *_numbers(tallies[cell])) for cell in cells),
+        ),
+    )  # fmt: skip
+    return StudyResult(_metrics(cells, tallies), files, _findings(cells, tallies))
+
+
+def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
+    """Return the counts of every ground and fault."""
+    tallies: dict[tuple[str, str], Counts] = {}
+    for drive in drives:
+        for entry in drive.counts.split(";"):
+            fault, *words = entry.split()
+            cell = drive.ground, fault
+            tallies[cell] = tallies.get(cell, Counts()).plus(Counts.read(words))
+    return tallies
+
+
+def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names that an option lists, all of them if it is empty."""
+    chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
+    for word in chosen:
+        if word not in names:
+            raise ConfigurationError(option, f"{word!r} is none of {', '.join(names)}")
+    return chosen
+
+
+def _numbers(counts: Counts) -> tuple[float, ...]:
+    """Return the columns of integrity.csv behind ground and fault."""
+    measured = counts.measured or math.nan
+    return (
+        counts.batches,
+        1e3 * counts.undetected / counts.batches,
+        100.0 * counts.measured / counts.batches,
+        counts.squares / measured,
+        100.0 * counts.covered / measured,
+        1e3 * math.sqrt(counts.energy / measured),
+    )
+
+
+def _metrics(
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
+) -> dict[str, Metric]:
+    metrics = {}
+    for name, fault in cells:
+        _, undetected, available, squared, coverage, rmse = _numbers(tallies[name, fault])
+        limit = _WITHOUT if fault == "none" else _WITH
+        key = f"{name}_{fault}"
+        metrics[f"undetected_error_rate.{key}"] = Metric(undetected, "per mille", at_most=limit)
+        least = _AVAILABLE if fault == "none" and name in _EASY else None
+        metrics[f"availability.{key}"] = Metric(available, "%", at_least=least)
+        metrics[f"rmse.{key}"] = Metric(
+            rmse, "mm/s", note="" if math.isfinite(rmse) else "nothing was measured"
+        )
+        if fault == "none" and math.isfinite(squared):
+            metrics[f"normalized_error.{name}"] = Metric(squared, "1", reference=1.0)
+            metrics[f"coverage.{name}"] = Metric(coverage, "%", reference=95.0)
+    return metrics
+
+
+def _findings(
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
+) -> tuple[str, ...]:
+    findings = []
+    for words, limit, chosen in (
+        ("without a fault", _WITHOUT, [cell for cell in cells if cell[1] == "none"]),
+        ("with a fault", _WITH, [cell for cell in cells if cell[1] != "none"]),
+    ):
+        if not chosen:
+            continue
+        undetected = {cell: _numbers(tallies[cell])[1] for cell in chosen}
+        kept = sum(value <= limit for value in undetected.values())
+        worst = max(undetected, key=lambda cell: undetected[cell])
+        findings.append(
+            f"{words.capitalize()}, {kept} of {len(chosen)} cases have at most {limit:g} "
+            f"undetected errors in 1000 batches; the worst is {' with '.join(worst)}, "
+            f"{undetected[worst]:.3g}."
+        )
+    return tuple(findings)
+
+
+def _draw(
+    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Counts]
+) -> Figure:
+    figure = Figure(figsize=(13.0, 0.36 * len(grounds) + 2.6), layout="constrained")
+    draw_title(figure, "Undetected errors in 1000 batches (left); measured batches in % (right)")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, number, highest, colours in zip(
+        panels, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True
+    ):
+        values = np.full((len(grounds), len(faults)), np.nan)
+        for i, name in enumerate(grounds):
+            for j, fault in enumerate(faults):
+                if (name, fault) in tallies:
+                    values[i, j] = _numbers(tallies[name, fault])[number]
+                    words = f"{values[i, j]:.1f}" if number == 1 else f"{values[i, j]:.0f}"
+                    dark = values[i, j] > 0.6 * highest
+                    axes.text(
+                        j, i, words, ha="center", va="center", fontsize=7,
+                        color="white" if dark else "black",
+                    )  # fmt: skip
+        axes.grid(False)
+        axes.imshow(values, cmap=colours, vmin=0.0, vmax=highest, aspect="auto")
+        axes.set_xticks(
+            range(len(faults)), [f.replace("_", " ") for f in faults], rotation=60, ha="right",
+        )  # fmt: skip
+        axes.set_yticks(range(len(grounds)), [g.replace("_", " ") for g in grounds])
+        axes.tick_params(length=0.0)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+    return figure

@@ -1,0 +1,322 @@
+"""The control laws side by side: chapter 3, every direction of travel, and what is unknown.
+
+Feedback is ideal but where the case says otherwise. A case is ``<experiment>_<law>_<brakes>``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from omni_figures.data_table import write_columns
+from omni_figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    PURPLE,
+    VERMILLION,
+    draw_title,
+    save_figure,
+)
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import run_closed_loop
+from omni_loop.metrics import Metric, run_metrics
+from omni_platform.configuration import parameter, to_mapping
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
+
+_IDEAL = (
+    "feedback=velocity_sensor",
+    "velocity_sensor.linear_noise=0",
+    "velocity_sensor.yaw_rate_noise=0",
+    "velocity_sensor.offset_x=0",
+    "velocity_sensor.offset_y=0",
+    "velocity_sensor.yaw_rate_offset=0",
+)
+_SENSOR = ("feedback=velocity_sensor",)
+_ALLOCATION = ("brake_assist.law=allocation",)
+_PROPORTIONAL = "vehicle.brake.kind=proportional"
+_LAG = (_PROPORTIONAL, "vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
+
+# Limits of distance [m] and of the change of orientation [deg].
+_TARGETS = {
+    "straight_line_allocation_proportional": (9.0, 0.7),
+    "straight_line_allocation_optical": (9.2, 1.0),
+    "straight_line_allocation_on_off": (10.0, 2.5),
+    "straight_line_allocation_lag": (10.2, 2.0),
+}
+_VARIANTS = {
+    "straight_line": ("assisted",),
+    "three_wheel_diagonal": ("assisted",),
+    "ice_patch": ("assisted",),
+    "turn_while_translate": ("zero", "cosine", "k1", "k7"),
+}
+_ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
+_NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
+# What is changed in the world; the assistant is told of the brakes' lag, and of nothing else.
+_UNKNOWN: Mapping[str, tuple[str, ...]] = {
+    **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
+    **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
+    **{
+        f"brake_torque_{t}": (f"vehicle.brake.max_torque={t}", "brake_assist.brake.max_torque=1500")
+        for t in (1100, 2000)
+    },
+    **{f"dead_time_{ms}_ms": (f"vehicle.brake.dead_time={ms / 1000}",) for ms in (5, 20, 50)},
+    **{f"lag_{ms}_ms": (f"vehicle.brake.time_constant={ms / 1000}",) for ms in (10, 50, 100)},
+    **{f"sensor_hold_{ms}_ms": (f"velocity_sensor.sample_time={ms / 1000}",) for ms in (20, 50)},
+    **{
+        f"noise_{share}_percent": (
+            f"velocity_sensor.linear_noise={share / 100}",
+            f"velocity_sensor.yaw_rate_noise={share / 100}",
+            "brake_assist.maximum_speed_deviation=1.0",
+            "brake_assist.speed_noise=3.0",
+        )
+        for share in (2, 5, 15)
+    },
+    **{
+        f"wheel_inertia_{i}": (f"vehicle.wheel_inertia={i}", "brake_assist.wheel_inertia=0.5")
+        for i in (0.25, 1.0)
+    },
+    **{f"nominal_mass_{m}": (f"brake_assist.nominal_mass={m}",) for m in (600, 2500)},
+    "friction_0.5": ("ground.friction=0.5",),
+    "rollers": ("vehicle.wheel_model=rollers",),
+}
+_COMPARED: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("unassisted", "unassisted", ()),
+    ("sliding_mode_on_off", "assisted", ()),
+    ("allocation_proportional", "assisted", (*_ALLOCATION, _PROPORTIONAL)),
+)
+_BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions):
+    """What is run, and where."""
+
+    without_optical: bool = parameter(
+        False, description="leave out the stop on the line cameras, which takes longest"
+    )
+    law: tuple[str, ...] = parameter(
+        (), description="a law of one's own, as module:Class, beside ours on every experiment"
+    )
+
+
+class _Case(NamedTuple):
+    """A run: which experiment and variant, and what is changed; or a bound of such runs."""
+
+    experiment: str
+    variant: str
+    changes: tuple[str, ...]
+    bound: str = ""
+
+
+class LawStop(NamedTuple):
+    """What a case comes to.
+
+    Attributes:
+        seed: number of the case.
+        case: its name.
+        distance: stopping distance, or its bound [m].
+        rotation: change of orientation [deg], NaN of a bound.
+        note: why a number is missing.
+    """
+
+    seed: int
+    case: str
+    distance: float
+    rotation: float
+    note: str
+
+
+def _cases(library: ExperimentLibrary, options: Options) -> Iterator[tuple[str, _Case]]:
+    """Yield all cases by name."""
+    if not options.without_optical:  # first, as it takes longest
+        optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
+        yield "straight_line_allocation_optical", _Case("straight_line", "assisted", optical)
+    for name, variants in _VARIANTS.items():
+        yield f"{name}_unassisted", _Case(name, "unassisted", _IDEAL)
+        for variant in variants:
+            words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
+            yield f"{name}_{words}_on_off", _Case(name, variant, _IDEAL)
+        base = library.variants(name)[-1]
+        law = (*_IDEAL, *_ALLOCATION)
+        yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
+        yield f"{name}_allocation_on_off", _Case(name, base, law)
+        yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
+        for other in options.law:
+            own = (*_IDEAL, f"brake_assist.law={other}")
+            yield f"{name}_{_label(other)}_on_off", _Case(name, base, own)
+            yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*own, _PROPORTIONAL))
+        yield from _bounds(name, name, _IDEAL)
+    noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
+    yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
+    yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
+    for rotation in _ROTATIONS:  # spent on the turn of Table 2
+        spent = (*_IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
+        yield name, _Case("turn_while_translate", "k7", spent)
+    for word, changes in _UNKNOWN.items():
+        for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
+            case = _Case("straight_line", variant, (*_IDEAL, *settings, *changes))
+            yield f"straight_line_{kind}_{word}", case
+    for direction in range(0, 181, 15):
+        moving = (*_IDEAL, f"maneuver.direction_deg={direction}")
+        name = f"straight_line_{direction}_deg"
+        yield from _bounds(name, "straight_line", moving)
+        for kind, variant, settings in _COMPARED:
+            yield f"{name}_{kind}", _Case("straight_line", variant, (*moving, *settings))
+
+
+def _bounds(name: str, experiment: str, changes: tuple[str, ...]) -> Iterator[tuple[str, _Case]]:
+    for bound in _BOUNDS:
+        yield f"{name}_{bound}", _Case(experiment, "unassisted", changes, bound)
+
+
+def _label(law: str) -> str:
+    return law.rpartition(":")[2]
+
+
+class LawStops:
+    """Runs one case after the other; sent to the workers."""
+
+    def __init__(self, library: ExperimentLibrary, cases: Iterable[tuple[str, _Case]]) -> None:
+        """Keep what is run.
+
+        Args:
+            library: where the experiments are.
+            cases: by name; the number of a case is its place among them.
+        """
+        self._library = library
+        self._cases = tuple(cases)
+
+    def __len__(self) -> int:
+        return len(self._cases)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of the cases and of the experiments that they change."""
+        used = sorted({(case.experiment, case.variant) for _, case in self._cases})
+        bases = [to_mapping(self._library.load(*names)) for names in used]
+        return hashlib.sha256(json.dumps([self._cases, bases]).encode()).hexdigest()[:16]
+
+    def __call__(self, number: int) -> LawStop:
+        """Run a case."""
+        name, case = self._cases[number]
+        experiment = self._library.load(case.experiment, case.variant, case.changes)
+        if case.bound:
+            maneuver = maneuver_of(experiment.maneuver)
+            found = _BOUNDS[case.bound](experiment.vehicle, experiment.ground, maneuver)
+            return LawStop(number, name, found.distance, math.nan, found.reason)
+        optical = experiment.feedback == "optical"
+        history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
+        metrics = run_metrics(history)
+        distance, turned = metrics["stopping_distance"], metrics["orientation_change"]
+        return LawStop(number, name, distance.value, turned.value, distance.note or turned.note)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Run every case, hold the numbers against targets and bounds, and draw them."""
+    for law in options.law:  # refused before anything runs
+        changes = (f"brake_assist.law={law}",)
+        study.experiments.load("straight_line", "assisted", changes).check_drivable()
+    work = LawStops(study.experiments, _cases(study.experiments, options))
+    path = study.folder / "stops.csv"
+    numbers = range(len(work))
+    stops = run_campaign(work, numbers, LawStop, options, path, work.fingerprint, study.report)
+    metrics = _metrics(stops)
+    files: tuple[Path, ...] = (path, write_columns(study.folder / "laws.csv", _columns(metrics)))
+    if len(stops) < len(work):
+        return StudyResult(metrics, files, (f"{len(stops)} of {len(work)} cases were run.",))
+    files = (*files, save_figure(_front(metrics, options.law), study.folder / "laws.png"))
+    return StudyResult(metrics, files, _findings(metrics))
+
+
+def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
+    limits = dict(_TARGETS)
+    distances = {stop.case: stop.distance for stop in stops}
+    for word in _UNKNOWN:
+        free = distances.get(f"straight_line_unassisted_{word}", math.nan)
+        for law in ("allocation_proportional", "allocation_on_off"):
+            limits[f"straight_line_{law}_{word}"] = (_NEVER_LONGER * free, _NEVER_TURNED)
+    metrics: dict[str, Metric] = {}
+    for stop in stops:
+        longest, most = limits.get(stop.case, (None, None))
+        metrics[f"stopping_distance.{stop.case}"] = Metric(
+            stop.distance, "m", at_most=longest, note=stop.note
+        )
+        if not stop.case.endswith(tuple(_BOUNDS)):
+            metrics[f"orientation_change.{stop.case}"] = Metric(
+                stop.rotation, "deg", at_most=most, note=stop.note
+            )
+    return metrics
+
+
+def _columns(metrics: Mapping[str, Metric]) -> dict[str, list[str] | list[float]]:
+    names = [key.partition(".")[2] for key in metrics if key.startswith("stopping_distance.")]
+    turned = [metrics.get(f"orientation_change.{name}") for name in names]
+    return {
+        "case": names,
+        "stopping distance [m]": [metrics[f"stopping_distance.{name}"].value for name in names],
+        "orientation change [deg]": [math.nan if m is None else m.value for m in turned],
+    }
+
+
+def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
+    """Draw distance against rotation for every experiment, with the bound that keeps heading."""
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
+    draw_title(figure, "Distance against rotation under every law")
+    for axes, name in zip(figure.subplots(2, 2).flat, _VARIANTS, strict=True):
+        axes.set_title(name.replace("_", " "), loc="left", fontsize=11)
+        bound = metrics[f"stopping_distance.{name}_bound"].value
+        if math.isfinite(bound):
+            axes.axvline(bound, color=GREY, linestyle="--", label="bound, heading kept")
+        for words, colour, part in (
+            ("all brakes on", BLACK, "_unassisted"),
+            ("sliding mode", BLUE, "_sliding_mode"),
+            ("allocation, on-off valves", GREEN, "_allocation_on_off"),
+            ("allocation, proportional", VERMILLION, "_allocation_proportional"),
+            *((_label(law), PURPLE, f"_{_label(law)}") for law in own),
+        ):
+            cases = [
+                case
+                for key in metrics
+                for quantity, _, case in (key.partition("."),)
+                if quantity == "orientation_change" and case.startswith(name + part)
+                if not any(word in case[len(name + part) :] for word in _UNKNOWN)
+            ]
+            axes.plot(
+                [metrics[f"stopping_distance.{case}"].value for case in cases],
+                [metrics[f"orientation_change.{case}"].value for case in cases],
+                "o",
+                color=colour,
+                label=words,
+            )
+        axes.set_xlabel("stopping distance [m]")
+        axes.set_ylabel("orientation change [deg]")
+    figure.axes[0].legend(fontsize=9)
+    return figure
+
+
+def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    limited = {name: m for name, m in metrics.items() if m.status}
+    missed = [n for n, m in limited.items() if m.status == "missed"]
+    sentences = [f"{len(limited) - len(missed)} of {len(limited)} targets are met."]
+    if missed:
+        sentences.append(f"Missed: {', '.join(missed)}.")
+    distance = metrics["stopping_distance.straight_line_allocation_proportional"].value
+    bound = metrics["stopping_distance.straight_line_bound"].value
+    sentences.append(
+        f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its "
+        f"heading is shorter than {bound:.2f} m."
+    )
+    return tuple(sentences)

@@ -1,0 +1,198 @@
+"""The forklift in another engine: swerve and stopping distance in MuJoCo beside ours.
+
+The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
+and in MuJoCo (`omni_studies.wheels.mujoco_vehicle` says what is modelled how), unassisted and with
+the brake assistant itself in the loop. MuJoCo is optional; without it the study says how to install
+it. Beside the cases it shows why the wheels of that model are sprung.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures.data_table import write_table
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    draw_title,
+    save_figure,
+)
+from omni_loop.metrics import Metric
+from omni_platform.configuration import Configuration, parameter
+from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
+from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.study import StudyResult, StudyRun
+from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest
+from omni_studies.wheels.mujoco_vehicle import MujocoVehicle, load_mujoco
+
+_LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
+_COLOURS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
+_CASES = {
+    "straight": "straight ahead",
+    "sideways": "sideways",
+    "diagonal": "20 deg from ahead",
+    "turning": "turning, 30 deg/s",
+}
+_VARIANTS = ("unassisted", "assisted")
+_MISMOUNTED = 0.001  # [m]
+
+Stops = Mapping[tuple[str, str, str], Stop]
+"""By case, variant and engine."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Which vehicle brakes, and from which speed."""
+
+    vehicle: str = parameter("mecanum_forklift", description="vehicle in config/vehicles")
+    speed: float = parameter(
+        10.0, description="speed before braking", unit="m/s", above=0.5, maximum=20.0
+    )
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Brake in every engine and write figure, data and metrics."""
+    load_mujoco()
+    experiments = {
+        variant: study.experiments.load("straight_line", variant, [f"vehicle={options.vehicle}"])
+        for variant in _VARIANTS
+    }
+    vehicle = experiments["assisted"].vehicle
+    stops: dict[tuple[str, str, str], Stop] = {}
+    cases = [(case, variant) for case in _CASES for variant in _VARIANTS]
+    for index, (case, variant) in enumerate(cases):
+        study.report(index / len(cases), f"{_CASES[case]}, {variant}")
+        for engine, build in ENGINES.items():
+            machine = build(vehicle, _twist(case, options.speed))
+            stops[case, variant, engine] = brake_to_rest(machine, experiments[variant].brake_assist)
+    metrics = _metrics(stops) | _mismounted(vehicle)
+    files = (
+        save_figure(_draw(stops), study.folder / "paths.png"),
+        _write(stops, study.folder / "stops.csv"),
+    )
+    return StudyResult(metrics, files, _findings(metrics))
+
+
+def _twist(case: str, speed: float) -> tuple[float, float, float]:
+    direction = math.radians({"sideways": 90.0, "diagonal": 20.0}.get(case, 0.0))
+    rate = math.radians(30.0) if case == "turning" else 0.0
+    return speed * math.cos(direction), speed * math.sin(direction), rate
+
+
+def _metrics(stops: Stops) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for (case, variant, engine), stop in stops.items():
+        name = f"{case}_{variant}_{engine}"
+        missing = math.nan
+        metrics[f"orientation_change.{name}"] = Metric(
+            abs(stop.swerve) if stop.stopped else missing, "deg"
+        )
+        metrics[f"stopping_distance.{name}"] = Metric(
+            stop.distance if stop.stopped else missing, "m"
+        )
+    for case in _CASES:
+        for variant in _VARIANTS:
+            other = stops[case, variant, "mujoco"]
+            for engine in ("single", "rollers"):
+                ours = stops[case, variant, engine]
+                name = f"{case}_{variant}_{engine}"
+                metrics[f"swerve_difference.{name}"] = Metric(
+                    abs(ours.swerve - other.swerve), "deg"
+                )
+                metrics[f"distance_difference.{name}"] = Metric(
+                    abs(ours.distance / other.distance - 1.0), "1"
+                )
+    return metrics
+
+
+def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
+    """Measure what a millimetre of height at the first wheel does to loads, theirs and ours."""
+    offsets = np.zeros(len(vehicle.wheels))
+    offsets[0] = _MISMOUNTED
+    metrics = {}
+    for name, stiffness in (("sprung", 2.0e5), ("stiff", 2.0e7)):
+        loads = []
+        for height in (0.0 * offsets, offsets):
+            machine = MujocoVehicle(vehicle, suspension=stiffness, height_offset=height)
+            machine.advance(4000, 1.0, np.ones(len(offsets)))
+            loads.append(machine.wheel_load)
+        high = {next(iter(vehicle.wheels)): WheelCondition(mounted=_MISMOUNTED)}
+        springs = SuspensionConfiguration(stiffness=stiffness)
+        ours = [
+            Vehicle(dataclasses.replace(vehicle, suspension=springs, conditions=conditions)).wheels[
+                "load"
+            ]
+            for conditions in ({}, high)
+        ]
+        for engine, (level, tilted) in (("", loads), ("_ours", ours)):
+            change = float(np.max(np.abs(tilted - level)))
+            metrics[f"load_change_of_1_mm.{name}{engine}"] = Metric(change, "N")
+    return metrics
+
+
+def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+    def largest(quantity: str, variant: str) -> float:
+        named = re.compile(rf"{quantity}_difference\.\w+_{variant}_(single|rollers)")
+        return max(metric.value for key, metric in metrics.items() if named.fullmatch(key))
+
+    sentences = [
+        f"{variant.capitalize()}, ours and MuJoCo's differ by at most "
+        f"{largest('swerve', variant):.1f} deg of swerve and "
+        f"{100.0 * largest('distance', variant):.0f} % of distance over {len(_CASES)} motions "
+        "and both wheels"
+        for variant in _VARIANTS
+    ]
+    swerves = {
+        variant: metrics[f"orientation_change.straight_{variant}_mujoco"].value
+        for variant in _VARIANTS
+    }
+    return (
+        f"In MuJoCo the brake assistant lowers the swerve straight ahead from "
+        f"{swerves['unassisted']:.1f} to {swerves['assisted']:.1f} deg",
+        *sentences,
+    )
+
+
+def _draw(stops: Stops) -> Figure:
+    """Draw where the vehicle goes and how it turns, in every engine."""
+    figure = Figure(figsize=(13.0, 9.0), layout="constrained")
+    panels = figure.subplots(len(_CASES), 2, squeeze=False)
+    draw_title(figure, "Full braking in three engines: solid unassisted, dashed with the assistant")
+    for (case, variant, engine), stop in stops.items():
+        way, turn = panels[list(_CASES).index(case)]
+        path = stop.path
+        start = path[1, :2] - path[0, :2]
+        along = start / np.linalg.norm(start)
+        moved = path[:, :2] - path[0, :2]
+        ahead, aside = moved @ along, moved @ np.array([-along[1], along[0]])
+        look = {"color": _COLOURS[engine], "linestyle": "-" if variant == "unassisted" else "--"}
+        label = _LABELS[engine] if variant == "unassisted" else None
+        way.plot(ahead, aside, linewidth=1.6, label=label, **look)
+        turn.plot(ahead, np.degrees(path[:, 2] - path[0, 2]), linewidth=1.6, **look)
+    for (title, axes), last in zip(
+        zip(_CASES.values(), panels, strict=True), [False] * (len(_CASES) - 1) + [True], strict=True
+    ):
+        axes[0].set_ylabel(f"{title}\naside [m]")
+        axes[1].set_ylabel("heading [deg]")
+        for panel in axes:
+            panel.axhline(0.0, color=GREY, linewidth=0.8)
+            if last:
+                panel.set_xlabel("way along the first velocity [m]")
+    panels[0, 0].legend()
+    return figure
+
+
+def _write(stops: Stops, path: Path) -> Path:
+    header = ("case", "variant", "engine", "swerve_deg", "distance_m", "stopped")
+    rows = ((*key, stop.swerve, stop.distance, int(stop.stopped)) for key, stop in stops.items())
+    return write_table(path, header, rows, digits=6)

@@ -1,0 +1,103 @@
+"""Chapter 3 with the loop closed over the line-scan odometry, beside the feedback taken for given.
+
+The velocity sensor is ideal but for ``ice_patch_noisy``, where it is that of Eqs. (60), (61).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omni_figures.data_table import write_columns
+from omni_figures.style import save_figure
+from omni_loop.metrics import Metric
+from omni_platform.command_options import overrides_option
+from omni_platform.configuration import Configuration, parameter
+from omni_studies.braking import feedback_figures
+from omni_studies.braking.feedback_comparison import (
+    EXPERIMENTS,
+    Comparison,
+    compare,
+    odometry_lag,
+    turned,
+)
+from omni_studies.study import StudyResult, StudyRun
+
+_DIFFERENCES = {
+    "orientation_change": "deg",
+    "stopping_distance": "m",
+    "lateral_deviation": "m",
+    "brake_switchings": "1",
+}
+_ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """What is compared."""
+
+    experiment: tuple[str, ...] = parameter(EXPERIMENTS, description="experiment to run")
+    overrides: tuple[str, ...] = overrides_option()
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Run every assisted variant with either feedback and report the difference."""
+    comparisons = compare(study.experiments, options.experiment, options.overrides, study.report)
+    files = (
+        write_columns(study.folder / "stops.csv", _columns(comparisons)),
+        write_columns(study.folder / "orientations.csv", _orientation_columns(comparisons)),
+        save_figure(feedback_figures.stops(comparisons), study.folder / "stops.png"),
+        save_figure(feedback_figures.orientations(comparisons), study.folder / "orientations.png"),
+    )
+    return StudyResult(_metrics(comparisons), files)
+
+
+def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    for comparison in comparisons:
+        sensor, optical = comparison.sensor_metrics, comparison.optical_metrics
+        case = comparison.case
+        for quantity, unit in _DIFFERENCES.items():
+            difference = optical[quantity].value - sensor[quantity].value
+            metrics[f"{quantity}.{case}_sensor"] = sensor[quantity]
+            metrics[f"{quantity}.{case}_optical"] = optical[quantity]
+            metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
+        metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
+        metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(comparison.optical), "s")
+    return metrics
+
+
+def _columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "experiment": [comparison.experiment for comparison in comparisons],
+        "variant": [comparison.variant for comparison in comparisons],
+    }
+    for quantity, unit in _DIFFERENCES.items():
+        for words, metrics in (
+            ("velocity sensor", [c.sensor_metrics for c in comparisons]),
+            ("line-scan odometry", [c.optical_metrics for c in comparisons]),
+        ):
+            name = f"{quantity.replace('_', ' ')}, {words} [{unit}]"
+            columns[name] = [case[quantity].value for case in metrics]
+    for quantity in _ODOMETRY:
+        values = [comparison.optical_metrics[quantity] for comparison in comparisons]
+        columns[f"{quantity.replace('_', ' ')} [{values[0].unit}]"] = [m.value for m in values]
+    columns["odometry lag [s]"] = [odometry_lag(c.optical) for c in comparisons]
+    return columns
+
+
+def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    runs = [
+        (comparison, feedback, history)
+        for comparison in comparisons
+        for feedback, history in (("sensor", comparison.sensor), ("optical", comparison.optical))
+    ]
+    return {
+        "case": [c.case for c, _, history in runs for _ in history.stamp_ns],
+        "feedback": [feedback for _, feedback, history in runs for _ in history.stamp_ns],
+        "time since braking [s]": np.concatenate([h.braking_time for _, _, h in runs]),
+        "orientation [deg]": np.concatenate([turned(h) for _, _, h in runs]),
+    }

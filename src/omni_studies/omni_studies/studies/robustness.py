@@ -1,0 +1,167 @@
+"""Brake thousands of random vehicles in random conditions, unassisted and assisted.
+
+Writes a table of all runs, one of those that break a limit with the cause, and an experiment file
+for each of the worst, which ``./omni run`` replays over the graph.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from omni_figures.data_table import write_columns
+from omni_figures.style import save_figure
+from omni_loop.metrics import Metric
+from omni_loop.options import LoopOptions
+from omni_platform.configuration import parameter
+from omni_studies.campaign.figures import draw_distributions, draw_runs
+from omni_studies.campaign.random_braking import VEHICLES, RandomBraking
+from omni_studies.campaign.robustness import (
+    CAUSES,
+    DISTANCE_FACTOR,
+    ENERGY_LIMIT,
+    LIMITS,
+    ORIENTATION_LIMIT,
+    SHORTEST_DISTANCE,
+    Outcome,
+    outcome,
+)
+from omni_studies.study import StudyResult, StudyRun, claim
+from omni_tools.campaign.runner import CampaignOptions, run_campaign
+
+_WORST = 3  # cases to replay, of orientation and of distance each
+_PERCENTILES = (50, 95, 100)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CampaignOptions, LoopOptions):
+    """What is run, and where."""
+
+    runs: int = parameter(1000, description="number of runs", minimum=1, maximum=10_000_000)
+    seed: int = parameter(0, description="seed of the first run; the others follow", minimum=0)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Run the campaign and write tables, figures and cases to replay."""
+    braking = RandomBraking(study.experiments, options.changes)
+    results = run_campaign(
+        partial(outcome, braking),
+        range(options.seed, options.seed + options.runs),
+        Outcome,
+        options,
+        study.folder / "runs.csv",
+        braking.fingerprint,
+        study.report,
+    )
+    files = [
+        study.folder / "runs.csv",
+        _write_violations(results, study.folder / "violations.csv"),
+        save_figure(draw_runs(results), study.folder / "runs.png"),
+        save_figure(draw_distributions(results), study.folder / "distributions.png"),
+        *_write_worst(results, braking, study.folder),
+    ]
+    return StudyResult(_metrics(results), tuple(files), _findings(results))
+
+
+def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
+    metrics = {"runs.all": Metric(len(results), "1")}
+    for limit in LIMITS:
+        causes = Counter(getattr(result, limit) for result in results)
+        metrics[f"violations.{limit}"] = Metric(len(results) - causes[""], "1")
+        metrics |= {
+            f"violations.{limit}_{cause}": Metric(causes[cause], "1")
+            for cause in CAUSES
+            if causes[cause]
+        }
+    for vehicle in VEHICLES:
+        chosen = [result for result in results if result.vehicle == vehicle]
+        if not chosen:
+            continue
+        for name in ("orientation", "distance"):
+            unit = {"orientation": "deg", "distance": "m"}[name]
+            for variant in ("unassisted", "assisted"):
+                values = np.array([getattr(result, f"{name}_{variant}") for result in chosen])
+                metrics |= {
+                    f"{name}_p{share}.{vehicle}_{variant}": Metric(
+                        float(np.percentile(values, share)), unit
+                    )
+                    for share in _PERCENTILES
+                }
+    rises = [max(result.energy_rise_unassisted, result.energy_rise_assisted) for result in results]
+    metrics["energy_rise.largest"] = Metric(max(rises), "1", at_most=ENERGY_LIMIT)
+    tipping = sum(result.tipping for result in results)
+    metrics["tipping_share.all"] = Metric(tipping / len(results), "1")
+    return metrics
+
+
+def _findings(results: Sequence[Outcome]) -> tuple[str, ...]:
+    better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
+    sentences = [
+        claim(
+            "Whatever vehicle, load, ground and motion: the assistant keeps the orientation better",
+            f"in {better / len(results):.1%} of {len(results)} runs",
+            holds=better == len(results),
+        )
+    ]
+    words = {
+        "energy": f"Brakes only take energy, (47), (48): at most {ENERGY_LIMIT:g} of it returns",
+        "orientation": f"None turns by {ORIENTATION_LIMIT:g} deg more than unassisted",
+        "distance": f"None takes more than {DISTANCE_FACTOR:g} times the distance",
+        "rest": "All come to rest that do so unassisted",
+    }
+    for limit, sentence in words.items():
+        causes = Counter(getattr(result, limit) for result in results if getattr(result, limit))
+        listed = ", ".join(f"{cause} {causes[cause]}" for cause in CAUSES if causes[cause])
+        found = f"{causes.total()} runs are otherwise" + (f" (causes: {listed})" if listed else "")
+        sentences.append(claim(sentence, found, holds=not causes))
+    return tuple(sentences)
+
+
+def _write_violations(results: Sequence[Outcome], path: Path) -> Path:
+    rows = [(result, limit) for result in results for limit in LIMITS if getattr(result, limit)]
+    columns = {
+        "seed": [result.seed for result, _ in rows],
+        "vehicle": [result.vehicle for result, _ in rows],
+        "limit": [limit for _, limit in rows],
+        "cause": [getattr(result, limit) for result, limit in rows],
+        "orientation unassisted [deg]": [result.orientation_unassisted for result, _ in rows],
+        "orientation assisted [deg]": [result.orientation_assisted for result, _ in rows],
+        "distance unassisted [m]": [result.distance_unassisted for result, _ in rows],
+        "distance assisted [m]": [result.distance_assisted for result, _ in rows],
+        "distrusted [1]": [result.distrusted for result, _ in rows],
+        "tipping [1]": [result.tipping for result, _ in rows],
+    }
+    return write_columns(path, columns)
+
+
+def _write_worst(results: Sequence[Outcome], braking: RandomBraking, folder: Path) -> list[Path]:
+    """Write an experiment file for each of the worst cases, and remove those of another time."""
+    for old in folder.glob("worst_*.yaml"):
+        old.unlink()
+    files = []
+    for limit, badness in (("orientation", _turned_more), ("distance", _went_farther)):
+        for rank, result in enumerate(sorted(results, key=badness, reverse=True)[:_WORST], 1):
+            words = (
+                f"{result.orientation_unassisted:.1f} deg and {result.distance_unassisted:.2f} m "
+                f"unassisted, {result.orientation_assisted:.1f} deg and "
+                f"{result.distance_assisted:.2f} m assisted"
+            )
+            cause = getattr(result, limit)
+            words += f"; cause: {cause}" if cause else ""
+            path = folder / f"worst_{limit}_{rank}.yaml"
+            path.write_text(braking.experiment_file(result.seed, words), encoding="utf-8")
+            files.append(path)
+    return files
+
+
+def _turned_more(result: Outcome) -> float:
+    return result.orientation_assisted - result.orientation_unassisted
+
+
+def _went_farther(result: Outcome) -> float:
+    return result.distance_assisted / max(result.distance_unassisted, SHORTEST_DISTANCE)

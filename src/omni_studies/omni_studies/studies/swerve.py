@@ -1,0 +1,92 @@
+"""Why it swerves: the forces of locked wheels, and what the sliding manifold makes of them.
+
+The same vehicle slides straight ahead on locked wheels with its load in the middle and where it is;
+the forces are those of the simulation. Beside them the manifold of section 3.4: how the weighting
+counts a wheel (Figure 28), and which wheels may brake at a sideways velocity and a yaw rate.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.weighting import weighting_function
+from omni_figures.style import save_figure
+from omni_loop.metrics import Metric
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.geometry import PlatformGeometry
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassProperties
+from omni_sim.vehicle.vehicle import Vehicle
+from omni_studies.braking.swerve_figures import LockedWheels, draw_forces, draw_manifold
+from omni_studies.identification.figures import weighting_functions
+from omni_studies.study import StudyResult, StudyRun
+
+_SETTLED = 0.15  # [s] after the pedal: locked, and the load has moved forward
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Which vehicle, how fast."""
+
+    vehicle: str = parameter("mecanum_forklift", description="a file of config/vehicles/")
+    speed: float = parameter(
+        5.0, unit="m/s", description="straight ahead", minimum=1.0, maximum=50.0
+    )
+    k: int = parameter(3, description="of the enhanced weighting", minimum=1, maximum=99)
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Lock the wheels, draw the forces and the manifold."""
+    loaded = study.experiments.vehicle(options.vehicle)
+    cases = {"even": _with_load_in_the_middle(loaded), "uneven": loaded}
+    wheels = {case: locked(vehicle, options.speed) for case, vehicle in cases.items()}
+    metrics: dict[str, Metric] = {}
+    for case, one in wheels.items():
+        metrics |= {
+            f"braking_force.{case}": Metric(-float(one.total[0]), "N"),
+            f"side_force.{case}": Metric(float(one.total[1]), "N"),
+            f"yaw_moment.{case}": Metric(one.moment, "N m"),
+        }
+    geometry = PlatformGeometry.from_wheels(loaded.wheels)
+    manifolds = {
+        words: SlidingManifold(geometry, weighting_function(kind, k))
+        for words, kind, k in (
+            ("\u03c8 = 0: heading and line alone", "zero", 1),
+            (f"enhanced, k = {options.k}", "enhanced", options.k),
+            ("enhanced, k = 1: distance counts more", "enhanced", 1),
+        )
+    }
+    return StudyResult(
+        metrics,
+        (
+            save_figure(draw_forces(wheels), study.folder / "forces.png"),
+            save_figure(weighting_functions(), study.folder / "weighting.png"),
+            save_figure(draw_manifold(manifolds, options.speed), study.folder / "manifold.png"),
+        ),
+    )
+
+
+def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:
+    body = dataclasses.replace(vehicle.body, x=0.0, y=0.0)
+    return dataclasses.replace(
+        vehicle, body=body, load=dataclasses.replace(vehicle.load, x=0.0, y=0.0)
+    )
+
+
+def locked(configuration: VehicleConfiguration, speed: float) -> LockedWheels:
+    """Return the forces of a vehicle that has begun to slide straight ahead.
+
+    Args:
+        configuration: the vehicle, on dry level ground.
+        speed: before the brakes act on all wheels [m/s].
+    """
+    vehicle = Vehicle(configuration, twist=np.array([speed, 0.0, 0.0]))
+    everywhere = np.ones(len(configuration.wheels))
+    vehicle.advance(round(_SETTLED / vehicle.physics_step), 1.0, everywhere, np.zeros(3))
+    wheels = vehicle.wheels
+    masses = MassProperties.of(configuration.body, configuration.load)
+    return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.centre)

@@ -1,0 +1,154 @@
+"""Table 2: orientation change and stopping distance under every control law.
+
+Without options it runs the identified vehicle of ``config/``; ``--identify`` seeks it anew,
+``--assumptions`` changes what was not sought.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from omni_figures.data_table import write_columns
+from omni_figures.style import save_figure
+from omni_loop.metrics import Metric
+from omni_platform.configuration import Configuration, parameter
+from omni_studies.identification import table_2
+from omni_studies.identification.assumptions import ASSUMPTIONS, EXPERIMENT, under
+from omni_studies.identification.figures import sensitivity_map, trade_off, weighting_functions
+from omni_studies.identification.files import write_files
+from omni_studies.identification.identification import (
+    GENERATIONS,
+    configure,
+    measure,
+    parameters_of,
+    search,
+)
+from omni_studies.identification.sensitivity import Sensitivity, sensitivities
+from omni_studies.study import StudyResult, StudyRun
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Whether the vehicle is sought."""
+
+    identify: bool = parameter(
+        False,
+        description="seek the vehicle that gives Table 2 (minutes); its configuration files are "
+        "written beside the results",
+    )
+    sound: bool = parameter(
+        False,
+        description="seek only among vehicles whose load stands over the area between the wheels "
+        "and whose wheels carry no more than the tire is known for",
+    )
+    assumptions: bool = parameter(
+        False,
+        description="also run the vehicle with other tires, wheels and patches, one change at a "
+        "time",
+    )
+    seed: int = parameter(1, description="of the search", minimum=0)
+    generations: int = parameter(
+        GENERATIONS, description="generations of the search at most", minimum=1
+    )
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Measure the ten numbers and how they depend on what was identified."""
+    bases = {
+        case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
+        for case in table_2.CASES
+    }
+    files: list[Path] = []
+    if options.identify:
+        done = 0
+
+        def on_generation(_generation: int, cost: float) -> None:
+            nonlocal done
+            done += 1
+            share = min(done / options.generations, 1.0)
+            study.report(share, f"generation {done}, cost {cost:.2f}")
+
+        found = search(
+            bases,
+            seed=options.seed,
+            generations=options.generations,
+            sound=options.sound,
+            on_generation=on_generation,
+        )
+        bases = {case: configure(base, found) for case, base in bases.items()}
+        files += write_files(bases[table_2.CASES[0]], study.folder)
+    measured = measure(bases)
+    parameters = parameters_of(bases[table_2.CASES[0]])
+    sensitivity = sensitivities(bases, parameters)
+    files += _write(measured, parameters, sensitivity, study.folder)
+    metrics = table_2.metrics(measured)
+    if options.assumptions:
+        files.append(study.folder / "assumptions.csv")
+        metrics |= _change_assumptions(study, parameters, files[-1])
+    worst = max(map(_magnitude, table_2.deviations(measured).values()))
+    metrics["largest_deviation.all"] = Metric(worst, "1", at_most=1.0, note="in tolerances")
+    return StudyResult(metrics, tuple(files))
+
+
+def _change_assumptions(
+    study: StudyRun, parameters: Mapping[str, float], path: Path
+) -> dict[str, Metric]:
+    """Write the ten numbers under every assumption, and return their ranges."""
+    rows: list[dict[str, float]] = []
+    for numbers in under(study.experiments, parameters):
+        study.report(len(rows) / len(ASSUMPTIONS), ASSUMPTIONS[len(rows)].name)
+        rows.append(numbers)
+    columns = {name: [row[name] for row in rows] for name in table_2.REFERENCES}
+    write_columns(path, {"changed": [each.name for each in ASSUMPTIONS], **columns})
+    return {
+        f"{name.replace('.', f'_{end}.')}": Metric(pick(values), table_2.unit(name))
+        for name, values in columns.items()
+        for end, pick in (("low", min), ("high", max))
+    }
+
+
+def _magnitude(deviation: float) -> float:
+    """Return the magnitude, infinite for a vehicle that does not stop."""
+    return abs(deviation) if math.isfinite(deviation) else math.inf
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _write(
+    measured: Mapping[str, float],
+    parameters: Mapping[str, float],
+    sensitivity: Sensitivity,
+    folder: Path,
+) -> list[Path]:
+    names = list(table_2.REFERENCES)
+    document = {
+        "parameters": dict(parameters),
+        "change_per_step": {
+            number: dict(zip(sensitivity.parameters, map(_finite, row.tolist()), strict=True))
+            for number, row in zip(sensitivity.numbers, sensitivity.slope, strict=True)
+        },
+    }
+    table = {
+        "number": names,
+        "unit": [table_2.unit(name) for name in names],
+        "value": [measured[name] for name in names],
+        "dissertation": [table_2.REFERENCES[name] for name in names],
+        "deviation": [measured[name] - table_2.REFERENCES[name] for name in names],
+        "tolerance": [table_2.tolerance(name) for name in names],
+    }
+    identification = folder / "identification.json"
+    identification.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    return [
+        write_columns(folder / "table_2.csv", table),
+        write_columns(folder / "sensitivity.csv", sensitivity.columns()),
+        identification,
+        save_figure(trade_off(measured), folder / "trade_off.png"),
+        save_figure(weighting_functions(), folder / "weighting.png"),
+        save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
+    ]

@@ -1,0 +1,144 @@
+"""The form of a study, and how one is found by its name.
+
+A study is a module of `omni_studies.studies`. It has a docstring that says what it shows, its
+options as a `Configuration` called ``Options`` (they become ``--like-this``), and a function
+``run(options, study) -> StudyResult``. A module with several studies names them in ``CASES``, a
+literal dictionary of name and sentence; ``study.case`` is the one that runs, and ``OPTIONS`` may
+hold other options for some of them. A study writes its figures and data into ``study.folder`` and
+knows nothing of the terminal; one that takes long calls ``study.report(share, words)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.metrics import Metric, results_entry
+from omni_platform.configuration import Configuration
+from omni_platform.plugins import described_modules
+from omni_studies.claims import Claim, evaluate
+
+_STUDIES = "omni_studies.studies"
+
+Report = Callable[[float, str], None]
+"""Takes the share done, 0..1, and a few words about it."""
+
+
+def _silent(share: float, words: str) -> None: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyRun:
+    """Where a study runs.
+
+    Attributes:
+        experiments: the configuration files by name.
+        folder: for its figures and data.
+        report: called as the study goes on.
+        case: name of the study, where its module has several.
+    """
+
+    experiments: ExperimentLibrary
+    folder: Path
+    report: Report = _silent
+    case: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyResult:
+    """What a study found.
+
+    Attributes:
+        metrics: by ``<quantity>.<case>``.
+        files: figures and data written.
+        findings: sentences about what the numbers say, for people.
+        claims: held against the metrics, by `run_study`.
+    """
+
+    metrics: Mapping[str, Metric]
+    files: tuple[Path, ...] = ()
+    findings: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+
+    @property
+    def missed(self) -> list[str]:
+        """The names of the metrics that miss their limits."""
+        return [name for name, metric in self.metrics.items() if metric.status == "missed"]
+
+
+def claim(words: str, found: str, *, holds: bool) -> str:
+    """Return the finding about a claim of the dissertation.
+
+    Args:
+        words: what is claimed.
+        found: what the numbers are.
+        holds: whether they bear it out.
+    """
+    return f"{words}: {found}; {'holds' if holds else 'does not hold'}"
+
+
+class Study(Protocol):
+    """A study: a module, or a case of a module with ``CASES``."""
+
+    __doc__: str
+    Options: type[Configuration]
+
+    def run(self, options: Any, study: StudyRun) -> StudyResult:
+        """Compute, and write figures and data into the folder; `options` is its `Options`."""
+
+
+class _Case:
+    """One case of a module that has several."""
+
+    def __init__(self, module: Any, name: str) -> None:
+        self.__doc__ = f"{module.CASES[name]}.\n\n{module.__doc__}"
+        self.Options = getattr(module, "OPTIONS", {}).get(name, module.Options)
+        self._module, self._name = module, name
+
+    def run(self, options: Any, study: StudyRun) -> StudyResult:
+        """Run the case."""
+        result: StudyResult = self._module.run(options, dataclasses.replace(study, case=self._name))
+        return result
+
+
+def study_names() -> list[str]:
+    """Return the names of all studies, sorted."""
+    return list(described_modules(_STUDIES))
+
+
+def load_study(name: str) -> Study:
+    """Return a study.
+
+    Args:
+        name: one of `study_names`.
+    """
+    module, _ = described_modules(_STUDIES)[name]
+    loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
+    return _Case(loaded, name) if hasattr(loaded, "CASES") else loaded
+
+
+def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, dict[str, Any]]:
+    """Run a study, hold its claims against its metrics and write ``summary.json``.
+
+    Args:
+        name: one of `study_names`.
+        options: an instance of its `Options`.
+        study: where it runs.
+
+    Returns:
+        What it found, and the document that was written.
+    """
+    result = load_study(name).run(options, study)
+    result = dataclasses.replace(result, claims=evaluate(name, result.metrics))
+    metrics = {key: results_entry(metric) for key, metric in result.metrics.items()}
+    document: dict[str, Any] = {"name": name, "metrics": metrics}
+    if result.claims:
+        document["claims"] = [claim.entry() for claim in result.claims]
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    (study.folder / "summary.json").write_text(text, encoding="utf-8")
+    return result, document

@@ -1,0 +1,223 @@
+"""Figures of a tire's steady characteristic, after Figures 4, 5 and 6 of the dissertation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_figures import style
+from omni_platform.quantities import FloatArray
+from omni_sim.tire.combined_slip import combined_forces
+from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, direction_coefficients
+from omni_sim.tire.tire import Tire, TireConfiguration
+
+_SIZE = (8.0, 5.0)  # [inch]
+
+
+def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
+    """Draw force over slip with the five numbers that define it (Figure 4).
+
+    Args:
+        tire: TMeasy; its longitudinal direction is drawn.
+        load: wheel load [N].
+    """
+    figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
+    model = Tire(TireConfiguration(tmeasy=tire))
+    point = curve_of(tire, load)
+    right = 1.35 * point.slide_slip
+    slip = np.linspace(0.0, right, 800)
+    sections = (
+        ("adhesion", slip <= point.peak_slip, style.BLUE),
+        ("transition", (slip >= point.peak_slip) & (slip <= point.slide_slip), style.ORANGE),
+        ("full sliding", slip >= point.slide_slip, style.VERMILLION),
+    )
+    for label, where, colour in sections:
+        axes.plot(
+            slip[where],
+            1e-3 * model.force(slip[where], load),
+            color=colour,
+            linewidth=2.4,
+            label=label,
+        )
+    top = 1e-3 * point.peak_force
+    tangent = np.array([0.0, 1.12 * point.peak_force / point.slope])
+    axes.plot(
+        tangent, 1e-3 * point.slope * tangent, color=style.BLACK, linewidth=1.0, linestyle="--"
+    )
+    axes.annotate(
+        f"slope $dF_0$ = {1e-3 * point.slope:.0f} kN",
+        (float(tangent[1]), 1.12 * top),
+        xytext=(6, -2),
+        textcoords="offset points",
+    )
+    guide: dict[str, Any] = {"color": style.GREY, "linewidth": 0.9, "linestyle": ":"}
+    for place, force, names in (
+        (point.peak_slip, point.peak_force, ("$s_{max}$", "$F_{max}$")),
+        (point.slide_slip, point.slide_force, ("$s_{slide}$", "$F_{slide}$")),
+    ):
+        height = 1e-3 * force
+        axes.plot([place, place, 0.0], [0.0, height, height], **guide)
+        axes.plot(place, height, "o", color=style.BLACK, markersize=5)
+        axes.annotate(
+            f"{names[0]} = {place:g}\n{names[1]} = {height:g} kN",
+            (place, height),
+            xytext=(8, -34),
+            textcoords="offset points",
+        )
+    axes.set_xlim(0.0, right)
+    axes.set_ylim(0.0, 1.2 * top)
+    axes.set_title(f"Force over slip at {1e-3 * load:g} kN (Figure 4)")
+    axes.legend(loc="lower right")
+    return figure
+
+
+def load_figure(tire: Tire, loads: FloatArray, title: str) -> Figure:
+    """Draw force over slip at several loads (Figure 5).
+
+    Args:
+        tire: of any model.
+        loads: wheel loads [N] up to the largest of the model, shape (n,).
+        title: of the figure.
+    """
+    figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
+    slip = np.linspace(0.0, 0.6, 700)
+    colours = _shades(len(loads))
+    for load, colour in zip(loads, colours, strict=True):
+        force = 1e-3 * tire.force(slip, load)
+        axes.plot(slip, force, color=colour, linewidth=2.0)
+        axes.annotate(
+            f"$F_z$ = {1e-3 * load:g} kN",
+            (float(slip[-1]), float(force[-1])),
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    axes.set_xlim(0.0, float(slip[-1]))
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(title)
+    return figure
+
+
+def interpolation_curve(tire: TMeasyConfiguration, load: FloatArray) -> FloatArray:
+    """Return the parabola (3) of the longitudinal slope [N] at loads [N], beyond the model too."""
+    c = direction_coefficients(tire)
+    return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
+
+
+def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
+    """Draw the load interpolation (3) of the slope as the parabola that it is (Figure 6).
+
+    Args:
+        tire: TMeasy; its longitudinal direction is drawn.
+    """
+    figure, axes = _axes("Wheel load $F_z$ [kN]", "Slope $dF_0$ at zero slip [kN]")
+    load_1, load_2 = tire.nominal_load_1, tire.nominal_load_2
+    c = direction_coefficients(tire)
+    end = -c[0] / c[1] if c[1] < 0.0 else 2.0 * load_2
+    inside, outside = np.linspace(0.0, load_2, 300), np.linspace(load_2, end, 300)
+    axes.plot(
+        1e-3 * inside,
+        1e-3 * interpolation_curve(tire, inside),
+        color=style.BLUE,
+        linewidth=2.6,
+        label="model",
+    )
+    axes.plot(
+        1e-3 * outside,
+        1e-3 * interpolation_curve(tire, outside),
+        color=style.GREY,
+        linewidth=1.4,
+        linestyle="--",
+        label="parabola beyond the model, no physical meaning",
+    )
+    axes.plot(
+        [1e-3 * load_2, 1e-3 * end],
+        [1e-3 * tire.x.slope_2] * 2,
+        color=style.VERMILLION,
+        linewidth=1.6,
+        label="what the simulator uses there: clamped, and reported",
+    )
+    for name, load, slope in (("1", load_1, tire.x.slope_1), ("2", load_2, tire.x.slope_2)):
+        axes.plot(1e-3 * load, 1e-3 * slope, "o", color=style.BLACK, markersize=6)
+        axes.annotate(
+            f"$Load_{name}$",
+            (1e-3 * load, 1e-3 * slope),
+            xytext=(-8, 4),
+            textcoords="offset points",
+            ha="right",
+        )
+    axes.axvspan(1e-3 * load_2, 1e-3 * end, color=style.PALE, alpha=0.35, linewidth=0.0)
+    axes.set_xlim(0.0, 1e-3 * end)
+    axes.set_ylim(0.0, 1.4e-3 * float(np.max(interpolation_curve(tire, outside))))
+    axes.set_title("Quadratic interpolation of the slope (Figure 6)")
+    axes.legend(loc="upper center")
+    return figure
+
+
+def model_figure(tires: Mapping[str, Tire], loads: tuple[float, ...]) -> Figure:
+    """Draw force over slip of several tires at the same loads, one panel a load.
+
+    Args:
+        tires: by name.
+        loads: wheel loads [N].
+    """
+    figure = Figure(figsize=(11.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
+    panels = figure.subplots(1, len(loads), sharey=True, squeeze=False)[0]
+    slip = np.linspace(0.0, 0.6, 700)
+    for axes, load in zip(panels, loads, strict=True):
+        for index, (name, tire) in enumerate(tires.items()):
+            axes.plot(
+                slip,
+                1e-3 * tire.force(slip, load),
+                color=style.wheel_colour(index),
+                linewidth=2.0,
+                label=f"{name} ({tire.configuration.model})",
+            )
+        axes.set_xlim(0.0, 0.6)
+        axes.set_title(f"$F_z$ = {1e-3 * load:g} kN")
+        axes.set_xlabel("Slip s [1]")
+    panels[0].set_ylim(bottom=0.0)
+    panels[0].set_ylabel("Force F [kN]")
+    panels[-1].legend(loc="lower right")
+    return figure
+
+
+def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
+    """Draw lateral over longitudinal force under combined slip (section 2.3.1).
+
+    Args:
+        tire: TMeasy with both directions.
+        load: wheel load [N].
+    """
+    figure, axes = _axes("Longitudinal force $F_x$ [kN]", "Lateral force $F_y$ [kN]")
+    figure.set_size_inches(7.6, 6.0)
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    for slip, colour in zip((0.02, 0.05, 0.1, 0.18, 0.8), _shades(5), strict=True):
+        force = 1e-3 * combined_forces(tire, slip * np.cos(angle), slip * np.sin(angle), load)
+        axes.plot(force[:, 0], force[:, 1], color=colour, linewidth=2.0, label=f"|s| = {slip:g}")
+    reach = 1.08e-3 * curve_of(tire, load).peak_force
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1.0)
+    axes.set_title(f"Combined slip at {1e-3 * load:g} kN")
+    figure.legend(loc="outside right center")
+    return figure
+
+
+def _axes(x: str, y: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    return figure, axes
+
+
+def _shades(count: int) -> list[tuple[float, float, float]]:
+    """Return blues from light to dark."""
+    light, dark = np.array([0.55, 0.76, 0.92]), np.array([0.0, 0.22, 0.42])
+    return [
+        (float(c[0]), float(c[1]), float(c[2]))
+        for c in (light + (dark - light) * k / max(count - 1, 1) for k in range(count))
+    ]

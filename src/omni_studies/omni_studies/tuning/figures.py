@@ -1,0 +1,210 @@
+"""The trade-off of orientation against distance, and what slow valves cost in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from omni_figures import style
+from omni_studies.tuning.trials import BrakeLag, Trial, front
+
+_MARKERS = "osD^vP"
+_FRONT_WIDTH = 7.0
+# Of a label of a point, as shares of the axes [1].
+_LABEL_WIDTH, _LABEL_HEIGHT = 0.13, 0.04
+
+
+def trade_off(
+    trials: Sequence[Trial],
+    unassisted: Sequence[Trial],
+    choice: Trial | None,
+    max_rotation: float | None,
+    max_distance: float | None,
+    title: str,
+) -> Figure:
+    """Draw worst rotation against worst distance, one panel per lag of the brakes.
+
+    Args:
+        trials: of all settings and lags.
+        unassisted: without the assistant, one per lag, in the order of the panels.
+        choice: the recommended trial, if any.
+        max_rotation: limit to draw [deg], if any.
+        max_distance: limit of the distance [m].
+        title: of the figure.
+    """
+    panels = len(unassisted)
+    figure = Figure(
+        figsize=(1.2 + 4.4 * panels, 5.6), dpi=style.DOTS_PER_INCH, layout="constrained"
+    )
+    all_axes = figure.subplots(1, panels, sharex=True, sharey=True, squeeze=False)[0]
+    dwells = sorted({trial.setting.dwell_time for trial in trials})
+    finite = [trial for trial in (*trials, *unassisted) if math.isfinite(trial.worst_distance)]
+    width = np.ptp([trial.worst_distance for trial in finite]) if finite else 0.0
+    height = max((trial.worst_rotation for trial in finite), default=0.0)
+
+    def near(one: Trial, other: Trial) -> bool:
+        across = abs(one.worst_distance - other.worst_distance)
+        along = abs(one.worst_rotation - other.worst_rotation)
+        return bool(across < _LABEL_WIDTH * width and along < _LABEL_HEIGHT * height)
+
+    for axes, without in zip(all_axes, unassisted, strict=True):
+        here = [trial for trial in trials if trial.lag == without.lag]
+        _panel(axes, here, dwells, near)
+        axes.plot([without.worst_distance], [without.worst_rotation], "X", color=style.BLACK, ms=9)
+        if max_rotation is not None:
+            axes.axhline(max_rotation, color=style.VERMILLION, linestyle="--", linewidth=1.2)
+        if max_distance is not None:
+            axes.axvline(max_distance, color=style.VERMILLION, linestyle="--", linewidth=1.2)
+        if choice is not None and choice.lag == without.lag:
+            axes.plot(
+                [choice.worst_distance],
+                [choice.worst_rotation],
+                "o",
+                markerfacecolor="none",
+                color=style.VERMILLION,
+                ms=17,
+                markeredgewidth=2.0,
+                zorder=6,
+            )
+        axes.set_title(_words(without.lag))
+        axes.set_xlabel("stopping distance [m]")
+    all_axes[0].set_ylabel("orientation change [deg]")
+    all_axes[0].set_ylim(bottom=0.0)
+    figure.suptitle(title)
+    handles = [
+        Line2D([], [], color=_colour(dwells, dwell), marker=_marker(dwells, dwell), label=words)
+        for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
+    ]
+    handles += [
+        Line2D([], [], color=style.PALE, linewidth=_FRONT_WIDTH, label="best settings"),
+        Line2D([], [], color=style.BLACK, marker="X", ms=9, linestyle="", label="unassisted"),
+    ]
+    if choice is not None:
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=style.VERMILLION,
+                marker="o",
+                ms=12,
+                markerfacecolor="none",
+                linestyle="",
+                label="recommended",
+            )
+        )
+    if max_rotation is not None or max_distance is not None:
+        handles.append(Line2D([], [], color=style.VERMILLION, linestyle="--", label="limit"))
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(len(handles), 9),
+    )
+    return figure
+
+
+def _panel(
+    axes: Axes,
+    trials: Sequence[Trial],
+    dwells: Sequence[float],
+    near: Callable[[Trial, Trial], bool],
+) -> None:
+    """Draw the settings with one lag: a line over the weightings for each dwell time.
+
+    `near` holds the labels that would overlap.
+    """
+    best = front(trials)
+    axes.plot(
+        [trial.worst_distance for trial in best],
+        [trial.worst_rotation for trial in best],
+        color=style.PALE,
+        linewidth=_FRONT_WIDTH,
+        solid_capstyle="round",
+        zorder=1,
+    )
+    for dwell in dwells:
+        line = [trial for trial in trials if trial.setting.dwell_time == dwell]
+        axes.plot(
+            [trial.worst_distance for trial in line],
+            [trial.worst_rotation for trial in line],
+            color=_colour(dwells, dwell),
+            marker=_marker(dwells, dwell),
+            ms=4.5,
+            linewidth=1.0,
+            zorder=3,
+        )
+    axes.margins(x=0.15)  # the labels stand beside their points
+    labelled: list[Trial] = []
+    for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
+        if not math.isfinite(trial.worst_distance) or (labelled and near(labelled[-1], trial)):
+            continue
+        labelled.append(trial)
+        last = trial is labelled[0]  # at the right end of the line
+        axes.annotate(
+            _weighting(trial),
+            (trial.worst_distance, trial.worst_rotation),
+            xytext=(8, -7) if last else (-7, -4),
+            textcoords="offset points",
+            ha="left" if last else "right",
+            va="center",
+        )
+
+
+def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
+    """Draw what dwell time and lag of the brakes cost.
+
+    Args:
+        rows: lag, dwell time [s], smallest rotation [deg], and distance at half the unassisted
+            rotation [m], NaN where nothing halves it.
+    """
+    figure = Figure(figsize=(9.6, 4.2), dpi=style.DOTS_PER_INCH, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    lags = list(dict.fromkeys(row[0] for row in rows))
+    for index, lag in enumerate(lags):
+        mine = [row for row in rows if row[0] == lag]
+        dwell = [1e3 * row[1] for row in mine]
+        for axes, column in ((left, 2), (right, 3)):
+            axes.plot(
+                dwell,
+                [row[column] for row in mine],
+                marker=_MARKERS[index % len(_MARKERS)],
+                color=style.wheel_colour(index),
+                label=_words(lag),
+            )
+    for axes, words in (
+        (left, "smallest orientation change [deg]"),
+        (right, "stopping distance at half of the\nunassisted orientation change [m]"),
+    ):
+        axes.set_xlabel("minimum dwell time [ms]")
+        axes.set_ylabel(words)
+    left.set_ylim(bottom=0.0)
+    left.legend()
+    figure.suptitle("What slow valves cost")
+    return figure
+
+
+def _words(lag: BrakeLag) -> str:
+    if lag == BrakeLag():
+        return "brakes that follow at once"
+    return f"dead time {1e3 * lag.dead_time:g} ms, time constant {1e3 * lag.time_constant:g} ms"
+
+
+def _weighting(trial: Trial) -> str:
+    setting = trial.setting
+    symbols = {"zero": r"$\psi = 0$", "cosine": r"$\cos\delta$"}
+    return symbols.get(setting.weighting, f"k = {setting.k}")
+
+
+def _colour(dwells: Sequence[float], dwell: float) -> str:
+    share = dwells.index(dwell) / max(len(dwells) - 1, 1)
+    red, green, blue, _ = matplotlib.colormaps["viridis"](0.9 * share)
+    return f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
+
+
+def _marker(dwells: Sequence[float], dwell: float) -> str:
+    return _MARKERS[dwells.index(dwell) % len(_MARKERS)]

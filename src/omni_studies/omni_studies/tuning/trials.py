@@ -1,0 +1,350 @@
+"""Which setting of the brake assistant suits a vehicle: orientation kept against distance paid.
+
+A *setting* is what its owner may choose: the weighting with its k, Eqs. (58), (59), and the
+minimum dwell time of the valves. It is tried with the brakes that the vehicle has and with slower
+ones. Switching makes a single run sensitive to trifles, the more so the longer the valves
+dwell, so that each setting is judged by the worst of several *situations*: the maneuver and
+slight deviations from it, the same for all settings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import to_mapping
+from omni_platform.quantities import FloatArray
+
+# How far a situation deviates at most: speed [1], direction [deg], yaw rate [1], friction [1].
+_SPEED, _DIRECTION_DEG, _YAW_RATE, _FRICTION = 0.03, 3.0, 0.05, 0.05
+# Settings this close to the best count as equally good [1]; fewer switchings decide.
+_EQUAL = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """What the owner of a vehicle may choose.
+
+    Attributes:
+        weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
+        k: of the enhanced weighting, odd; counts for no other.
+        dwell_time: shortest time between two switchings of a valve [s].
+    """
+
+    weighting: str
+    k: int = 7
+    dwell_time: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """The weighting in one word."""
+        return f"k{self.k}" if self.weighting == "enhanced" else self.weighting
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """The setting as ``key=value`` texts for ``--set``."""
+        texts = [f"brake_assist.weighting={self.weighting}"]
+        if self.weighting == "enhanced":
+            texts.append(f"brake_assist.k={self.k}")
+        return (*texts, f"brake_assist.minimum_dwell_time={self.dwell_time:g}")
+
+
+OFF = Setting("off")
+"""The vehicle without its assistant."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BrakeLag:
+    """How late the pressure in a brake follows.
+
+    Attributes:
+        dead_time: until it begins to follow [s].
+        time_constant: with which it then builds up and falls [s].
+    """
+
+    dead_time: float = 0.0
+    time_constant: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Both times in milliseconds, ``ideal`` without any."""
+        return (
+            "ideal"
+            if self == BrakeLag()
+            else f"{1e3 * self.dead_time:g}_{1e3 * self.time_constant:g}_ms"
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trial:
+    """What one setting comes to in S situations.
+
+    Attributes:
+        setting: as tried.
+        lag: of the brakes.
+        rotation: change of orientation [deg], infinite without a stop, shape (S,).
+        distance: of stopping [m], of the same shape.
+        switchings: of all valves together [1], shape (S,).
+    """
+
+    setting: Setting
+    lag: BrakeLag
+    rotation: FloatArray
+    distance: FloatArray
+    switchings: FloatArray
+
+    @property
+    def worst_rotation(self) -> float:
+        """The largest change of orientation of any situation [deg]."""
+        return float(np.max(self.rotation))
+
+    @property
+    def worst_distance(self) -> float:
+        """The longest stopping distance of any situation [m]."""
+        return float(np.max(self.distance))
+
+
+def situations(
+    base: ExperimentConfiguration, count: int, seed: int
+) -> tuple[ExperimentConfiguration, ...]:
+    """Return a maneuver and slight deviations from it.
+
+    Speed deviates by up to 3 %, direction by 3 deg, yaw rate and friction by 5 %.
+
+    Args:
+        base: the maneuver itself, the first situation.
+        count: number of situations.
+        seed: of the deviations.
+    """
+    random = np.random.default_rng(seed)
+    result = [base]
+    for speed, turn, yaw_rate, grip in random.uniform(-1.0, 1.0, (max(count - 1, 0), 4)):
+        maneuver, ground = base.maneuver, base.ground
+        factor = float(1.0 + _FRICTION * grip)
+        patches = {
+            name: dataclasses.replace(patch, friction=min(patch.friction * factor, 2.0))
+            for name, patch in ground.patches.items()
+        }
+        result.append(
+            dataclasses.replace(
+                base,
+                maneuver=dataclasses.replace(
+                    maneuver,
+                    speed=float(maneuver.speed * (1.0 + _SPEED * speed)),
+                    direction_deg=float(maneuver.direction_deg + _DIRECTION_DEG * turn),
+                    yaw_rate_deg=float(maneuver.yaw_rate_deg * (1.0 + _YAW_RATE * yaw_rate)),
+                ),
+                ground=dataclasses.replace(
+                    ground, friction=min(ground.friction * factor, 2.0), patches=patches
+                ),
+            )
+        )
+    return tuple(result)
+
+
+def configured(
+    base: ExperimentConfiguration, setting: Setting, lag: BrakeLag
+) -> ExperimentConfiguration:
+    """Return an experiment with a setting and with the lag of the brakes."""
+    changes: dict[str, Any] = {"enabled": setting.weighting != OFF.weighting}
+    if changes["enabled"]:
+        changes |= {
+            "weighting": setting.weighting,
+            "k": setting.k,
+            "minimum_dwell_time": setting.dwell_time,
+        }
+    brake = dataclasses.replace(base.vehicle.brake, **dataclasses.asdict(lag))
+    return dataclasses.replace(
+        base,
+        brake_assist=dataclasses.replace(base.brake_assist, brake=brake, **changes),
+        vehicle=dataclasses.replace(base.vehicle, brake=brake),
+    )
+
+
+class Numbers(NamedTuple):
+    """What one setting comes to in one situation.
+
+    Attributes:
+        seed: number of the run: situation by situation, setting by setting, lag by lag.
+        rotation: change of orientation [deg], infinite without a stop.
+        distance: of stopping [m], of the same shape.
+        switchings: of all valves together [1].
+    """
+
+    seed: int
+    rotation: float
+    distance: float
+    switchings: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trials:
+    """Every setting with every lag in every situation.
+
+    Attributes:
+        bases: the situations, on the velocity sensor.
+        settings: to be tried.
+        lags: of the same trials.
+    """
+
+    bases: Sequence[ExperimentConfiguration]
+    settings: Sequence[Setting]
+    lags: Sequence[BrakeLag]
+
+    @property
+    def pairs(self) -> list[tuple[Setting, BrakeLag]]:
+        """The settings for the first lag, then for the next."""
+        return [(setting, lag) for lag in self.lags for setting in self.settings]
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return len(self.bases) * len(self.settings) * len(self.lags)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of everything that is tried."""
+        pairs = [[dataclasses.asdict(one) for one in pair] for pair in self.pairs]
+        tried = [[to_mapping(base) for base in self.bases], pairs]
+        return hashlib.sha256(json.dumps(tried).encode()).hexdigest()[:16]
+
+    def run(self, number: int) -> Numbers:
+        """Make one of the runs."""
+        pair, situation = divmod(number, len(self.bases))
+        return Numbers(number, *_outcome(configured(self.bases[situation], *self.pairs[pair])))
+
+    def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
+        """Return the trials that all runs make, in the order of `pairs`."""
+        table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
+        return tuple(
+            Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
+        )
+
+
+def measure(
+    bases: Sequence[ExperimentConfiguration], settings: Sequence[Setting], lags: Sequence[BrakeLag]
+) -> tuple[Trial, ...]:
+    """Try every setting with every lag in every situation, in this process."""
+    trials = Trials(bases, settings, lags)
+    return trials.collected([trials.run(number) for number in range(trials.count)])
+
+
+def _outcome(configuration: ExperimentConfiguration) -> tuple[float, float, float]:
+    run = run_fast_loop(configuration)
+    enable = run.record.enable[max(run.brake_start - 1, 0) :]
+    switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
+    if not run.stopped:
+        return math.inf, math.inf, switchings
+    return run.orientation_change, run.stopping_distance, switchings
+
+
+def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
+    """Return the trials that none beats in both worst rotation and worst distance.
+
+    Returns:
+        Sorted by distance, so that rotation falls; those that do not stop are left out.
+    """
+    best: list[Trial] = []
+    for trial in sorted(trials, key=lambda t: (t.worst_distance, t.worst_rotation)):
+        stops = math.isfinite(trial.worst_distance)
+        if stops and (not best or trial.worst_rotation < best[-1].worst_rotation):
+            best.append(trial)
+    return tuple(best)
+
+
+def distance_at(trials: Iterable[Trial], rotation: float) -> float:
+    """Return how far it takes to stop with at most some change of orientation.
+
+    Args:
+        trials: whose front is interpolated linearly between its settings.
+        rotation: [deg].
+
+    Returns:
+        [m], NaN where every setting turns further.
+    """
+    best = front(trials)[::-1]
+    if not best or best[0].worst_rotation > rotation:
+        return math.nan
+    rotations = [trial.worst_rotation for trial in best]
+    return float(np.interp(rotation, rotations, [trial.worst_distance for trial in best]))
+
+
+def recommended(
+    trials: Sequence[Trial], max_rotation: float | None, max_distance: float | None
+) -> tuple[Trial | None, str]:
+    """Choose a setting that keeps within limits in every situation.
+
+    With a limit of the rotation that is the one that stops shortest, otherwise the one that
+    turns least; of those within 1 % of it the one whose valves switch least.
+
+    Args:
+        trials: to choose from, at least one.
+        max_rotation: largest change of orientation [deg].
+        max_distance: longest stopping distance [m].
+
+    Returns:
+        The choice, None if no setting meets the limits, and a sentence about it.
+    """
+    allowed = [
+        trial
+        for trial in trials
+        if trial.worst_rotation <= (math.inf if max_rotation is None else max_rotation)
+        and trial.worst_distance <= (math.inf if max_distance is None else max_distance)
+        and math.isfinite(trial.worst_distance)
+    ]
+    limits = " and ".join(
+        f"{quantity} of at most {limit:g} {unit}"
+        for quantity, limit, unit in (
+            ("an orientation change", max_rotation, "deg"),
+            ("a stopping distance", max_distance, "m"),
+        )
+        if limit is not None
+    )
+    if not allowed:
+        return None, _refusal(trials, limits, max_rotation, max_distance)
+
+    def price(trial: Trial) -> float:
+        return trial.worst_rotation if max_rotation is None else trial.worst_distance
+
+    bound = (1.0 + _EQUAL) * min(price(trial) for trial in allowed)
+    choice = min(
+        (trial for trial in allowed if price(trial) <= bound),
+        key=lambda trial: (float(np.mean(trial.switchings)), price(trial)),
+    )
+    return choice, (
+        f"For {limits}: {' '.join(choice.setting.overrides)}; at worst {_numbers(choice)}."
+    )
+
+
+def _refusal(
+    trials: Sequence[Trial], limits: str, max_rotation: float | None, max_distance: float | None
+) -> str:
+    """Return the sentence that no setting meets the limits, and how near one comes."""
+    stopping = front(trials)
+    if not stopping:
+        return f"No setting gives {limits}: the vehicle never stops."
+    nearest = stopping[-1]  # turns least
+    if max_rotation is None:
+        nearest = stopping[0]  # stops shortest
+    elif max_distance is not None:
+        rotation, distance = max_rotation, max_distance
+        nearest = min(
+            stopping,
+            key=lambda t: max(t.worst_rotation / rotation, t.worst_distance / distance),
+        )
+    return (
+        f"No setting gives {limits}; the nearest, {' '.join(nearest.setting.overrides)}, "
+        f"comes to {_numbers(nearest)}."
+    )
+
+
+def _numbers(trial: Trial) -> str:
+    return f"{trial.worst_rotation:.1f} deg and {trial.worst_distance:.2f} m"

@@ -1,0 +1,51 @@
+"""What simulating a vehicle costs: the one place of this package that reads a clock.
+
+It reads that of the processor, not that of the wall: on a machine that others use too, elapsed time
+says how busy it is (ratios of 49 and 135 were seen where the processor needed 9 to 10 times as
+long). The vehicles take turns, so that what slows the processor down slows all of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_studies.wheels.trials import TRIALS, go, start
+
+_TRIALS = (
+    dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),
+    dataclasses.replace(TRIALS["brake_gently"], duration=1.5),
+)
+DURATION = sum(trial.duration for trial in _TRIALS)
+"""Simulated time of one run [s]."""
+
+
+def processor_times(
+    configurations: Mapping[str, VehicleConfiguration], repeats: int
+) -> dict[str, FloatArray]:
+    """Return how long each vehicle keeps the processor busy, driving a curve and braking.
+
+    Args:
+        configurations: the vehicles by name.
+        repeats: number of runs.
+
+    Returns:
+        Processor time of each run [s], shape (repeats,), in the order in which they took turns.
+    """
+    times: dict[str, list[float]] = {name: [] for name in configurations}
+    for _ in range(repeats):
+        for name, configuration in configurations.items():
+            spent = 0.0
+            for trial in _TRIALS:
+                vehicle = start(configuration, trial, 0.1)
+                go(vehicle, trial, 0.0)  # loads the kernel
+                begin = time.process_time()
+                go(vehicle, trial, trial.duration)
+                spent += time.process_time() - begin
+            times[name].append(spent)
+    return {name: np.array(spent) for name, spent in times.items()}

@@ -1,0 +1,178 @@
+"""Figures that compare the wheels: contact, forces over the wheel angle, motions, differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from omni_figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    draw_title,
+)
+from omni_platform.quantities import FloatArray
+from omni_sim.wheel.roller_geometry import RollerGeometry
+from omni_studies.wheels.trials import ForceTrace, Outcome
+
+# The first wheel of a figure is the reference, dashed over the others that may cover it.
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": BLACK, "linestyle": "--", "zorder": 3.0},
+    {"color": SKY},
+    {"color": VERMILLION},
+    {"color": BLUE},
+)
+_TRIAL_COLOURS = (BLUE, SKY, VERMILLION, ORANGE, GREEN, PURPLE)
+
+
+def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
+    """Draw contact point and active direction over the wheel angle, Eqs. (9), (10).
+
+    Args:
+        geometries: wheels that differ in their number of rollers.
+    """
+    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    place, direction = figure.subplots(2, 1, sharex=True)
+    angle = np.linspace(-np.pi / 3.0, np.pi / 3.0, 4001)
+    for geometry, colour in zip(geometries, (BLUE, VERMILLION), strict=False):
+        gamma = geometry.roller_angle(angle)
+        changes = np.flatnonzero(np.diff(gamma) < 0.0)
+        along = (geometry.contact_point(gamma) - geometry.centre) @ geometry.wheel_axis[:2]
+        axis = geometry.active_direction(gamma)
+        rolling = np.array([np.sin(geometry.alpha), -np.cos(geometry.alpha)])
+        across = geometry.wheel_axis[:2]
+        tilt = np.degrees(np.arctan2(np.abs(axis @ across), np.abs(axis @ rolling)))
+        along[changes] = np.nan  # no line over a jump
+        label = f"{geometry.rollers} rollers, jump {1000.0 * geometry.jump:.0f} mm"
+        place.plot(np.degrees(angle), 1000.0 * along, color=colour, linewidth=1.8, label=label)
+        direction.plot(np.degrees(angle), tilt, color=colour, linewidth=1.8)
+    direction.axhline(45.0, color=GREY, linewidth=1.0, linestyle="--")
+    direction.annotate(
+        "ideal wheel", (-59.0, 45.0), (0, -4), textcoords="offset points", va="top", color=GREY
+    )
+    direction.set_ylim(44.0, None)
+    place.set_ylabel("contact point along\nthe wheel axis [mm]")
+    direction.set_ylabel("active direction from\nthe rolling direction [deg]")
+    direction.set_xlabel("wheel angle [deg]")
+    place.set_title(
+        "The contact runs along a roller and jumps to the next (45 deg rollers)",
+        loc="left",
+    )
+    place.legend(loc="upper right", ncols=2, bbox_to_anchor=(1.0, 1.02))
+    low, high = place.get_ylim()
+    place.set_ylim(low, high + 0.2 * (high - low))
+    return figure
+
+
+def draw_forces(traces: Mapping[str, Mapping[str, ForceTrace]]) -> Figure:
+    """Draw the forces of one wheel over its angle.
+
+    Args:
+        traces: by title of the vehicle, then by wheel; the first wheel is the reference.
+    """
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    panels = figure.subplots(2, len(traces), sharex=True, squeeze=False)
+    draw_title(
+        figure, "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight"
+    )
+    for column, (title, wheels) in enumerate(traces.items()):
+        reference = next(iter(wheels.values())).force.mean(axis=0)
+        active = reference / np.linalg.norm(reference)
+        passive = np.array([-active[1], active[0]])
+        for (name, trace), style in zip(wheels.items(), _STYLES, strict=False):
+            angle = np.degrees(np.abs(trace.angle - trace.angle[0]))
+            for row, direction in enumerate((active, passive)):
+                panels[row, column].plot(
+                    angle, trace.force @ direction, linewidth=1.5, label=name, **style
+                )
+        panels[0, column].set_title(title)
+        panels[1, column].set_xlabel("turned by [deg]")
+    panels[0, 0].set_ylabel("along the nominal\nactive direction [N]")
+    panels[1, 0].set_ylabel("across it [N]")
+    for axes in panels[0]:
+        axes.set_ylim(0.0, None)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> Figure:
+    """Draw braking and a sideways push on all wheels.
+
+    Args:
+        motions: by title of the vehicle, then ``brake`` and ``push``, then by wheel.
+    """
+    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
+    panels = figure.subplots(len(motions), 3, sharex="col", squeeze=False)
+    draw_title(figure, "Motion on both wheels; bands span the start angles of the wheels")
+    for row, (title, trials) in enumerate(motions.items()):
+        for trial, column, entry, scale in (
+            ("brake", 0, 3, 1.0),
+            ("brake", 1, 2, 180.0 / np.pi),
+            ("push", 2, 1, 1.0),
+        ):
+            for (name, result), style in zip(trials[trial].items(), _STYLES, strict=False):
+                values = result.motion[:, :, entry] * scale
+                _band(panels[row, column], result.time, values, name, style)
+        panels[row, 0].set_ylabel(f"{title}\n\nspeed forward, full braking [m/s]")
+        panels[row, 1].set_ylabel("heading, full braking [deg]")
+        panels[row, 2].set_ylabel("pushed sideways by [m]")
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _band(
+    axes: Axes, time: FloatArray, values: FloatArray, name: str, style: dict[str, Any]
+) -> None:
+    if len(values) > 1:
+        low, high = values.min(axis=0), values.max(axis=0)
+        axes.fill_between(time, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
+    axes.plot(time, values.mean(axis=0), linewidth=1.5, label=name, **style)
+
+
+def draw_differences(
+    counts: Sequence[int],
+    differences: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]],
+    limit: float,
+) -> Figure:
+    """Draw how much the two wheels differ over the number of rollers.
+
+    Args:
+        counts: numbers of rollers.
+        differences: by title of the vehicle, then ``motion`` and ``force``, then by trial; one
+            share for each count [1].
+        limit: to be kept from 12 rollers on [1].
+    """
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    panels = figure.subplots(2, len(differences), sharex=True, sharey=True, squeeze=False)
+    draw_title(
+        figure, "Individual rollers against the single roller, in the mean over the wheel angles"
+    )
+    for column, (title, kinds) in enumerate(differences.items()):
+        for row, kind in enumerate(("motion", "force")):
+            axes = panels[row, column]
+            for (name, values), colour in zip(kinds[kind].items(), _TRIAL_COLOURS, strict=False):
+                percent = 100.0 * np.asarray(values)
+                axes.plot(counts, percent, "o-", color=colour, linewidth=1.5, label=name)
+            axes.plot([12, max(counts)], [100.0 * limit] * 2, color=GREY, linestyle="--")
+        panels[0, column].set_title(title)
+        panels[1, column].set_xlabel("rollers of a wheel")
+    panels[0, 0].set_xticks(list(counts))
+    panels[0, 0].set_ylim(0.0, None)
+    panels[0, 0].set_ylabel("difference of the motion [%]")
+    panels[1, 0].set_ylabel("difference of the mean force [%]")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure

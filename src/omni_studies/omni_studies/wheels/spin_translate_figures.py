@@ -1,0 +1,143 @@
+"""Pictures of a tracked maneuver: snapshots from above, wheel speeds and errors over time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
+
+from omni_figures import style
+from omni_figures.scene import Scene
+from omni_figures.top_view_drawing import draw_snapshot, mass_handles
+from omni_studies.wheels.tracking import Tracking
+
+_WIDTH = 14.0  # [inch]
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.75, 0.3, 0.5, 1.1  # [inch]
+_MOST_SNAPSHOTS = 12
+_LONGEST_ARROW = 0.9  # of the fastest snapshot, in lengths of the chassis
+_WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1)))
+
+
+def draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
+    """Draw the platform at regular intervals on its path, as Figures 19 and 21.
+
+    Args:
+        scene: the vehicle.
+        tracking: its drive.
+        title: printed above.
+    """
+    history = tracking.history()
+    travelled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
+    size = math.hypot(scene.chassis_length, scene.chassis_width)
+    count = min(max(int(1.05 * travelled / size) + 1, 2), _MOST_SNAPSHOTS)
+    indices = np.unique(np.linspace(0, len(tracking.time) - 1, count).round().astype(int))
+    fastest = float(np.max(np.hypot(tracking.twist[:, 0], tracking.twist[:, 1])))
+    arrow_scale = _LONGEST_ARROW * scene.chassis_length / max(fastest, 1e-9)
+
+    margin = 0.5 * size + 0.5
+    low = np.min(tracking.pose[:, :2], axis=0) - margin
+    high = np.max(tracking.pose[:, :2], axis=0) + margin
+    scale = (_WIDTH - _LEFT - _RIGHT) / (high[0] - low[0])
+    height = scale * (high[1] - low[1])
+    total = _TOP + height + _BOTTOM
+    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
+    axes = figure.add_axes(
+        (_LEFT / _WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / _WIDTH, height / total)
+    )
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(title)
+    axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, linewidth=1.4, zorder=8)
+    axes.plot(*tracking.reference[:, :2].T, color=style.SKY, linewidth=4.0, zorder=7.9)
+    for index in indices.tolist():
+        draw_snapshot(axes, scene, history, index, arrow_scale, 0.5)
+        x, y = tracking.pose[index, :2]
+        axes.text(
+            x,
+            y - 0.62 * size,
+            f"{tracking.time[index]:.3g} s\n{math.degrees(tracking.pose[index, 2]):.0f}°",
+            ha="center",
+            va="center",
+            zorder=20,
+            path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
+        )
+    handles: list[Line2D | Patch] = [
+        Patch(facecolor="white", edgecolor=style.wheel_colour(row), label=name.replace("_", " "))
+        for row, name in enumerate(tracking.wheel_names)
+    ]
+    handles += [
+        Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
+        *mass_handles(scene),
+        Line2D([], [], color=style.SKY, linewidth=4.0, label="reference path"),
+        Line2D([], [], color=style.BLACK, linewidth=1.4, label="path driven"),
+        Line2D(
+            [],
+            [],
+            color=style.VERMILLION,
+            linewidth=2,
+            marker=">",
+            markevery=[1],
+            label=f"velocity (up to {fastest:.1f} m/s)",
+        ),
+    ]
+    _legend(figure, handles)
+    return figure
+
+
+def draw_commands(tracking: Tracking, title: str) -> Figure:
+    """Draw wheel-speed commands over time, as Figures 20 and 22, and the tracking errors.
+
+    Args:
+        tracking: the drive.
+        title: printed above.
+    """
+    figure = Figure(figsize=(_WIDTH, 8.5), dpi=style.DOTS_PER_INCH)
+    commands, position, heading = figure.subplots(
+        3, 1, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.0, 1.0), "hspace": 0.12}
+    )
+    figure.subplots_adjust(
+        left=1.4 * _LEFT / _WIDTH, right=1.0 - _RIGHT / _WIDTH, top=0.94, bottom=0.13
+    )
+    handles: list[Line2D | Patch] = []
+    for row, name in enumerate(tracking.wheel_names):
+        look: dict[str, Any] = {"color": style.wheel_colour(row), "linewidth": 2.2}
+        dashes = _WHEEL_LINES[row % len(_WHEEL_LINES)]
+        commands.plot(tracking.time, tracking.wheel_command[:, row], linestyle=dashes, **look)
+        label = f"command {row + 1}, {name.replace('_', ' ')}"
+        handles.append(Line2D([], [], linestyle=dashes, label=label, **look))
+    measured: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+    commands.plot(tracking.time, tracking.wheel_speed, **measured)
+    handles.append(Line2D([], [], label="wheel speed reached", **measured))
+    commands.set_title(title)
+    for axes, values, label in (
+        (position, 1000.0 * tracking.position_error, "position\nerror [mm]"),
+        (heading, np.degrees(tracking.heading_error), "heading\nerror [deg]"),
+    ):
+        axes.plot(tracking.time, values, color=style.BLACK, linewidth=1.4)
+        axes.set_ylabel(label)
+    commands.set_ylabel("wheel speed [rad/s]")
+    heading.set_xlabel("time [s]")
+    panels: tuple[Axes, ...] = (commands, position, heading)
+    for axes in panels:
+        axes.set_xlim(tracking.time[0], tracking.time[-1])
+    figure.align_ylabels(panels)
+    _legend(figure, handles)
+    return figure
+
+
+def _legend(figure: Figure, handles: list[Line2D | Patch]) -> None:
+    figure.legend(
+        handles=handles,
+        loc="lower center",
+        ncol=min(len(handles), 6),
+        handlelength=3.0,
+    )

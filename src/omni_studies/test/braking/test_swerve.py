@@ -1,0 +1,37 @@
+"""Locked wheels turn a vehicle that is loaded unevenly, and no other."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_studies.studies import swerve
+from omni_studies.study import StudyRun, run_study
+
+LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
+
+
+def test_an_even_load_slides_straight_and_an_uneven_one_turns_to_it(tmp_path: Path) -> None:
+    result, _ = run_study("swerve", swerve.Options(), StudyRun(LIBRARY, tmp_path))
+    value = {name: metric.value for name, metric in result.metrics.items()}
+    assert value["side_force.even"] == pytest.approx(0.0, abs=1e-6)
+    assert value["yaw_moment.even"] == pytest.approx(0.0, abs=1e-6)
+    assert value["yaw_moment.uneven"] > 500.0  # the load is to the front left
+    assert [claim.found.status for claim in result.claims] == ["met"]
+    assert all(path.stat().st_size > 10_000 for path in result.files)
+
+
+def test_a_mirrored_load_turns_it_the_other_way() -> None:
+    vehicle = LIBRARY.vehicle("mecanum_forklift")
+    load = dataclasses.replace(vehicle.load, y=-vehicle.load.y)
+    left, right = (
+        swerve.locked(one, 5.0) for one in (vehicle, dataclasses.replace(vehicle, load=load))
+    )
+    assert right.moment == pytest.approx(-left.moment, rel=1e-6)
+    assert right.total == pytest.approx(left.total * (1.0, -1.0), rel=1e-6)
+    # Along its roller, and never more than the load that it carries bears.
+    assert np.all(np.abs(left.force) < 1.2 * left.load)

@@ -1,0 +1,291 @@
+"""Stops with a sensor fault against the limits that hold for any single fault."""
+
+from pathlib import Path
+
+import pytest
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_studies.campaign.sensor_faults import (
+    Fault,
+    FaultyStops,
+    Setting,
+    limits,
+    loss_of_twist,
+)
+
+
+def bound(limit: float | None) -> float:
+    """Return a limit that there is."""
+    assert limit is not None
+    return limit
+
+
+DISTANCE, ROTATION = (bound(limit) for limit in limits("single", imu=True)[:2])
+BLIND_DISTANCE = bound(limits("single", imu=False).distance)
+LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
+
+
+@pytest.fixture(scope="module")
+def stops() -> FaultyStops:
+    return FaultyStops(LIBRARY)
+
+
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "twist or an encoder off, stuck, whispering, drifting or gone",
+    "all layers, in the closed loop: the limits of the study hold",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize(
+    ("channel", "kind", "axis", "amplitude"),
+    [
+        ("twist", "offset", 1, 0.5),  # never came to rest once
+        ("twist", "offset", 2, -3.0),
+        ("twist", "whisper", -1, 0.0),
+        ("twist", "zero", 1, 0.0),
+        ("twist", "ramp", 1, 2.0),
+        ("twist", "drop_out", -1, 0.0),
+        ("encoder", "zero", 0, 0.0),
+        ("encoder", "drift", 1, 10.0),
+    ],
+)
+def test_a_sensor_fault_makes_no_stop_worse(
+    stops: FaultyStops, imu: bool, channel: str, kind: str, axis: int, amplitude: float
+) -> None:
+    stop = stops.run(
+        Setting("sliding_mode", imu, "straight_line"),
+        Fault(channel, kind, axis, 0.3, amplitude, 0.3),
+    )
+    assert stop.rest
+    assert stop.distance <= bound(limits("single", imu=imu).distance)
+    if imu:
+        assert stop.rotation <= ROTATION
+
+
+@pytest.mark.parametrize(
+    ("case", "kind", "axis", "onset", "amplitude", "period"),
+    [
+        ("table_2", "ramp", 2, 0.43, 0.675, 0.17),  # cost the gyro its word, and 41 deg
+        ("six_wheels", "ramp", 2, -0.11, 0.582, 0.57),
+        ("slippery", "drift", -1, 0.06, 0.189, 0.15),
+        ("turn_while_translate", "stuck", 0, -0.14, 0.0, 0.1),
+        ("straight_line", "offset", 2, 0.84, -0.508, 0.1),
+    ],
+)
+def test_a_twist_that_turns_otherwise_does_not_isolate_the_gyro(
+    stops: FaultyStops,
+    case: str,
+    kind: str,
+    axis: int,
+    onset: float,
+    amplitude: float,
+    period: float,
+) -> None:
+    stop = stops.run(
+        Setting("sliding_mode", True, case), Fault("twist", kind, axis, onset, amplitude, period)
+    )
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "gyro or accelerometer off, stuck, reversed, swapped or gone",
+    "likewise",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("channel", "kind", "amplitude"),
+    [
+        ("gyro", "zero", 0.0),
+        ("gyro", "sign", 0.0),
+        ("gyro", "offset", -3.0),
+        ("gyro", "drift", 0.3),
+        ("accelerometer", "swap", 0.0),
+        ("accelerometer", "sign", 0.0),
+        ("accelerometer", "offset", 3.0),
+        ("accelerometer", "stuck", 0.0),
+    ],
+)
+def test_an_imu_fault_makes_no_stop_worse(
+    stops: FaultyStops, channel: str, kind: str, amplitude: float
+) -> None:
+    for onset in (0.05, 0.4):
+        axis = 0 if channel == "gyro" else -1
+        fault = Fault(channel, kind, axis, onset, amplitude, 0.3)
+        stop = stops.run(Setting("sliding_mode", True, "straight_line"), fault)
+        assert stop.rest
+        assert stop.distance <= DISTANCE
+        assert stop.rotation <= ROTATION
+
+
+def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
+    stops: FaultyStops,
+) -> None:
+    fault = Fault("gyro", "offset", 0, -0.03, 1.05, 0.17)
+    stop = stops.run(Setting("sliding_mode", True, "turn_while_translate"), fault)
+    assert stop.rest
+    assert stop.distance <= 1.05
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "a fault too small to be found, also while the line of motion is stored",
+    "it costs little; the line is stored again once a dispute is settled",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("case", "fault"),
+    [
+        ("slippery", Fault("accelerometer", "sign", 1, -0.19, 0.0, 0.1)),
+        ("table_2", Fault("accelerometer", "sine", -1, -0.07, 6.6, 0.2)),
+        ("turn_while_translate", Fault("encoder", "stuck", 1, -0.06, 0.0, 0.1)),
+        ("slippery", Fault("encoder", "drift", 0, 0.08, 3.6, 0.1)),
+        ("diagonal", Fault("twist", "scale", 1, -0.18, -1.327, 0.1)),  # as the line is stored
+        ("six_wheels", Fault("twist", "swap", 0, -0.2, 0.0, 0.1)),
+    ],
+)
+def test_a_fault_too_small_to_detect_costs_little(
+    stops: FaultyStops, case: str, fault: Fault
+) -> None:
+    stop = stops.run(Setting("sliding_mode", True, case), fault)
+    assert stop.rest
+    assert stop.distance <= DISTANCE
+    assert stop.rotation <= ROTATION
+
+
+@pytest.mark.parametrize(
+    ("case", "fault"),
+    [
+        ("turn_while_translate", Fault("twist", "ramp", 0, -0.14, -3.212, 0.1)),
+        ("table_2", Fault("twist", "whisper", -1, 0.92, 0.0, 0.1)),
+    ],
+)
+def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
+    stops: FaultyStops, case: str, fault: Fault
+) -> None:
+    stop = stops.run(Setting("sliding_mode", False, case), fault)
+    assert stop.rest
+    assert stop.distance <= BLIND_DISTANCE
+
+
+@pytest.mark.parametrize(
+    ("case", "onset"), [("six_wheels", -0.32), ("turn_while_translate", -0.45)]
+)
+def test_a_leap_across_which_nothing_was_heard_is_still_one(
+    stops: FaultyStops, case: str, onset: float
+) -> None:
+    """The gate refuses a twist that leaps, until too long has passed to say anything."""
+    stop = stops.run(
+        Setting("sliding_mode", True, case), Fault("twist", "swap", -1, onset, 0.0, 0.3)
+    )
+    assert stop.rest
+    assert stop.distance <= DISTANCE  # 1.41 with the biases that it taught
+    assert stop.rotation <= ROTATION  # 19 deg
+
+
+def test_disputes_that_come_and_go_are_settled() -> None:
+    setting = ("maneuver.speed=2.34", "maneuver.direction_deg=174.1", "maneuver.yaw_rate_deg=24.3")
+    stops = FaultyStops(LIBRARY, (*setting, "ground.friction=0.48"))
+    fault = Fault("twist", "sine", 1, 0.1, -0.389, 0.5)
+    assert stops.run(Setting("sliding_mode", True, "straight_line"), fault).distance <= DISTANCE
+
+
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "twist lost for good 0.3 s after the pedal",
+    "dead reckoning, then all brakes: at most 8 deg",
+    within="the whole stop",
+)
+def test_a_stop_goes_on_without_the_twist(stops: FaultyStops) -> None:
+    assert loss_of_twist(stops, 0.3) <= 8.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "onset", "amplitude", "wheel"),
+    [
+        ("zero", -0.03, 0.0, 2),  # took 2.5 times the distance of all brakes on
+        ("zero", 0.3, 0.0, 0),
+        ("sign", 0.22, 0.0, 1),
+        ("offset", 0.3, -20.0, 3),
+        ("drop_out", 0.3, 0.0, 0),
+        ("drop_out", -0.2, 0.0, 1),
+    ],
+)
+def test_allocation_survives_an_encoder_fault(
+    kind: str, onset: float, amplitude: float, wheel: int
+) -> None:
+    base = ["feedback=velocity_sensor", "encoders.resolution=4096", "simulation.render_lines=false"]
+    time = LIBRARY.load("straight_line", "assisted").maneuver.brake_time + onset
+    fault = f"channel: encoder, kind: {kind}, axis: {wheel}, time: {time}, amplitude: {amplitude}"
+    unassisted = run_fast_loop(LIBRARY.load("straight_line", "unassisted", base))
+    stop = run_fast_loop(
+        LIBRARY.load("straight_line", "allocation", [*base, f"faults.one={{{fault}}}"])
+    )
+    assert stop.stopping_distance <= DISTANCE * unassisted.stopping_distance
+    assert stop.orientation_change <= unassisted.orientation_change + ROTATION
+
+
+FAST_TURN = (
+    *("maneuver.speed=8", "maneuver.direction_deg=80", "maneuver.yaw_rate_deg=-90"),
+    "maneuver.brake_time=0.5",
+)
+
+
+@pytest.mark.safety(
+    "brakes act late",
+    "twist 20 to 200 ms late, as `feedback_delay` says",
+    "all are judged by what they said of the same moment: the stop is that of a prompt one",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize(
+    ("experiment", "variant", "changes"),
+    [
+        ("straight_line", "assisted", ()),
+        ("ice_patch_noisy", "noisy", ("maneuver.brake_time=2",)),
+        ("turn_while_translate", "k7", ("maneuver.brake_time=0.5",)),
+        ("straight_line", "assisted", FAST_TURN),
+    ],
+)
+def test_a_delay_that_is_told_costs_little(
+    experiment: str, variant: str, changes: tuple[str, ...], delay: float, law: str
+) -> None:
+    ideal = ["feedback=velocity_sensor", f"brake_assist.law={law}", *changes]
+    ideal += ["brake_assist.second_opinion=true"]
+    if law == "allocation":
+        ideal += ["vehicle.brake.kind=proportional"]
+    late = f"faults.late={{channel: twist, kind: delay, time: 0.0, period: {delay}}}"
+    told = f"brake_assist.feedback_delay={delay}"
+    prompt, behind = (
+        run_fast_loop(LIBRARY.load(experiment, variant, [*ideal, *changes]))
+        for changes in ([], [late, told])
+    )
+    assert behind.stopping_distance <= 1.03 * prompt.stopping_distance
+    assert behind.orientation_change <= prompt.orientation_change + 1.0
+
+
+@pytest.mark.safety(
+    "the stop is longer or turns more",
+    "twist and all encoders scaled by 0.64 to 0.74 as the pedal goes down",
+    "monitor of the effect: at most 1.5 times the distance",
+    within="the whole stop",
+)
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+@pytest.mark.parametrize("scale", [-0.36, -0.31, -0.26])
+def test_a_shared_scale_error_ends_in_all_brakes(
+    stops: FaultyStops, law: str, scale: float
+) -> None:
+    fault = Fault("encoder+twist", "scale", -1, 0.0, scale, 0.1)
+    stop = stops.run(Setting(law, True, "straight_line"), fault)
+    assert stop.rest
+    assert stop.distance <= bound(limits("pair", imu=True).distance)
+
+
+def test_a_seed_is_always_the_same_stop(stops: FaultyStops) -> None:
+    assert stops(3) == stops(3) == FaultyStops(LIBRARY)(3)

@@ -1,0 +1,80 @@
+"""Small drives of the integrity study: faulty cameras give no undetected errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.metrics import Metric
+from omni_platform.command_options import parse_options
+from omni_studies.line_trials.integrity_trials import FAULTS, Ground, Motion, Tally, drive_over
+from omni_studies.studies import integrity
+from omni_studies.study import StudyRun
+
+CONFIG = Path(__file__).parents[4] / "config"
+
+MOTIONS = (Motion((6.0, 0.0, 0.2)), Motion((0.5, 0.1, 0.0)))
+
+
+@pytest.fixture(scope="module")
+def tallies() -> dict[str, Tally]:
+    names = ("none", "dirt_spots", "stuck_pixel", "hot_pixels", "prnu", "wrong_rate", "lost_lines")
+    ground = Ground("cork", texels=2048)
+    return drive_over(ground, {name: FAULTS[name] for name in names}, range(2), 10, 5, MOTIONS)
+
+
+@pytest.mark.parametrize("fault", ["dirt_spots", "stuck_pixel", "hot_pixels", "prnu"])
+def test_a_fixed_pattern_is_not_taken_for_the_ground(fault: str, tallies: dict[str, Tally]) -> None:
+    tally = tallies[fault]
+    assert not tally.undetected.any()
+    assert tally.available > 0.6
+
+
+def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() -> None:
+    motions = (Motion((8.0, 0.0, 0.3), -1.0), Motion((5.0, 0.0, 0.0), -1.5))
+    ground = Ground("brick", texels=2048)
+    tally = drive_over(ground, {"steps": FAULTS["dark_steps"]}, range(2), 9, 1, motions)["steps"]
+    assert not tally.undetected.any()
+    assert tally.available > 0.1
+
+
+@pytest.mark.parametrize("fault", ["dirt_spots", "shadow_fixed"])
+def test_a_camera_that_sees_dirt_alone_does_not_confirm_oblique_texture(fault: str) -> None:
+    ground = Ground("planks", texels=4096)
+    tally = drive_over(ground, {fault: FAULTS[fault]}, range(4, 5), 20, 1)[fault]
+    assert not tally.undetected.any()
+
+
+def test_fault_free_lines_are_measured(tallies: dict[str, Tally]) -> None:
+    tally = tallies["none"]
+    assert tally.available > 0.95
+    assert np.nanmean(tally.ratio**2) < 3.0
+
+
+@pytest.mark.parametrize("fault", ["wrong_rate", "lost_lines"])
+def test_stamps_that_contradict_the_line_rate_are_reported(
+    fault: str, tallies: dict[str, Tally]
+) -> None:
+    tally = tallies[fault]
+    assert not tally.undetected.any()
+    assert any(reason.startswith("time:") for reason in tally.reasons)
+
+
+def test_a_campaign_in_parts_gives_the_same_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(integrity, "GROUNDS", {"cork": Ground("cork", texels=2048)})
+
+    def study(folder: str, *words: str) -> dict[str, Metric]:
+        (tmp_path / folder).mkdir(exist_ok=True)
+        options = [*words, "--faults", "none,swapped_batches", "--batches", "2", "--workers", "1"]
+        run = StudyRun(ExperimentLibrary(CONFIG), tmp_path / folder)
+        return dict(integrity.run(parse_options(integrity.Options, options), run).metrics)
+
+    whole = study("whole")
+    assert whole["availability.cork_none"].value > 50.0
+    study("parts", "--seeds", "0:5")
+    assert study("parts", "--resume") == whole

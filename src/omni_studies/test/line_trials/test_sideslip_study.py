@@ -1,0 +1,154 @@
+"""The sideslip study on little data: it measures what there is and says where it cannot."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.command_options import parse_options
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+from omni_studies.line_trials.sideslip_trials import Angles
+from omni_studies.studies import sideslip
+from omni_studies.study import StudyResult, StudyRun
+
+CONFIG = Path(__file__).resolve().parents[4] / "config"
+
+
+def options(*arguments: str) -> sideslip.Options:
+    return parse_options(sideslip.Options, [*arguments, "--runs", "1", "--dpi", "200"])
+
+
+def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    chosen = options("--ground", "cork", "--sensors", "generic")
+    result = sideslip.run(chosen, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
+    metrics = {key: metric.value for key, metric in result.metrics.items()}
+    for speed, limit in ((2, 0.2), (10, 0.1), (20, 0.1)):
+        assert metrics[f"measured_share.cork_generic_{speed}"] == 1.0
+        assert metrics[f"rms_error.cork_generic_{speed}"] < limit
+    assert metrics["measured_share.cork_generic_80"] == 0.0  # lines have nothing in common
+    assert math.isnan(metrics["rms_error.cork_generic_80"])
+    assert any("60 % overlap is 20 m/s" in finding for finding in result.findings)
+    with (tmp_path / "sideslip.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    truth = [float(row["true_angle_deg"]) for row in rows if row["speed_m_per_s"] == "10"]
+    assert truth == pytest.approx(np.arange(-15.0, 15.1, 2.5))
+    # Every angle by itself, so that signs cannot cancel.
+    errors = [float(row["rms_error_deg"]) for row in rows if row["speed_m_per_s"] == "10"]
+    assert max(errors) < 0.2
+
+
+class Wheel:
+    """Stands in for the rendered one; the share of the batches is what the ground says."""
+
+    def __init__(self, _: LineSensor, shares: dict[float, float], *_others: Any) -> None:
+        self._shares = shares
+
+    def measure(self, speed: float, truth: NDArray[np.float64], *_: Any) -> Angles:
+        angle = truth[:, None] + 0.001 / speed * np.resize([-1.0, 1.0], (len(truth), 20))
+        flat = angle.reshape(-1)
+        flat[round(self._shares.get(speed, 0.0) * len(flat)) :] = math.nan
+        sideways = -speed * np.tan(angle)
+        return Angles(speed, 0.8, truth, angle, np.full_like(angle, 0.01), sideways)
+
+
+@pytest.mark.parametrize(
+    ("grounds", "words", "absent"),
+    [
+        (
+            {"fine": {1.0: 1.0, 2.0: 1.0, 5.0: 1.0, 10.0: 0.5}},
+            ["1 mm/s at 1 m/s", "60 % overlap is 20 m/s, and at 10 m/s lines are too unlike."],
+            ["reliably"],
+        ),
+        (  # a ground that is lost at low speed is not lost by the speed
+            {"slow": {1.0: 0.5, 2.0: 0.9, 5.0: 1.0, 10.0: 1.0, 20.0: 1.0, 40.0: 0.9}},
+            ["1 mm/s at 5 m/s", "at 40 m/s lines are too unlike."],
+            ["reliably"],
+        ),
+        (
+            {"blank": {1.0: 0.25, 2.0: 0.5, 5.0: 0.1}},
+            ["does not measure reliably on blank, where at best 50 % of the batches"],
+            ["at low speed", "at high speed", "unlike"],
+        ),
+        (
+            {"blank": {1.0: 0.25}, "fine": dict.fromkeys((1.0, 2.0, 5.0, 10.0, 20.0, 40.0), 1.0)},
+            ["at 80 m/s lines are too unlike. generic: it does not measure reliably on blank, "],
+            ["fine"],
+        ),
+    ],
+)
+def test_the_limit_is_told_of_the_grounds_that_are_measured(
+    grounds: dict[str, dict[float, float]],
+    words: list[str],
+    absent: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sideslip, "grounds_of", lambda *_: grounds)
+    monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
+    result = sideslip.run(
+        options("--sensors", "generic"), StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+    )
+    limits = " ".join(result.findings[len(grounds) : -1])
+    for text in words:
+        assert text in limits
+    for text in absent:
+        assert text not in limits
+
+
+def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sideslip, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
+    monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
+
+    def run(text: str) -> StudyResult:
+        path = tmp_path / "one.yaml"
+        path.write_text(text, encoding="utf-8")
+        study = StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+        return sideslip.run(options("--sensors", str(path)), study)
+
+    result = run("only: {x: 0.7, y: 0.5, heading_deg: 90, width: 0.01}\n")
+    assert any("60 % overlap is 10 m/s" in finding for finding in result.findings)
+    with pytest.raises(ConfigurationError, match=r"one\.yaml names no camera"):
+        run("{}\n")
+    with pytest.raises(ConfigurationError, match=r"sensors\.only\.pixels: 32 px leave"):
+        run("only: {x: 0.7, y: 0.5, heading_deg: 90, pixels: 32}\n")
+
+
+def test_bias_is_what_the_batches_share_and_slip_scales_the_tangent() -> None:
+    truth = np.array([-0.2, 0.1])
+    generator = np.random.default_rng(3)
+    noise = 0.02 * generator.standard_normal((2, 4000))
+    for bias in (0.0, 0.01):
+        angle = truth[:, None] + bias + noise
+        sideways = -10.0 * np.cos(truth)[:, None] * np.tan(angle)
+        angles = Angles(10.0, 0.8, truth, angle, np.full_like(angle, 0.02), sideways)
+        assert angles.bias == pytest.approx(bias, abs=1e-3)
+        assert angles.rms_error == pytest.approx(math.hypot(bias, 0.02), rel=0.05)
+    exact = Angles(
+        10.0,
+        0.8,
+        truth,
+        truth[:, None],
+        np.zeros((2, 1)),
+        -10.0 * np.sin(truth)[:, None],
+    )
+    slipping = np.arctan(np.tan(truth) / 0.9) - truth
+    assert exact.rms_error_with(0.9) == pytest.approx(float(np.sqrt(np.mean(slipping**2))))
+
+
+def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+    run = StudyRun(ExperimentLibrary(CONFIG), tmp_path)
+    with pytest.raises(ConfigurationError, match="--noise"):
+        sideslip.run(options("--noise", "nan"), run)
+    with pytest.raises(ConfigurationError, match="'generik' is not known"):
+        sideslip.run(options("--sensors", "generik", "--ground", "cork"), run)

@@ -1,0 +1,67 @@
+"""Sources of the twist are what their tables say, and bad ones cost more than good ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+from omni_studies.feedback.sources import SOURCES, SourceEstimator
+
+WHEELS = {
+    f"{x}_{y}": WheelMount(x=x, y=y, roller_angle_deg=-45.0 * x * y, radius=0.1)
+    for x in (-1.0, 1.0)
+    for y in (-1.0, 1.0)
+}
+KINEMATICS = PlatformKinematics.of(WHEELS)
+TWIST = np.array([1.0, -0.4, 0.3])
+
+
+def measured(name: str, steps: int = 400, pedal: float = 0.0, factor: float = 1.0) -> list[Any]:
+    estimator = SourceEstimator(SOURCES[name], KINEMATICS, 3)
+    twist = factor * TWIST
+    speeds = KINEMATICS.wheel_speeds(twist)
+    return [
+        estimator.estimate(
+            SimpleNamespace(  # type: ignore[arg-type]
+                stamp_ns=10_000_000 * step, twist=twist, pedal=pedal, encoder_speed=speeds
+            )
+        )
+        for step in range(steps)
+    ]
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_errors_are_as_large_as_stated(name: str) -> None:
+    twists = [one for one in measured(name, factor=0.5) if one.covariance[0, 0] < 1.0]
+    assert len(twists) > 100
+    errors = np.array([one.value - 0.5 * TWIST for one in twists])
+    stated = np.mean([np.diag(one.covariance) for one in twists], axis=0)
+    assert np.all(np.mean(errors**2, axis=0) < 4.0 * stated)
+
+
+def test_a_late_source_gives_what_was_true_then() -> None:
+    twists = measured("late_50ms", 30)
+    assert [one.stamp_ns for one in twists[5:]] == [10_000_000 * step for step in range(25)]
+
+
+def test_a_slow_source_holds_its_last_sample() -> None:
+    stamps = {one.stamp_ns for one in measured("rate_25hz", 40)}
+    assert len(stamps) == 10
+
+
+def test_a_chip_beyond_its_speed_measures_nothing() -> None:
+    assert math.hypot(*TWIST[:2]) > SOURCES["pmw3901_2"].maximum_speed
+    assert all(one.covariance[0, 0] >= 1e6 for one in measured("pmw3901_2"))
+
+
+def test_wheels_measure_until_the_pedal_goes_down() -> None:
+    np.testing.assert_allclose(measured("encoders")[-1].value, TWIST, atol=1e-9)
+    assert measured("encoders_imu", pedal=1.0)[-1].covariance[0, 0] >= 1e6
+    assert dataclasses.asdict(SOURCES["encoders"])["kind"] == "wheels"

@@ -1,0 +1,69 @@
+"""Pages show the numbers that their studies measured, and say so where they do not."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from omni_studies import page_numbers
+
+PAGE = """Before.
+<!-- numbers: ice
+| {rotation.assisted:.1f} deg | {other:length.b:.2f} m | {rotation.gone:.1f} |
+-->
+| old |
+<!-- /numbers -->
+After.
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/page.md").write_text(PAGE)
+    (tmp_path / "docs/dissertation.yaml").write_text("chapter: []\n")
+    (tmp_path / "docs/numbers.json").write_text("{}")
+    monkeypatch.setenv("OMNI_WORKSPACE", str(tmp_path))
+    return tmp_path
+
+
+def summary(folder: Path, name: str, metrics: dict[str, float | None]) -> str:
+    path = folder / f"{name}.json"
+    entries = {key: {"value": value, "unit": "1"} for key, value in metrics.items()}
+    path.write_text(json.dumps({"name": name, "metrics": entries}))
+    return str(path)
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["page_numbers", *arguments])
+    return page_numbers.main()
+
+
+def test_a_page_is_filled_and_old_numbers_are_found(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = workspace / "docs/page.md"
+    ice = summary(workspace, "ice", {"rotation.assisted": 2.4449, "rotation.gone": None})
+    other = summary(workspace, "other", {"length.b": 10.07})
+    assert run(monkeypatch, "--check", ice, other) == 1
+    assert "page.md: ice rotation.assisted: None, now 2.4449" in capsys.readouterr().err
+    assert page.read_text() == PAGE
+    assert run(monkeypatch, ice, other) == 0
+    assert "-->\n| 2.4 deg | 10.07 m | - |\n<!-- /numbers -->\nAfter." in page.read_text()
+    assert run(monkeypatch, "--check", ice, other) == 0
+    for new, code in ((2.5, 0), (2.6, 1)):  # one unit of the last digit is within the tolerance
+        assert run(monkeypatch, "--check", summary(workspace, "ice", {"rotation.assisted": new,
+            "rotation.gone": None})) == code  # fmt: skip
+
+
+def test_a_number_typed_into_a_page_is_found(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = workspace / "docs/page.md"
+    run(monkeypatch, summary(workspace, "ice", {"rotation.assisted": 2.4}))
+    page.write_text(page.read_text().replace("| 2.4 deg", "| 2.2 deg"))
+    assert run(monkeypatch, "--check") == 1
+    assert "page.md: its numbers are not those" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""Computations behind the commands of a user: limit, placement, fits, reports."""

@@ -1,0 +1,98 @@
+"""Recorded stops as a fit of the brakes needs them: motion, wheel speeds and what was asked."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from omni_loop.recorded_run import Stream, ordered, planar_twist, read_streams
+from omni_platform import topics
+from omni_platform.brakes import ON_OFF, BrakeConfiguration
+from omni_platform.configuration import InputError
+from omni_platform.quantities import FloatArray
+from omni_recording.folder import open_vehicle
+
+_JOINTS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE)
+_WHEELS, _PEDAL, _ENABLE = (topic.name for topic in _JOINTS)
+_TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
+TWIST_TOPICS = {topic.name: topic.type for topic in _TWISTS}
+_OPEN = 0.5  # enable from which an on-off valve is open
+
+
+class BrakeDataError(InputError):
+    """Recordings that do not determine the brakes; the message names what is missing."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BrakeData:
+    """One recorded stop; K instants, C changes of command, N wheels.
+
+    Attributes:
+        time: of the samples [s], increasing, shape (K,).
+        twist: of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
+        wheel_speed: [rad/s], shape (K, N).
+        command_time: from when each command holds [s], increasing, shape (C,).
+        command: share of the largest torque that is asked of each brake [1], shape (C, N).
+    """
+
+    time: FloatArray
+    twist: FloatArray
+    wheel_speed: FloatArray
+    command_time: FloatArray
+    command: FloatArray
+
+
+def read_brake_data(
+    folder: Path, wheel_names: tuple[str, ...], brake: BrakeConfiguration, twist_topic: str
+) -> BrakeData:
+    """Read a recorded stop.
+
+    Args:
+        folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal`, a twist, and
+            `brake/enable` unless the pedal alone braked.
+        wheel_names: of the vehicle; they order the columns.
+        brake: with the response of a valve to an enable.
+        twist_topic: one of `TWIST_TOPICS`.
+
+    Raises:
+        BagError: the recording cannot be read or lacks a topic.
+        BrakeDataError: its wheels are not the vehicle's.
+    """
+    types = {topic.name: topic.type for topic in _JOINTS} | {twist_topic: TWIST_TOPICS[twist_topic]}
+    streams = read_streams(open_vehicle(folder), types, (_WHEELS, _PEDAL, twist_topic))
+    wheels, twists, pedal = (streams[name] for name in (_WHEELS, twist_topic, _PEDAL))
+    start_ns = int(wheels.stamp_ns[0])
+
+    def seconds(stream: Stream) -> FloatArray:
+        return 1e-9 * (stream.stamp_ns - start_ns).astype(np.float64)
+
+    def by_wheel(stream: Stream, field: str) -> FloatArray:
+        try:
+            return np.array([ordered(message, field, wheel_names) for message in stream.messages])
+        except ValueError as error:
+            raise BrakeDataError(f"{error}; is it a recording of this vehicle?") from None
+
+    moved = np.array([planar_twist(message.twist.twist) for message in twists.messages])
+    measured = np.all(np.isfinite(moved), axis=1)
+    time = seconds(wheels)
+    inside = (time >= seconds(twists)[measured][0]) & (time <= seconds(twists)[measured][-1])
+    time = time[inside]
+    twist = [np.interp(time, seconds(twists)[measured], column) for column in moved[measured].T]
+    command_time, command = seconds(pedal), np.array([m.position[0] for m in pedal.messages])
+    shares = np.ones((len(command), len(wheel_names)))
+    if _ENABLE in streams:
+        enable = by_wheel(streams[_ENABLE], "effort")
+        if brake.kind == ON_OFF:
+            enable = (enable >= _OPEN).astype(np.float64)
+        # An enable answers the pedal of its own stamp; before the first one all brakes are on.
+        row = np.searchsorted(seconds(streams[_ENABLE]), command_time, side="right") - 1
+        shares[row >= 0] = np.clip(enable[row[row >= 0]], 0.0, 1.0)
+    return BrakeData(
+        time=time,
+        twist=np.column_stack(twist),
+        wheel_speed=by_wheel(wheels, "velocity")[inside],
+        command_time=command_time,
+        command=np.clip(command, 0.0, 1.0)[:, np.newaxis] * shares,
+    )

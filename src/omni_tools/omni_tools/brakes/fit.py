@@ -1,0 +1,331 @@
+"""Fit the brakes' torque, dead time and lag to recorded stops, without a tire.
+
+A wheel that turns under its brake reveals the force of its tire:
+``I d(omega)/dt = g F - sign(omega) T``, with ``g = R cos(gamma)``, gives the force ``F`` on the
+vehicle along the roller's axis. Over each interval between two samples momentum and angular
+momentum then hold only the brakes' torques:
+
+    sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
+
+where ``a_i`` is the wrench of a unit force of wheel i about the centre of gravity, and the mean
+pressure ``p_i`` follows what is asked through dead time and first-order lag, in closed form. What
+the tire of a standing or reversing wheel does is not known: the equations are projected onto what
+such wheels cannot change. No load and no tire is needed, only masses and the wheels' inertia; the
+radius that a wheel rolls on is seen before the pedal goes down.
+
+While the same wheels turn, the equations are summed up from interval to interval: the error of a
+measured speed then stands in one row and not, with both signs, in two.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray, IntArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassProperties
+from omni_tools.brakes.data import BrakeData, BrakeDataError
+
+_LARGEST_DEFLECTION = 0.2  # of a tire, as a share of the radius
+_SLOWEST = 0.5  # wheel speed below which a wheel counts as standing [rad/s]
+_LONGEST = 0.1  # between two samples that belong together [s]
+_FEWEST = 10  # intervals with a wheel that turns under its brake
+_LARGEST_RESIDUAL = 0.3  # of what the brakes did
+_LARGEST_ERROR = 0.5  # of the torque, as a share of it
+_DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # where the search starts [s]
+_TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # start values [s]
+_SHORTEST = 1e-4  # time that is distinguished from none [s]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BrakeFit:
+    """Brakes fitted to recorded stops.
+
+    Attributes:
+        values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
+        standard_errors: of the values, NaN for a time that ended on its bound, shape (3,).
+        wheel_torque: torque of each wheel's own brake with those times [N m], shape (N,).
+        wheel_error: standard errors of those [N m], NaN where a wheel never showed it, (N,).
+        residual: differences of speed, root mean square [m/s].
+        intervals: number of them in which a wheel turned under its brake.
+        stops: the data of each recording, for the figure.
+    """
+
+    values: FloatArray
+    standard_errors: FloatArray
+    wheel_torque: FloatArray
+    wheel_error: FloatArray
+    residual: float
+    intervals: int
+    stops: tuple[StopEquations, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StopEquations:
+    """The equations of one stop per unit of mass; K intervals, N wheels.
+
+    Attributes:
+        data: of the stop.
+        time: middle of each interval [s], shape (K,).
+        step: length of each interval [s], shape (K,).
+        segment: number of the span in which the same wheels turn, shape (K,).
+        change: impulse that the brakes must have made, projected [m/s], shape (K, 3).
+        per_torque: of one newton metre of each brake [m/s per N m], shape (K, 3, N).
+    """
+
+    data: BrakeData
+    time: FloatArray
+    step: FloatArray
+    segment: IntArray
+    change: FloatArray
+    per_torque: FloatArray
+
+
+def fit_brakes(stops: Sequence[BrakeData], vehicle: VehicleConfiguration) -> BrakeFit:
+    """Fit one torque, dead time and time constant to all wheels of all stops.
+
+    Args:
+        stops: recorded.
+        vehicle: its masses, wheels and wheel inertia count; its brake does not.
+
+    Raises:
+        BrakeDataError: the stops do not determine the brakes; names what is missing.
+    """
+    equations = tuple(_equations(stop, vehicle) for stop in stops)
+    shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _asked(e) for e in equations]
+    intervals = int(sum(np.count_nonzero(rows) for rows in shown))
+    if intervals < _FEWEST:
+        raise BrakeDataError(
+            f"a wheel turned under its brake in {intervals} intervals between two samples, and at "
+            f"least {_FEWEST} are needed: brake with less pedal, so that the wheels do not lock, "
+            "or longer"
+        )
+    found = _search(equations)
+    torque, dead_time, time_constant = found.x
+    errors = _standard_errors(found.jac.reshape(-1, 3, 3), found.fun.reshape(-1, 3))
+    errors[1:][np.array([dead_time, time_constant]) < 1.01 * _SHORTEST] = np.nan
+    dead_time = 0.0 if dead_time < 1.01 * _SHORTEST else dead_time
+    residual = float(np.sqrt(np.mean(found.fun**2)))
+    size = float(np.sqrt(np.mean(_differences(equations, np.array([0.0, 0.0, 1.0])) ** 2)))
+    if residual > _LARGEST_RESIDUAL * size:
+        raise BrakeDataError(
+            f"no such brakes explain the stops: differences of {residual:.2g} m/s where the brakes "
+            f"took {size:.2g} m/s (root mean squares); is it this vehicle, and does the pedal "
+            "leave the wheels turning?"
+        )
+    if not errors[0] < _LARGEST_ERROR * torque:
+        raise BrakeDataError(
+            f"the torque of {torque:.3g} N m is uncertain by {errors[0]:.2g} N m: record more "
+            "stops, with the pedal halfway so that the wheels turn on under their brakes"
+        )
+    wheel_torque, wheel_error = _wheel_torques(equations, dead_time, time_constant)
+    return BrakeFit(
+        values=np.array([torque, dead_time, time_constant]),
+        standard_errors=errors,
+        wheel_torque=wheel_torque,
+        wheel_error=wheel_error,
+        residual=residual,
+        intervals=intervals,
+        stops=equations,
+    )
+
+
+def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> FloatArray:
+    """Return the mean pressure of each brake over each interval as a share of the largest.
+
+    Args:
+        stop: with its commands.
+        dead_time: [s].
+        time_constant: [s].
+
+    Returns:
+        [1], shape (K, N).
+    """
+    tau = max(time_constant, _SHORTEST)
+    changes = np.diff(stop.data.command, axis=0)
+    news = np.any(changes != 0.0, axis=1)
+    begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
+
+    def risen(time: FloatArray) -> FloatArray:
+        """Integrate the answer to all commands up to some times [s], shape (K, N)."""
+        since = np.maximum(time[:, np.newaxis] - begins, 0.0)
+        return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
+
+    half = 0.5 * stop.step
+    rise = risen(stop.time + half) - risen(stop.time - half)
+    return np.asarray(stop.data.command[0] + rise / stop.step[:, np.newaxis])
+
+
+def _asked(stop: StopEquations) -> NDArray[np.bool_]:
+    """Return in which intervals a brake was asked for torque, shape (K,)."""
+    row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
+    return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
+
+
+def _equations(stop: BrakeData, vehicle: VehicleConfiguration) -> StopEquations:
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    geometry = PlatformGeometry.from_wheels(vehicle.wheels)
+    arm = geometry.position - masses.centre
+    lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
+    length = np.sqrt(masses.yaw_inertia / masses.mass)  # makes a moment comparable with a force
+    wrench = np.column_stack((geometry.active, cross(arm, geometry.active) / length))
+    wrench /= masses.mass
+
+    step = np.diff(stop.time)
+    # Velocity of the centre of gravity, both ends seen from the heading in the middle.
+    yaw_rate = stop.twist[:, 2]
+    velocity = stop.twist[:, :2] + yaw_rate[:, np.newaxis] * [-masses.centre[1], masses.centre[0]]
+    half = 0.25 * (yaw_rate[1:] + yaw_rate[:-1]) * step
+    change = _turned(velocity[1:], half) - _turned(velocity[:-1], -half)
+    change = np.column_stack((change, length * np.diff(yaw_rate)))
+
+    before, after = stop.wheel_speed[:-1], stop.wheel_speed[1:]
+    turning = (before * after > 0.0) & (np.minimum(abs(before), abs(after)) > _SLOWEST)
+    spin = vehicle.wheel_inertia * (after - before) / lever
+    change -= np.where(turning, spin, 0.0) @ wrench
+    factor = step[:, np.newaxis] * np.sign(before) * turning / lever
+    per_torque = wrench.T * factor[:, np.newaxis, :]
+
+    # The drive holds the speed until the pedal goes down.
+    pressed = stop.time[:-1] >= _pedal_down(stop)
+    for k in np.flatnonzero(~np.all(turning, axis=1)):
+        unknown = wrench[~turning[k]].T
+        basis, size, _ = np.linalg.svd(unknown, full_matrices=True)
+        free = basis[:, np.count_nonzero(size > 1e-9 * size[0]) :]
+        change[k], per_torque[k] = free @ (free.T @ change[k]), free @ (free.T @ per_torque[k])
+    use = pressed & (step < _LONGEST)
+    return StopEquations(
+        data=stop,
+        time=0.5 * (stop.time[1:] + stop.time[:-1])[use],
+        step=step[use],
+        segment=np.cumsum(np.r_[True, np.any(turning[1:] != turning[:-1], axis=1)])[use],
+        change=change[use],
+        per_torque=per_torque[use],
+    )
+
+
+def _pedal_down(stop: BrakeData) -> float:
+    asked = np.flatnonzero(np.any(stop.command > 0.0, axis=1))
+    return float(stop.command_time[asked[0]]) if asked.size else np.inf
+
+
+def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = vectors.T
+    return np.column_stack((cos * x - sin * y, sin * x + cos * y))
+
+
+def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
+    """Return what the brakes explain less what happened, summed up [m/s], flat."""
+    torque, dead_time, time_constant = unknowns
+    parts = [
+        _summed(
+            e,
+            np.einsum("kcn,kn->kc", e.per_torque, mean_shares(e, dead_time, time_constant)) * torque
+            - e.change,
+        )
+        for e in equations
+    ]
+    return np.concatenate(parts).ravel()
+
+
+def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
+    """Sum rows (K, ...) up within each segment, and take out the unknown error at its start."""
+    sums = []
+    for number in np.unique(stop.segment):
+        steps = rows[stop.segment == number]
+        path = np.cumsum(np.concatenate((np.zeros_like(steps[:1]), steps)), axis=0)
+        sums.append(path - np.mean(path, axis=0))
+    return np.concatenate(sums)
+
+
+def _rolling_share(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray:
+    """Return the radius that each wheel rolls on over its own, (N,); 1 where it is not seen."""
+    rolling = stop.time < _pedal_down(stop)
+    expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
+    found = np.sum(expected * stop.wheel_speed[rolling], axis=0)
+    square = np.sum(stop.wheel_speed[rolling] ** 2, axis=0)
+    share = np.divide(found, square, out=np.ones_like(found), where=square > _SLOWEST**2)
+    plausible = abs(share - 1.0) < _LARGEST_DEFLECTION
+    return np.asarray(np.where(plausible, share, 1.0))
+
+
+def _search(equations: Sequence[StopEquations]) -> Any:
+    """Return scipy's result, from the best of a grid of starts."""
+    # Only a fit needs it, and it takes its time to load.
+    from scipy.optimize import least_squares
+
+    def start(dead_time: float, time_constant: float) -> tuple[float, float]:
+        """Return the best torque for some times, and what it leaves."""
+        nothing = _differences(equations, np.array([0.0, dead_time, time_constant]))
+        one = _differences(equations, np.array([1.0, dead_time, time_constant])) - nothing
+        square = float(one @ one)
+        torque = max(-float(one @ nothing) / square, 0.0) if square > 0.0 else 0.0
+        return torque, float(np.sum((nothing + torque * one) ** 2))
+
+    grid = [(d, t) for d in _DEAD_TIMES for t in _TIME_CONSTANTS]
+    dead_time, time_constant = min(grid, key=lambda place: start(*place)[1])
+    torque = max(start(dead_time, time_constant)[0], 1e-6)
+    return least_squares(
+        lambda unknowns: _differences(equations, unknowns),
+        (torque, max(dead_time, 1e-4), time_constant),
+        jac="3-point",
+        bounds=((0.0, 0.0, _SHORTEST), (np.inf, 1.0, 10.0)),
+        x_scale=(torque, 0.01, 0.01),
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
+
+
+def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
+    """Return standard errors of P unknowns, shape (P,).
+
+    Differences that are alike from row to row carry less information than their number, and those
+    of few rows may decide: what each row has moved an unknown by is summed up with its
+    autocovariance up to the first zero (White 1980, Bartlett 1946).
+
+    Args:
+        jacobian: of the differences, shape (K, 3, P).
+        left: differences, shape (K, 3).
+    """
+    rows, _, unknowns = jacobian.shape
+    bread = np.linalg.pinv(np.einsum("kcp,kcq->pq", jacobian, jacobian))
+    variance = np.zeros(unknowns)
+    for unknown, moved in enumerate(bread @ np.einsum("kcp,kc->pk", jacobian, left)):
+        variance[unknown] = moved @ moved
+        for lag in range(1, rows // 4):
+            alike = moved[lag:] @ moved[:-lag]
+            if alike <= 0.0:
+                break
+            variance[unknown] += 2.0 * alike
+    return np.asarray(np.sqrt(variance * left.size / max(left.size - unknowns, 1)))
+
+
+def _wheel_torques(
+    equations: Sequence[StopEquations], dead_time: float, time_constant: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the torque of each wheel's brake and its standard error [N m], each (N,)."""
+    columns = np.concatenate(
+        [
+            _summed(e, e.per_torque * mean_shares(e, dead_time, time_constant)[:, np.newaxis])
+            for e in equations
+        ]
+    )
+    change = np.concatenate([_summed(e, e.change) for e in equations])
+    n = columns.shape[2]
+    flat = columns.reshape(-1, n)
+    torque, error = np.full(n, np.nan), np.full(n, np.nan)
+    # Four forces make three accelerations: what they leave open is what all wheels have alike.
+    size = np.linalg.svd(flat, compute_uv=False)
+    if size[-1] > 1e-3 * size[0]:
+        torque = np.linalg.lstsq(flat, change.ravel(), rcond=None)[0]
+        error = _standard_errors(columns, (flat @ torque).reshape(-1, 3) - change)
+    return torque, error

@@ -1,0 +1,1 @@
+"""Many runs of one kind on all cores, seed by seed."""

@@ -1,0 +1,397 @@
+"""Many runs on all cores or on a cluster, which can be interrupted, parted and put together.
+
+A study that makes many runs says what one of them is: a function of a seed (or of the number of a
+case) that returns a row, a NamedTuple whose first field is ``seed`` and whose others are of int,
+float or str. `run_campaign` does the rest::
+
+    class Row(NamedTuple):
+        seed: int
+        distance: float
+
+    def work(seed: int) -> Row: ...          # at the top of a module, or a functools.partial of it
+
+    class Options(CampaignOptions): ...      # --workers --scheduler --resume --seeds --merge
+
+    rows = run_campaign(work, range(1000), Row, options, folder / "runs.csv", fingerprint, report)
+
+Workers take chunks of seeds, sized so that each takes about a second. A chunk whose worker dies
+goes to another one. What is finished is appended to a table as it comes in; a campaign that goes
+on (``--resume``) reads it and runs what is missing. The finished table is in the order of the
+seeds, so that it does not depend on who ran what. The tasks of a job array run pieces
+(``--seeds 0:500`` and ``--seeds 500:1000``, each with a folder of its own); ``--merge`` reads them
+into the table of the whole.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import functools
+import math
+import os
+import re
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Generic, TextIO, TypeVar, get_type_hints
+
+from omni_platform.command_options import option
+from omni_platform.configuration import Configuration, ConfigurationError, WorkError, parameter
+from omni_tools.campaign.cost import timed
+from omni_tools.campaign.processes import WorkerDiedError, share
+
+CHUNK_TIME = 1.0
+"""How long a worker should be busy with a chunk of runs [s]."""
+
+_ALONE = 2.0  # total time of runs from which the rest is estimated [s]
+_FIRST_RUNS = 3  # runs from which the rest is estimated at least
+_WORTH = 1.0  # what is over in this time needs no other process [s]
+_FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
+_LARGEST_CHUNK = 1000
+_IN_FLIGHT = 3  # chunks per worker of a cluster, so that none waits for the next one
+_CONNECT_TIME = 10.0  # [s]
+
+Row = TypeVar("Row", bound=tuple[Any, ...])
+Work = Callable[[int], Row]
+
+
+class CampaignError(WorkError):
+    """The campaign cannot go on."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CampaignOptions(Configuration):
+    """Options of a study that makes many runs."""
+
+    workers: int | None = parameter(
+        None,
+        description="processes on this machine (default: one on every core); 1 needs no other one",
+        minimum=1,
+        maximum=1024,
+    )
+    scheduler: str | None = option(
+        None,
+        metavar="tcp://HOST:PORT",
+        description="run on this dask.distributed cluster, whose workers have this workspace",
+    )
+    resume: bool = parameter(
+        False,
+        description="keep the finished runs of an interrupted or shorter campaign and run what is "
+        "missing",
+    )
+    seeds: str = option(
+        "",
+        metavar="A:B",
+        description="run only this piece of the campaign, from A to before B",
+    )
+    merge: tuple[Path, ...] = option(
+        (),
+        metavar="DIR",
+        description="take the finished runs of a piece from its folder; may be repeated",
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse options that do not go together.
+
+        Raises:
+            ConfigurationError: names them.
+        """
+        if self.workers is not None and self.scheduler is not None:
+            raise ConfigurationError("--workers", "does not go with --scheduler, which has its own")
+        if self.seeds and not re.fullmatch(r"\d{1,18}:\d{1,18}", self.seeds):
+            raise ConfigurationError("--seeds", f"{self.seeds!r} must be two numbers such as 0:500")
+
+    def piece(self, seeds: range) -> range:
+        """Return the seeds of this piece of a campaign.
+
+        Args:
+            seeds: of the whole.
+
+        Raises:
+            ConfigurationError: none of them is in the piece.
+        """
+        if not self.seeds:
+            return seeds
+        first, last = (int(number) for number in self.seeds.split(":"))
+        chosen = range(max(first, seeds.start), min(last, seeds.stop))
+        if not chosen:
+            raise ConfigurationError(
+                "--seeds",
+                f"{self.seeds} holds none of the seeds {seeds.start}:{seeds.stop} of the campaign",
+            )
+        return chosen
+
+
+def run_campaign(
+    work: Work[Row],
+    seeds: range,
+    row: type[Row],
+    options: CampaignOptions,
+    path: Path,
+    fingerprint: str,
+    report: Callable[[float, str], None] = lambda _share, _words: None,
+) -> list[Row]:
+    """Run what is missing of a campaign.
+
+    Args:
+        work: makes a run; sent to the workers.
+        seeds: of the whole campaign.
+        row: what a run returns, a NamedTuple whose first field is ``seed``.
+        options: which piece of it, where, and what is there already.
+        path: of the table of all runs, a CSV file.
+        fingerprint: of everything that the runs depend on besides their seeds.
+        report: called with the share done and words about it.
+
+    Returns:
+        The rows of this piece in the order of their seeds.
+
+    Raises:
+        ConfigurationError: the options do not fit, or a table is of another campaign.
+        CampaignError: a run has cost the cluster one worker after the other.
+        KeyboardInterrupt: with words about what is kept.
+    """
+    piece = options.piece(seeds)
+    table: ResultTable[Row] = ResultTable(path, row, fingerprint, resume=options.resume)
+    for folder in options.merge:
+        table.take(folder / path.name)
+    missing = [seed for seed in piece if seed not in table.results]
+
+    def take(rows: list[Row]) -> None:
+        table.add(rows)
+        done = len(piece) - len(missing) + (len(table.results) - kept)
+        report(done / len(piece), f"{done} of {len(piece)} runs")
+
+    kept = len(table.results)
+    try:
+        with _interruptible(), table:
+            if missing:
+                # Compiles what is not compiled yet, before all workers would at once.
+                take([work(missing[0])])
+                _run(work, missing[1:], options, take)
+    except KeyboardInterrupt:
+        count = len(table.results)
+        raise KeyboardInterrupt(f"{count} runs are kept, --resume goes on") from None
+    return [table.results[seed] for seed in piece]
+
+
+def _run(
+    work: Work[Row],
+    seeds: Sequence[int],
+    options: CampaignOptions,
+    take: Callable[[list[Row]], None],
+) -> None:
+    """Run seeds in this process, on all cores or on a cluster."""
+    if not seeds:
+        return
+    workers = options.workers or len(os.sched_getaffinity(0))
+    done, spent = 0, 0.0
+    while options.scheduler is None and done < len(seeds):
+        known = spent >= _ALONE or done >= _FIRST_RUNS
+        if workers > 1 and known and spent / done * (len(seeds) - done) > _WORTH:
+            break
+        rows, duration = _run_chunk(work, seeds[done : done + 1])
+        take(rows)
+        done, spent = done + 1, spent + duration
+    if done == len(seeds):
+        return
+    if options.scheduler is not None:
+        with connected(options.scheduler) as client:
+            distribute(client, work, seeds[done:], take)
+        return
+    chunks = _Chunks(seeds[done:], workers)
+    try:
+        share(functools.partial(_run_chunk, work), chunks.next, workers, chunks.taking(take))
+    except WorkerDiedError as error:
+        raise CampaignError(str(error)) from None
+
+
+class _Chunks:
+    """Seeds in parts that each keep a worker busy for a while; the last ones end together."""
+
+    def __init__(self, seeds: Sequence[int], lanes: int) -> None:
+        self._left = list(reversed(seeds))
+        self._lanes = lanes
+        self._size = _FIRST_CHUNK
+
+    def next(self) -> list[int]:
+        """Return the next part, empty once there is none."""
+        return [self._left.pop() for _ in range(min(self._size, len(self._left)))]
+
+    def taking(
+        self, take: Callable[[list[Row]], None]
+    ) -> Callable[[tuple[list[Row], float]], None]:
+        """Return what takes the answer of a worker: hand its rows on, learn from its duration."""
+
+        def learn(answer: tuple[list[Row], float]) -> None:
+            rows, duration = answer
+            take(rows)
+            fair = math.ceil(len(self._left) / (_IN_FLIGHT * self._lanes))
+            apt = round(CHUNK_TIME / max(duration / len(rows), 1e-6))
+            self._size = max(1, min(apt, fair, 4 * self._size, _LARGEST_CHUNK))
+
+        return learn
+
+
+@contextmanager
+def connected(scheduler: str) -> Iterator[Any]:
+    """Connect to a cluster.
+
+    Args:
+        scheduler: its address.
+
+    Yields:
+        Its `distributed.Client`.
+
+    Raises:
+        ConfigurationError: no scheduler answers at the address.
+    """
+    from distributed import Client  # takes a second to import
+
+    try:
+        client = Client(scheduler, timeout=_CONNECT_TIME)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
+    with client:
+        yield client
+
+
+def distribute(
+    client: Any, work: Work[Row], seeds: Sequence[int], take: Callable[[list[Row]], None]
+) -> None:
+    """Run seeds on a cluster, chunk by chunk.
+
+    Args:
+        client: a `distributed.Client`.
+        work: makes a run.
+        seeds: to run.
+        take: called with the rows of every chunk as it is finished, in any order.
+
+    Raises:
+        CampaignError: a chunk has cost the cluster one worker after the other.
+    """
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    chunk = functools.partial(_run_chunk, work)
+    lanes = max(1, sum(client.nthreads().values()))
+    chunks = _Chunks(seeds, lanes)
+    learn = chunks.taking(take)
+
+    def submit() -> Iterator[Any]:
+        if part := chunks.next():
+            # Sent with every chunk: what lay on one worker only would die with it.
+            yield client.submit(chunk, part, pure=False)
+
+    flying = {future for _ in range(_IN_FLIGHT * lanes) for future in submit()}
+    completed = as_completed(flying, with_results=True)
+    try:
+        for future, answer in completed:
+            flying.discard(future)
+            learn(answer)
+            for following in submit():
+                flying.add(following)
+                completed.add(following)
+    except KilledWorker as error:
+        raise CampaignError(f"workers die of these runs: {error}") from None
+    finally:
+        client.cancel(list(flying))
+
+
+def _run_chunk(work: Work[Row], seeds: Sequence[int]) -> tuple[list[Row], float]:
+    """Run some seeds in this process; return their rows and how long it took [s]."""
+    return timed(lambda: [work(seed) for seed in seeds])
+
+
+class ResultTable(Generic[Row]):
+    """The table of a campaign on disk, one row per run.
+
+    Args:
+        path: of the CSV file.
+        row: what a run returns.
+        fingerprint: of everything that the runs depend on besides their seeds.
+        resume: whether to go on with what is there.
+
+    Raises:
+        ConfigurationError: the file to go on with is of another campaign.
+    """
+
+    def __init__(self, path: Path, row: Any, fingerprint: str, *, resume: bool) -> None:
+        self._path = path
+        self._row = row
+        self._head = f"# fingerprint {fingerprint}\n{','.join(row._fields)}\n"
+        self.results: dict[int, Row] = {}
+        if resume and path.exists():
+            self._read(path, "--resume")
+        self.save()
+        self._stream: TextIO | None = None
+
+    def __enter__(self) -> ResultTable[Row]:
+        self._stream = self._path.open("a", encoding="utf-8", newline="")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._stream is not None:
+            self._stream.close()
+        self.save()
+
+    def take(self, path: Path) -> None:
+        """Take the runs of another table of the same campaign in.
+
+        Raises:
+            ConfigurationError: it is not there, or is of another campaign.
+        """
+        if not path.is_file():
+            raise ConfigurationError("--merge", f"there is no {path}")
+        self._read(path, "--merge")
+        self.save()
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Take finished runs in, and write them at once."""
+        if self._stream is None:
+            raise ValueError("the table is not open")
+        for result in rows:
+            self.results[result[0]] = result
+            self._stream.write(_line(result))
+        self._stream.flush()
+
+    def save(self) -> None:
+        """Write the table anew, in the order of the seeds."""
+        temporary = self._path.with_suffix(".tmp")
+        lines = (_line(self.results[seed]) for seed in sorted(self.results))
+        temporary.write_text(self._head + "".join(lines), encoding="utf-8")
+        temporary.replace(self._path)
+
+    def _read(self, path: Path, option_name: str) -> None:
+        text = path.read_text(encoding="utf-8")
+        if not text.startswith(self._head):
+            raise ConfigurationError(
+                option_name,
+                f"{path} is not of this campaign: what its runs depend on has changed",
+            )
+        # The last line may have been cut off.
+        body = text[len(self._head) : text.rfind("\n") + 1]
+        for entry in csv.DictReader(body.splitlines(), fieldnames=self._row._fields):
+            result = _parse(self._row, entry)
+            self.results[result[0]] = result
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt for a while, whatever it does otherwise."""
+    previous = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def _line(result: tuple[Any, ...]) -> str:
+    # The repr of a float is exact, and a text that holds a comma would be two cells.
+    return ",".join(str(value).replace(",", ";").replace("\n", " ") for value in result) + "\n"
+
+
+def _parse(row: Any, entry: Mapping[str, str]) -> Any:
+    kinds = get_type_hints(row)
+    return row(**{name: kinds[name](text) for name, text in entry.items()})

@@ -1,0 +1,301 @@
+"""Mistakes in the description of a vehicle, by hypothesis tests on a commissioning drive.
+
+The wheel angles of three known motions are three numbers a wheel, Eq. (32). Each hypothesis is one
+change of the description; the one whose prediction fits the measured angles is the mistake. Twist
+sensor, gyro and accelerometer are compared with the known motions directly, the brakes with the
+enables that they should follow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_tools.commissioning.signals import Motions, Signals
+
+_FITS = 0.06  # largest error of a wheel's angles, as a share of those predicted
+_HEADING = math.radians(2.0)  # of a twist sensor, from which it is reported
+_SCALE = 0.05  # of twist sensor and gyro, likewise
+_OFFSET = 0.03  # [m] of a twist sensor, likewise
+_FORCE = 0.05  # [m/s^2] of an acceleration that shows the axes of an IMU
+_LATEST = 0.3  # [s] after which a brake must have answered
+_RESPONDS = 0.03  # smallest rise of the slip of a wheel that brakes
+_OFTEN = 0.3  # share of the stop in which a wheel must have been braked to be judged
+_CLEARLY = 0.4  # by which the correlations of two exchanged brakes must be larger
+_DELAY = 0.02  # [s] by which a dead time may differ from that of the file
+
+
+@dataclasses.dataclass(frozen=True)
+class Mistake:
+    """A mistake and its remedy.
+
+    Attributes:
+        name: of the mistake, with the wheel or the sensor.
+        remedy: what to change.
+        wheels: corrected wheels, where the description of the wheels is wrong.
+    """
+
+    name: str
+    remedy: str
+    wheels: Mapping[str, WheelMount] | None = None
+
+
+def find_mistakes(
+    wheels: Mapping[str, WheelMount],
+    signals: Signals,
+    motions: Motions,
+    *,
+    distance: float,
+    angle: float,
+    dead_time: float = 0.0,
+) -> list[Mistake]:
+    """Return the mistakes that a drive shows.
+
+    Args:
+        wheels: as described.
+        signals: of the drive.
+        motions: of the drive.
+        distance: of the motions forward and to the left [m].
+        angle: of the motion counter-clockwise [rad].
+        dead_time: of the brakes, as described [s].
+    """
+    known = np.diag([distance, distance, angle])
+    wheel = _wheel_mistake(wheels, motions.angle, known)
+    found = [] if wheel is None else [wheel]
+    found += _twist_mistakes(motions.twist, known)
+    # The slip of a wheel is known only where its speed and the twist are right.
+    slips = not found and np.any(np.isfinite(signals.enable)) and np.any(motions.twist)
+    found += _imu_mistakes(motions, angle)
+    if slips:
+        found += _brake_mistakes(wheels, signals, motions.stop, dead_time)
+    return found
+
+
+def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArray:
+    return PlatformKinematics.of(wheels).wheel_speeds(known)
+
+
+def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
+    """Return the largest error of a wheel, as a share of its prediction."""
+    error = np.linalg.norm(angle - predicted, axis=0)
+    return float(np.max(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)))
+
+
+def _wheel_mistake(
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
+) -> Mistake | None:
+    if _misfit(angle, _predicted(wheels, known)) < _FITS:
+        return None
+    candidates = []
+    for mistake in _hypotheses(wheels, angle, known):
+        try:
+            misfit = _misfit(angle, _predicted(mistake.wheels or wheels, known))
+        except ConfigurationError:  # such a vehicle could not move
+            continue
+        candidates.append((misfit, mistake))
+    misfit, best = min(candidates, key=lambda candidate: candidate[0])
+    if misfit < _FITS:
+        return best
+    return Mistake(
+        "wheels: no single mistake explains the wheel angles",
+        "check distances and directions of the drive, then wheel by wheel on blocks",
+    )
+
+
+def _hypotheses(
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
+) -> Iterator[Mistake]:
+    names = list(wheels)
+
+    def changed(name: str, **values: float) -> dict[str, WheelMount]:
+        return {**wheels, name: dataclasses.replace(wheels[name], **values)}
+
+    for one, other in itertools.combinations(names, 2):
+        swapped = {**wheels, one: wheels[other], other: wheels[one]}
+        yield Mistake(
+            f"wheels {one} and {other} are exchanged", "exchange their encoders or names", swapped
+        )
+    predicted = _predicted(wheels, known)
+    for row, name in enumerate(names):
+        mount = wheels[name]
+        turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
+        yield Mistake(
+            f"wheel {name} turns the other way",
+            "negate its speed, or turn heading_deg by 180",
+            changed(name, heading_deg=turned),
+        )
+        yield Mistake(
+            f"roller of wheel {name} has the wrong sign",
+            f"set roller_angle_deg to {-mount.roller_angle_deg:g}",
+            changed(name, roller_angle_deg=-mount.roller_angle_deg),
+        )
+        yield Mistake(
+            f"x of wheel {name} has the wrong sign",
+            f"set x to {-mount.x:g}",
+            changed(name, x=-mount.x),
+        )
+        yield Mistake(
+            f"y of wheel {name} has the wrong sign",
+            f"set y to {-mount.y:g}",
+            changed(name, y=-mount.y),
+        )
+        scale = float(angle[:, row] @ predicted[:, row]) / float(
+            predicted[:, row] @ predicted[:, row]
+        )
+        if scale > 0.05:
+            radius = mount.radius / scale
+            yield Mistake(
+                f"radius of wheel {name} is wrong",
+                f"set radius to {radius:.4f}, or check the counts of its encoder",
+                changed(name, radius=radius),
+            )
+    scale = float(np.sum(angle * predicted) / np.sum(predicted**2))
+    if scale > 0.05:
+        resized = {
+            name: dataclasses.replace(mount, radius=mount.radius / scale)
+            for name, mount in wheels.items()
+        }
+        yield Mistake("all radii are wrong", f"divide every radius by {scale:.4f}", resized)
+    for words, field in (
+        ("all wheels turn the other way", "heading_deg"),
+        ("all rollers have the wrong sign", "roller_angle_deg"),
+    ):
+        other_way = {
+            name: dataclasses.replace(
+                mount,
+                **{
+                    field: (mount.heading_deg + 360.0) % 360.0 - 180.0
+                    if field == "heading_deg"
+                    else -mount.roller_angle_deg
+                },
+            )
+            for name, mount in wheels.items()
+        }
+        yield Mistake(words, f"change {field} of every wheel", other_way)
+
+
+def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
+    if not np.any(twist):
+        return
+    forward, left, turn = twist
+    distance, angle = known[0, 0], known[2, 2]
+    heading = math.atan2(forward[1], forward[0])
+    across = math.atan2(-left[0], left[1])
+    difference = math.remainder(across - heading, math.tau)
+    if abs(difference) > math.pi / 2:
+        axis = "y" if abs(heading) < math.pi / 2 else "x"
+        yield Mistake(f"twist sensor: {axis} has the wrong sign", f"negate v_{axis}")
+        return
+    mean = heading + 0.5 * difference
+    if abs(mean) > _HEADING:
+        yield Mistake(
+            f"twist sensor: mounted {_degrees(mean)} deg off",
+            "subtract this angle from heading_deg of its sensors",
+        )
+    if turn[2] < 0.0:
+        yield Mistake("twist sensor: yaw rate has the wrong sign", "negate the yaw rate")
+    elif abs(turn[2] / angle - 1.0) > _SCALE:
+        yield Mistake(
+            f"twist sensor: yaw rate is {turn[2] / angle:.3f} times the true one",
+            "check unit and lever of its sensors",
+        )
+    scale = 0.5 * (math.hypot(*forward[:2]) + math.hypot(*left[:2])) / distance
+    if abs(scale - 1.0) > _SCALE:
+        yield Mistake(
+            f"twist sensor: speed is {scale:.3f} times the true one",
+            "check height, scale and unit of its sensors",
+        )
+    # A sensor at (x, y) moves by the turn with (-y, x) times the angle.
+    x, y = turn[1] / angle, -turn[0] / angle
+    if math.hypot(x, y) > _OFFSET and abs(mean) <= _HEADING:
+        yield Mistake(
+            f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the centre",
+            "enter this position for its sensors",
+        )
+
+
+def _degrees(angle: float) -> int:
+    degrees = round(math.degrees(angle))
+    return 180 if degrees == -180 else degrees
+
+
+def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
+    turned = float(motions.gyro[2])
+    if np.isfinite(turned) and abs(turned) > 0.0:
+        if turned < 0.0:
+            yield Mistake("gyro: yaw rate has the wrong sign", "negate it, or mount it upright")
+        elif abs(turned / angle - 1.0) > _SCALE:
+            yield Mistake(
+                f"gyro: yaw rate is {turned / angle:.3f} times the true one",
+                "check its unit (rad/s) and scale",
+            )
+    force = motions.force[:2]
+    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < _FORCE:
+        return
+    along = np.array([force[0, 0], force[1, 1]])
+    across = np.array([force[0, 1], force[1, 0]])
+    if np.all(np.abs(along) > np.abs(across)):
+        for axis, value in zip("xy", along, strict=True):
+            if value < 0.0:
+                yield Mistake(f"accelerometer: {axis} has the wrong sign", f"negate its {axis}")
+    elif np.all(np.abs(along) < np.abs(across)):
+        yield Mistake("accelerometer: x and y are exchanged", "exchange them, or turn it by 90 deg")
+
+
+def _brake_mistakes(
+    wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, dead_time: float
+) -> Iterator[Mistake]:
+    """Compare the slip of each wheel with the enables, each with the delay that fits best."""
+    names = list(wheels)
+    rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
+    measured = signals.wheel_speed[stop]
+    pedal = np.nan_to_num(signals.pedal[stop])
+    demand = pedal[:, np.newaxis] * signals.enable[stop]
+    moving = np.abs(rolling) > 0.2 * np.max(np.abs(rolling))
+    slip = np.where(moving, 1.0 - measured / np.where(moving, rolling, 1.0), 0.0)
+    steps = round(_LATEST / signals.period)
+    score = np.zeros((len(names), len(names), steps))
+    for delay in range(steps):
+        late = demand[: len(demand) - delay]
+        score[:, :, delay] = _correlation(slip[delay:], late)
+    best = score.max(axis=2)
+    for row, name in enumerate(names):
+        braked = (demand[:, row] > 0.0) & moving[:, row]
+        free = (pedal == 0.0) & moving[:, row]
+        if np.mean(braked[pedal > 0.0]) < _OFTEN or not np.any(free):
+            continue
+        # A loaded wheel rolls on a smaller radius, which looks like a slip of some per cent.
+        rise = np.percentile(slip[braked, row], 95) - np.mean(slip[free, row])
+        if rise < _RESPONDS:
+            yield Mistake(f"brake {name} does not act", "check its wiring, valve and power")
+            return
+    for one, other in itertools.combinations(range(len(names)), 2):
+        own = best[one, one] + best[other, other]
+        if best[one, other] + best[other, one] > own + _CLEARLY:
+            yield Mistake(
+                f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
+            )
+            return
+    delays = [signals.period * float(np.argmax(score[row, row])) for row in range(len(names))]
+    typical = float(np.median(delays))
+    if abs(typical - dead_time) > _DELAY:
+        yield Mistake(
+            f"brakes: dead time is about {1e3 * typical:.0f} ms",
+            "set brake.dead_time by ./omni fit-brakes",
+        )
+
+
+def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return the correlation of each column of one with each of the other, 0 for a constant."""
+    a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
+    scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    product: FloatArray = np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)
+    return product

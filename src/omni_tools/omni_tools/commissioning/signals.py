@@ -1,0 +1,185 @@
+"""The recording of a commissioning drive: three slow motions and a stop.
+
+The vehicle is driven forward, to the left and counter-clockwise, each from rest to rest over a
+measured distance or angle; then it is driven in any direction and braked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_loop.recorded_run import Stream, read_streams
+from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
+from omni_recording.folder import open_vehicle
+
+MOTIONS = ("forward", "left", "counter-clockwise")
+_MOVING = 0.1  # of the largest wheel speed of the drive, from which a wheel moves
+_SHORTEST = 0.3  # [s] of a motion
+_PAUSE = 0.3  # [s] of rest between two motions
+_TYPES = {
+    "wheel_states": "sensor_msgs/msg/JointState",
+    "brake/pedal": "sensor_msgs/msg/JointState",
+    "brake/enable": "sensor_msgs/msg/JointState",
+    "odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
+    "imu": "sensor_msgs/msg/Imu",
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Signals:
+    """Signals of a drive at T equally spaced times, N wheels; NaN where there are none.
+
+    Attributes:
+        time: [s], shape (T,).
+        wheel_speed: [rad/s], shape (T, N).
+        twist: measured body twist [m/s, m/s, rad/s], shape (T, 3).
+        imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
+        pedal: braking demand [1], shape (T,).
+        enable: of the brakes [1], shape (T, N).
+    """
+
+    time: FloatArray
+    wheel_speed: FloatArray
+    twist: FloatArray
+    imu: FloatArray
+    pedal: FloatArray
+    enable: FloatArray
+
+    @property
+    def period(self) -> float:
+        """Time between two rows [s]."""
+        return float(self.time[1] - self.time[0])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motions:
+    """Quantities of the three motions, N wheels.
+
+    Attributes:
+        angle: by which each wheel turned [rad], shape (3, N).
+        twist: integral of the measured twist [m, m, rad], shape (3, 3).
+        gyro: integral of the gyro's yaw rate [rad], shape (3,).
+        force: specific force along x and y while the motion begins [m/s^2], shape (3, 2).
+        stop: rows of the stop, from before the pedal to rest.
+    """
+
+    angle: FloatArray
+    twist: FloatArray
+    gyro: FloatArray
+    force: FloatArray
+    stop: slice
+
+
+def read_signals(recording: Path, wheels: Sequence[str], period: float = 0.01) -> Signals:
+    """Read a recording.
+
+    Args:
+        recording: rosbag2 folder.
+        wheels: names in the order of the columns.
+        period: of the rows [s].
+
+    Raises:
+        BagError: it cannot be read.
+        ConfigurationError: the wheels are not those of the recording.
+    """
+    streams = read_streams(open_vehicle(recording), _TYPES, ("wheel_states", "brake/pedal"))
+    nothing = Stream(np.zeros(0, np.int64), ())
+    streams = {name: streams.get(name, nothing) for name in _TYPES}
+    states = streams["wheel_states"]
+    names = list(states.messages[0].name)
+    if set(names) != set(wheels):
+        raise ConfigurationError(
+            "wheels", f"the recording has {', '.join(names)}, the file {', '.join(wheels)}"
+        )
+    time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
+
+    def sampled(topic: str, rows: list[Any], columns: int) -> FloatArray:
+        stamps = streams[topic].stamp_ns
+        if not len(stamps):
+            return np.full((len(time), columns), math.nan)
+        newest = np.searchsorted(stamps, time, side="right") - 1
+        values = np.array(rows, np.float64).reshape(len(stamps), columns)
+        return np.where(newest[:, np.newaxis] >= 0, values[np.maximum(newest, 0)], math.nan)
+
+    def by_wheel(topic: str, field: str) -> list[Any]:
+        found = [
+            dict(zip(message.name, getattr(message, field), strict=False))
+            for message in streams[topic].messages
+        ]
+        return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
+
+    twists = [message.twist.twist for message in streams["odometry/twist"].messages]
+    return Signals(
+        time=(time - time[0]) * 1e-9,
+        wheel_speed=sampled("wheel_states", by_wheel("wheel_states", "velocity"), len(wheels)),
+        twist=sampled("odometry/twist", [(t.linear.x, t.linear.y, t.angular.z) for t in twists], 3),
+        imu=sampled(
+            "imu",
+            [
+                (m.angular_velocity.z, m.linear_acceleration.x, m.linear_acceleration.y)
+                for m in streams["imu"].messages
+            ],
+            3,
+        ),
+        pedal=sampled("brake/pedal", [m.position[0] for m in streams["brake/pedal"].messages], 1)[
+            :, 0
+        ],
+        enable=sampled("brake/enable", by_wheel("brake/enable", "effort"), len(wheels)),
+    )
+
+
+def motions_of(signals: Signals) -> Motions:
+    """Find the three motions and the stop.
+
+    Raises:
+        ConfigurationError: there are not three motions without the pedal, and one that ends by it.
+    """
+    speed = np.nanmax(np.abs(signals.wheel_speed), axis=1)
+    free = np.nan_to_num(signals.pedal) <= 0.0
+    slow = speed[: int(np.argmax(~free))] if not np.all(free) else speed
+    found = _runs(slow > _MOVING * np.max(slow, initial=1e-9), signals.period)
+    if len(found) != len(MOTIONS) + 1 or np.all(free):
+        raise ConfigurationError(
+            "recording",
+            f"has {max(len(found) - 1, 0)} motions before one that the pedal ends; drive "
+            f"{', '.join(MOTIONS)}, with a pause after each, then drive and brake",
+        )
+    rows = found[: len(MOTIONS)]
+    after = np.flatnonzero(speed[found[-1].start :] > 0.02 * np.max(speed))
+    last = found[-1].start + int(after[-1]) + 1
+    begun = [slice(row.start, row.start + max((row.stop - row.start) // 5, 5)) for row in rows]
+    dt = signals.period
+    return Motions(
+        angle=np.array([np.nansum(signals.wheel_speed[row], axis=0) * dt for row in rows]),
+        twist=np.array([np.nansum(signals.twist[row], axis=0) * dt for row in rows]),
+        gyro=np.array([np.nansum(signals.imu[row, 0]) * dt for row in rows]),
+        force=np.array([np.mean(signals.imu[row, 1:], axis=0) for row in begun]),
+        stop=slice(found[-1].start, last),
+    )
+
+
+def _runs(moving: NDArray[np.bool_], period: float) -> list[slice]:
+    """Return the times of motion, joined over short rests, without short ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], moving.astype(int), [0]))))
+    spans = [list(pair) for pair in edges.reshape(-1, 2)]
+    joined: list[list[int]] = []
+    for first, last in spans:
+        if joined and (first - joined[-1][1]) * period < _PAUSE:
+            joined[-1][1] = last
+        else:
+            joined.append([first, last])
+    # A threshold cuts off how a motion begins and ends.
+    edge = round(0.1 / period)
+    return [
+        slice(max(first - edge, 0), last + edge)
+        for first, last in joined
+        if (last - first) * period >= _SHORTEST
+    ]

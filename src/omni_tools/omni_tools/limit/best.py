@@ -1,0 +1,300 @@
+"""The shortest stop that is known: optimal control by someone who knows the vehicle in full.
+
+Direct transcription: pose, twist and wheel speeds at the points of a two-stage Radau rule, brake
+torques constant over an interval, all unknowns of one nonlinear program that IPOPT solves. The
+wheels' spin, slip and the transfer of the loads are those of the simulator, but for what is smooth
+here and not there: the tire's curve is a sine of an arctangent with the same slope, peak and
+sliding force, slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, loads and tires follow at once.
+The stop ends at `END_SPEED`; what is left of the way is that of the mean deceleration so far.
+
+A local optimum proves nothing: the certificate is in `bounds`, and between the two lies what is
+not known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omni_loop.history import RunHistory
+from omni_platform.configuration import ConfigurationError
+from omni_platform.geometry import cross
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_sim.tire.model import curve_at
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
+from omni_tools.limit.bounds import Maneuver
+from omni_tools.limit.forces import LimitVehicle
+
+INTERVALS = 50
+END_SPEED = 0.3
+"""At which a stop is taken to be over [m/s]."""
+
+_SMOOTH_SPEED = 0.3  # of the denominator of the slip [m/s]
+_RISE_TIME = 0.02  # of a brake from nothing to all its torque [s]
+_RELEASED = 0.1  # rim speed below which a brake may hold against either sense [m/s]
+_LEAST_LOAD = 20.0  # [N]
+_CALM = 1e-5  # weight of changes of torque, which make the answer unique
+_SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
+# Radau IIA, two stages.
+_STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Plan:
+    """A stop, at the ends of M intervals, and what it comes to.
+
+    Attributes:
+        distance: from start to rest, straight [m]; NaN where no local optimum was found.
+        rotation: change of heading [deg].
+        time: [s], shape (M + 1,).
+        state: x, y of the centre of gravity [m], yaw [rad], its velocity in the body frame [m/s],
+            yaw rate [rad/s] and wheel speeds in the sense of rolling at the start [rad/s],
+            shape (M + 1, 6 + N).
+        torque: of the brakes over the intervals [N m], shape (M, N).
+    """
+
+    distance: float
+    rotation: float
+    time: FloatArray
+    state: FloatArray
+    torque: FloatArray
+
+
+class _Tire(NamedTuple):
+    """``F = P(N) sin(C atan(B x - E (B x - atan B x)))`` with the slip ``x`` over that of the peak.
+
+    Attributes:
+        peak: polynomial of the peak over the load, highest power first [N].
+        peak_slip: likewise of its slip [1].
+        shape: B, C, E.
+    """
+
+    peak: FloatArray
+    peak_slip: FloatArray
+    shape: tuple[float, float, float]
+
+
+def load_casadi() -> Any:
+    """Import CasADi, which set-up does not install.
+
+    Raises:
+        ConfigurationError: it is not there; the words say how to get it.
+    """
+    try:
+        return importlib.import_module("casadi")
+    except ImportError as error:
+        raise ConfigurationError(
+            "--best",
+            "needs CasADi: ./omni exec python -m pip install --no-deps --require-hashes "
+            "-r requirements/casadi.lock",
+        ) from error
+
+
+class OptimalStop:
+    """Plans stops of a vehicle on even ground.
+
+    Args:
+        vehicle: what brakes.
+        friction: factor of the ground [1].
+        maneuver: from where; the pedal is down at once.
+        intervals: of the transcription.
+    """
+
+    def __init__(
+        self,
+        vehicle: VehicleConfiguration,
+        friction: float,
+        maneuver: Maneuver,
+        intervals: int = INTERVALS,
+    ) -> None:
+        self._casadi = load_casadi()
+        self._intervals = intervals
+        self._vehicle = vehicle
+        self._geometry = PlatformKinematics(vehicle.wheels).geometry
+        self._masses = MassProperties.of(vehicle.body, vehicle.load)
+        limit = LimitVehicle(vehicle)
+        self._friction = friction * limit.grip
+        self._torque = vehicle.brake_share * vehicle.brake.max_torque * maneuver.pedal
+        self._tire = self._fit()
+        self._start = self._start_of(maneuver)
+        self._known: FloatArray | None = None
+        self._transcribe()
+
+    def plan(self, rotation: float, guess: RunHistory) -> Plan:
+        """Return the shortest stop found that turns by no more than a rotation.
+
+        Args:
+            rotation: that the heading may leave that of the start by [deg].
+            guess: a stop of any law from the same motion, to start from; later plans start from
+                the one before.
+        """
+        opti, solved = self._opti, False
+        opti.set_value(self._allowed, math.radians(rotation))
+        # From a run an adaptive barrier arrives more often, from an optimum the other one.
+        for strategy in (
+            ("adaptive", "monotone") if self._known is None else ("monotone", "adaptive")
+        ):
+            if self._known is None:
+                self._start_from(guess)
+            else:
+                opti.set_initial(opti.x, self._known)
+            opti.solver("ipopt", {"print_time": False}, {**_SOLVER, "mu_strategy": strategy})
+            try:
+                found, solved = opti.solve(), True
+                self._known = found.value(opti.x)
+                break
+            except RuntimeError:  # the words of the solver: neither optimum nor way to one
+                found = opti.debug
+        states = np.column_stack((self._start, found.value(self._ends)))
+        return Plan(
+            float(found.value(self._distance)) if solved else math.nan,
+            math.degrees(abs(states[2, -1] - states[2, 0])),
+            np.linspace(0.0, float(found.value(self._duration)), self._intervals + 1),
+            states.T,
+            (found.value(self._torques) * self._torque[:, None]).T,
+        )
+
+    def _start_from(self, guess: RunHistory) -> None:
+        """Take a run for the first guess."""
+        opti, first = self._opti, guess.brake_start or 0
+        ends = np.linspace(0.0, 1.0, self._intervals + 1)
+        points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
+        time = 1e-9 * (guess.stamp_ns[first:] - guess.stamp_ns[first])
+        stopped = np.hypot(*guess.twist[first:, :2].T) < END_SPEED
+        duration = float(time[max(int(np.argmax(stopped)), 2)])
+
+        def at(share: FloatArray, values: FloatArray) -> FloatArray:
+            return np.array([np.interp(share * duration, time, row) for row in values.T])
+
+        body = np.vstack((at(points, guess.pose[first:]), at(points, guess.twist[first:])))
+        rolling = self._sense[:, None] * at(points, guess.wheel_speed[first:])
+        states = np.vstack((self._at_centre(body), np.maximum(rolling, 0.0)))
+        opti.set_initial(self._states, states / self._scale[:, None])
+        acting = np.abs(at(ends[1:], guess.brake_torque[first:])) / self._torque[:, None]
+        opti.set_initial(self._torques, np.minimum(acting, 1.0))
+        opti.set_initial(self._loads, np.tile(self._standing[:, None], 2 * self._intervals) / 1e3)
+        opti.set_initial(self._duration, duration)
+
+    def _at_centre(self, body: FloatArray) -> FloatArray:
+        """Return pose and twist of the centre of gravity for those of base_link, shape (6, K)."""
+        x, y, yaw, v_x, v_y, rate = body
+        c_x, c_y = self._masses.centre
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        place = x + cos * c_x - sin * c_y, y + sin * c_x + cos * c_y
+        return np.array((*place, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
+
+    def _fit(self) -> _Tire:
+        """Take slope, peak and sliding force of the vehicle's tire over its loads."""
+        tire = self._vehicle.tire
+        loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
+        curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
+        peak = np.array([curve.peak_force for curve in curves])
+        slip = np.array([curve.peak_slip for curve in curves])
+        slope = float(np.mean([c.slope * c.peak_slip / c.peak_force for c in curves]))
+        slide = float(np.mean([c.slide_force / c.peak_force for c in curves]))
+        shape = 2.0 - 2.0 / math.pi * math.asin(min(slide, 0.999))
+        stiff = slope / shape
+        bend = (stiff - math.tan(0.5 * math.pi / shape)) / (stiff - math.atan(stiff))
+        return _Tire(
+            np.append(np.polyfit(loads, peak / loads, 1), 0.0),
+            np.polyfit(loads, slip, 1),
+            (stiff, shape, bend),
+        )
+
+    def _start_of(self, maneuver: Maneuver) -> FloatArray:
+        """Return the state as the pedal goes down: the wheels roll."""
+        geometry = self._geometry
+        lever = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+        turning = cross(geometry.position, geometry.active)
+        spin = (geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * turning) / lever
+        self._sense = np.where(spin >= 0.0, 1.0, -1.0)
+        self._lever = lever * self._sense
+        body = self._at_centre(np.concatenate((maneuver.pose, maneuver.twist)))
+        return np.concatenate((body, np.abs(spin)))
+
+    def _motion(self) -> Any:
+        """Return the function of state, torques and loads to their rates and missing loads."""
+        ca, masses = self._casadi, self._masses
+        active, arm = self._geometry.active, self._geometry.position - self._masses.centre
+        swing, wheels = cross(arm, active), len(active)
+        x, torque, load = ca.SX.sym("x", 6 + wheels), ca.SX.sym("t", wheels), ca.SX.sym("n", wheels)
+        u, v, rate, spin = x[3], x[4], x[5], x[6:]
+        hub = active[:, 0] * u + active[:, 1] * v + swing * rate
+        rim = self._geometry.radius * spin
+        slip = (hub - self._lever * spin) / ca.sqrt(rim**2 + _SMOOTH_SPEED**2)
+        peak, peak_slip, (stiff, shape, bend) = self._tire
+        strong = self._friction * (peak[0] * load**2 + peak[1] * load)
+        b = stiff * slip / (self._friction * (peak_slip[0] * load + peak_slip[1]))
+        force = -strong * ca.sin(shape * ca.atan(b - bend * (b - ca.atan(b))))
+        a_x, a_y = (ca.dot(active[:, axis], force) / masses.mass for axis in range(2))
+        plane, reach = load_plane(arm), -masses.height / GRAVITY
+        share = plane[:, 0] + reach * (plane[:, 1] * a_x + plane[:, 2] * a_y)
+        cos, sin = ca.cos(x[2]), ca.sin(x[2])
+        turned = ca.dot(swing, force) / masses.yaw_inertia
+        spun = (-self._lever * force - torque) / self._vehicle.wheel_inertia
+        path = (cos * u - sin * v, sin * u + cos * v, rate)
+        moved = ca.vertcat(*path, a_x + rate * v, a_y - rate * u, turned, spun)
+        return ca.Function(
+            "motion", [x, torque, load], [moved, load - masses.mass * GRAVITY * share]
+        )
+
+    def _transcribe(self) -> None:
+        """Lay the program out; the allowed rotation is its parameter."""
+        ca, count, start = self._casadi, self._intervals, self._start
+        wheels, size = len(self._lever), len(start)
+        speed = max(math.hypot(start[3], start[4]), 1.0)
+        fastest = max(float(np.max(start[6:])), 1.0)
+        self._scale = np.array((speed, speed, 1.0, speed, speed, 1.0, *([fastest] * wheels)))
+        plane = load_plane(self._geometry.position - self._masses.centre)
+        self._standing = self._masses.mass * GRAVITY * plane[:, 0]
+        self._opti = opti = ca.Opti()
+        self._states = opti.variable(size, 2 * count)
+        self._loads, self._torques = opti.variable(wheels, 2 * count), opti.variable(wheels, count)
+        self._duration, self._allowed = opti.variable(), opti.parameter()
+        states, share = ca.diag(self._scale) @ self._states, self._torques
+        inner, ends = states[:, 0::2], states[:, 1::2]
+        self._ends, h = ends, self._duration / count
+        before = ca.horzcat(start, ends[:, :-1])
+        motion, torque = self._motion().map(count), ca.diag(self._torque) @ share
+        loads = 1e3 * self._loads
+        rates = [motion(inner, torque, loads[:, 0::2]), motion(ends, torque, loads[:, 1::2])]
+        for points, weights in zip((inner, ends), _STAGES, strict=True):
+            step = h * (weights[0] * rates[0][0] + weights[1] * rates[1][0])
+            opti.subject_to(ca.vec(ca.diag(1.0 / self._scale) @ (points - before - step)) == 0)
+        for _, missing in rates:
+            opti.subject_to(ca.vec(missing / 1e3) == 0)
+        opti.subject_to(ca.vec(self._loads) >= _LEAST_LOAD / 1e3)
+        opti.subject_to(ca.vec(self._states[6:, :]) >= 0)
+        turned = ca.vec(states[2, :]) - start[2]
+        opti.subject_to(turned <= self._allowed)
+        opti.subject_to(turned >= -self._allowed)
+        rim = ca.diag(self._geometry.radius / _RELEASED) @ ends[6:, :]
+        opti.subject_to(ca.vec(share + 1.0 / (1.0 + rim**2)) >= 0)
+        opti.subject_to(opti.bounded(-1.0, ca.vec(share), 1.0))
+        change = ca.horzcat(share[:, 0], share[:, 1:] - share[:, :-1])
+        opti.subject_to(ca.vec(change) - h / _RISE_TIME <= 0)
+        opti.subject_to(ca.vec(change) + h / _RISE_TIME >= 0)
+        opti.subject_to(opti.bounded(0.05, self._duration, 30.0))
+        last = ends[:, -1]
+        reach = math.sqrt(self._masses.yaw_inertia / self._masses.mass)
+        square = last[3] ** 2 + last[4] ** 2 + (reach * last[5]) ** 2
+        opti.subject_to(square <= END_SPEED**2)
+        self._distance = self._way(last) / (1.0 - (END_SPEED / speed) ** 2)
+        opti.minimize(self._distance + _CALM * ca.sumsqr(change))
+
+    def _way(self, last: Any) -> Any:
+        """Return how far base_link has come at a state [m]."""
+        ca, (c_x, c_y) = self._casadi, self._masses.centre
+
+        def base(x: Any) -> tuple[Any, Any]:
+            cos, sin = ca.cos(x[2]), ca.sin(x[2])
+            return x[0] - cos * c_x + sin * c_y, x[1] - sin * c_x - cos * c_y
+
+        (x, y), (x_0, y_0) = base(last), base(self._start)
+        return ca.sqrt((x - x_0) ** 2 + (y - y_0) ** 2)

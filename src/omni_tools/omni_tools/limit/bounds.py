@@ -1,0 +1,443 @@
+"""The shortest stop that is possible: integrated over the way, with patches, pedal and brake lag.
+
+Whatever holds the brakes back (pedal, dead time, lag) only ever grows less while a stop goes on,
+and friction depends on where the wheels are. So the least distance is that of the strongest
+deceleration at every place: ``d(v^2)/ds = -2 a(s, t)``; being slower at a place means being there
+later, with no less torque. A wheel's spin cannot add to it: a braked wheel turns no faster than
+rolling, so the impulse of its force is at most that of its brake.
+
+A stop that keeps heading and line passes over known ground; where a wheel comes within
+`EDGE_MARGIN` of an edge the better friction counts. For stops with any heading and path a wheel may
+be anywhere that its distance travelled allows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
+from omni_sim.ground.friction import FrictionMap
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.dynamics import in_turned_frame
+from omni_tools.limit.forces import Case, Deceleration, LimitVehicle
+
+EDGE_MARGIN = 0.02
+"""How near an edge of a patch counts as beyond it [m]."""
+
+KEPT = math.radians(0.5)
+"""By how much a stop that keeps its heading may turn, and its motion leave the line [rad]."""
+
+_TIME_STEP = 2e-3  # of the torque that builds up [s]
+_PLACES = 200  # along the way over patches
+_LEAST = 1e-6  # deceleration that is none [m/s^2]
+_LEVELS = 64  # of the torque at which brakes that build up are taken, the next one above
+_SKETCHED_LEVELS = 12  # likewise of a sketch, the next one below
+_SKETCHED_HEADINGS = 12
+_WEAK = "friction or brakes end before the vehicle stands"
+_SLOPE = "the ground is not level, and gravity's pull along it is left out"
+_SPRUNG = "the chassis is sprung, and how it swings the wheel loads is left out"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Maneuver:
+    """The motion when the pedal goes down, and how the brakes then come.
+
+    Attributes:
+        pose: x, y [m], yaw [rad] of base_link, shape (3,).
+        twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
+        pedal: its final position [1].
+        ramp_time: that the pedal takes [s].
+    """
+
+    pose: FloatArray
+    twist: FloatArray
+    pedal: float = 1.0
+    ramp_time: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Bound:
+    """A lower bound of the stopping distance.
+
+    Attributes:
+        distance: [m], NaN where there is none.
+        gap: by how much the bound may be below what forces that exist can do [1].
+        tolerance: by how much a run may go below it because of what is left out [m]: loads lag
+            behind, tires give back their deflection once the vehicle stands, and heading and
+            direction of motion may each be off by `KEPT`.
+        reason: why there is none, else empty.
+    """
+
+    distance: float
+    gap: float = 0.0
+    tolerance: float = 0.0
+    reason: str = ""
+
+
+def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
+    """Return the motion when the scripted driver's pedal goes down."""
+    driver = ScriptedDriver(configuration)
+    pose, twist = driver.start_pose, driver.start_twist
+    time, rate = configuration.brake_time, float(twist[2])
+    turned = rate * time
+    # Mean direction over the way: the velocity turns with the body, or keeps its own.
+    half = 0.0 if configuration.hold_world_direction else 0.5 * turned
+    chord = 1.0 if half == 0.0 else math.sin(half) / half
+    cos, sin = math.cos(pose[2] + half), math.sin(pose[2] + half)
+    way = (
+        time * chord * np.array([cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1]])
+    )
+    if configuration.hold_world_direction:
+        twist[:2] = in_turned_frame(float(twist[0]), float(twist[1]), turned)
+    return Maneuver(
+        np.array([pose[0] + way[0], pose[1] + way[1], pose[2] + turned]),
+        twist,
+        configuration.pedal,
+        configuration.pedal_ramp_time,
+    )
+
+
+def straight_bound(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> Bound:
+    """Return the bound of stops that keep heading and line.
+
+    Args:
+        vehicle: what brakes.
+        ground: what it brakes on.
+        maneuver: from where.
+    """
+    if reason := _left_out(vehicle, ground):
+        return Bound(math.nan, reason=reason)
+    return _Way(vehicle, ground).straight(maneuver)
+
+
+def any_heading_bound(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> Bound:
+    """Return the bound of the path of the centre of gravity in any stop; see `straight_bound`."""
+    if reason := _left_out(vehicle, ground):
+        return Bound(math.nan, reason=reason)
+    return _Way(vehicle, ground).any_heading(maneuver)
+
+
+def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
+    """Return why there are no bounds, else nothing."""
+    if len(ground.elevation.table()):
+        return _SLOPE
+    return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
+
+
+def straight_sketch(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> float:
+    """Return what `straight_bound` is not above, for a few programs instead of many [m].
+
+    A run that takes longer need not be compared with the bound itself. Torque that builds up is
+    rounded down.
+    """
+    return _Way(vehicle, ground).straight_sketch(maneuver)
+
+
+def any_heading_sketch(
+    vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
+) -> float:
+    """Return what `any_heading_bound` is not above [m]: one good heading; see `straight_sketch`."""
+    return _Way(vehicle, ground).any_heading_sketch(maneuver)
+
+
+class _Way:
+    """A vehicle on its ground."""
+
+    def __init__(self, vehicle: VehicleConfiguration, ground: GroundConfiguration) -> None:
+        self._limit = LimitVehicle(vehicle)
+        self._brake = vehicle.brake
+        self._transfer_time = vehicle.load_transfer_time
+        self._friction = FrictionMap(ground.friction, ground.patches)
+
+    def _torque(self, maneuver: Maneuver, time: float) -> float:
+        """Return the largest torque of a brake a time [s] after the pedal began to move [N m]."""
+        brake, ramp = self._brake, maneuver.ramp_time
+        on = time - brake.dead_time
+        if on <= 0.0:
+            return 0.0
+        share, lag = 1.0, brake.time_constant
+        if ramp > 0.0:
+            share = min(on / ramp, 1.0)
+        elif lag > 0.0:
+            share = -math.expm1(-on / lag)
+        return brake.max_torque * maneuver.pedal * share
+
+    def _integrate(self, maneuver: Maneuver, speed: float, cases: _Cases) -> float:
+        """Return the distance [m] over which the strongest deceleration takes all speed."""
+        enough = cases.enough_torque
+        final = self._brake.max_torque * maneuver.pedal
+        distance = time = 0.0
+        while speed > 0.0:
+            torque = self._torque(maneuver, time + _TIME_STEP)
+            settled = torque >= min(enough, 0.999 * final)
+            if settled:
+                torque = math.inf if torque >= enough else final
+            else:
+                torque = min(cases.level(torque), final)
+            if settled and cases.uniform:
+                rate = cases.deceleration(distance, distance, torque)
+                return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
+            step = max(speed, 1e-3) * _TIME_STEP if not settled else cases.step
+            rate = cases.deceleration(distance, distance + step, torque)
+            if settled and rate <= _LEAST and distance > 1e4:
+                return math.inf
+            square = speed**2 - 2.0 * rate * step
+            if square <= 0.0:
+                return distance + speed**2 / (2.0 * rate)
+            after = math.sqrt(square)
+            time += 2.0 * step / (speed + after)
+            distance, speed = distance + step, after
+        return distance
+
+    def _cap(self, maneuver: Maneuver) -> float:
+        return self._brake.max_torque * maneuver.pedal
+
+    def straight(self, maneuver: Maneuver) -> Bound:
+        """Bound stops that keep heading and line."""
+        speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
+        if speed <= 0.0:
+            return Bound(math.nan, reason="the vehicle stands, or only spins")
+        if maneuver.twist[2] != 0.0:
+            return Bound(
+                math.nan,
+                reason="the vehicle turns when the pedal goes down: it has no heading to keep",
+            )
+        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver))
+        best, strict = cases.first, cases.first_strict
+        if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
+            return Bound(
+                math.nan,
+                reason="no forces of the wheels that this motion drags slow the vehicle down "
+                "without turning it or pushing it off its line",
+            )
+        distance = self._integrate(maneuver, speed, cases)
+        if not math.isfinite(distance):
+            return Bound(math.nan, reason=_WEAK)
+        gap = best.bound / best.feasible - 1.0
+        lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
+        gain = max(lagging / best.bound - 1.0, 0.0)
+        turned = max(cases.turned(angle) for angle in cases.near)
+        leeway = distance * (1.0 - best.bound / max(turned, best.bound))
+        give = self._limit.give(maneuver.twist[:2] / speed, best.bound)
+        return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
+
+    def straight_sketch(self, maneuver: Maneuver) -> float:
+        """Return no less than the bound of stops that keep heading and line [m]."""
+        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
+        if cases.first is None or cases.first.bound <= _LEAST:
+            return math.inf
+        return self._integrate(maneuver, math.hypot(*maneuver.twist[:2]), cases)
+
+    def any_heading_sketch(self, maneuver: Maneuver) -> float:
+        """Return no less than the bound of every stop [m]."""
+        cases = _OneHeading(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
+        return self._integrate(maneuver, self._centre_speed(maneuver), cases)
+
+    def _centre_speed(self, maneuver: Maneuver) -> float:
+        centre = self._limit.masses.centre
+        return math.hypot(
+            *(maneuver.twist[:2] + maneuver.twist[2] * np.array([-centre[1], centre[0]]))
+        )
+
+    def any_heading(self, maneuver: Maneuver) -> Bound:
+        """Bound every stop."""
+        speed = self._centre_speed(maneuver)
+        if speed <= 0.0:
+            return Bound(0.0)
+        cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
+        distance = self._integrate(maneuver, speed, cases)
+        if not math.isfinite(distance):
+            return Bound(math.nan, reason=_WEAK)
+        # While the loads lag they may be anything.
+        first = cases.deceleration(0.0, 0.0, math.inf)
+        loose = self._limit.loose(cases.friction(0.0, 0.0))
+        gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
+        return Bound(distance, cases.tolerance, speed * self._transfer_time * gain)
+
+
+class _Cases:
+    """Decelerations by place and torque; each distinct case is solved once."""
+
+    def __init__(
+        self,
+        limit: LimitVehicle,
+        friction: FrictionMap,
+        maneuver: Maneuver,
+        cap: float,
+        *,
+        sketch: bool = False,
+    ) -> None:
+        self._limit = limit
+        self._map = friction
+        self._maneuver = maneuver
+        self._cap = cap
+        self._sketch = sketch
+        self._solved: dict[tuple[object, ...], float] = {}
+        top = max((friction.base, *friction.table[:, 6])) * float(np.max(limit.grip))
+        weakest = max(float(np.min(limit.torque_force)), _LEAST)
+        self.enough_torque: float = top * limit.strongest_peak / weakest
+        self.uniform = len(friction.table) == 0
+        self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
+        self.step = max(self.step, 1e-3)
+        self._lay_out(limit, maneuver)
+
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
+        """Keep what the cases need of the vehicle and its motion."""
+        raise NotImplementedError
+
+    def level(self, torque: float) -> float:
+        """Round a torque [N m] that builds up, so that few cases need be solved: a bound's up."""
+        if self._sketch:
+            grain = self.enough_torque / _SKETCHED_LEVELS
+            return float(math.floor(torque / grain) * grain)
+        grain = self.enough_torque / _LEVELS
+        return float(math.ceil(torque / grain) * grain)
+
+    def deceleration(self, start: float, end: float, torque: float) -> float:
+        """Return the strongest deceleration [m/s^2] between two places of the way [m]."""
+        friction = self.friction(start, end)
+        key = (*friction.tolist(), torque)
+        if key not in self._solved:
+            self._solved[key] = self._solve(friction, torque)
+        return self._solved[key]
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        """Return the largest friction factor of each wheel between two places, shape (N,)."""
+        raise NotImplementedError
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        raise NotImplementedError
+
+
+class _Straight(_Cases):
+    """A stop that keeps its heading and its line."""
+
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
+        v = maneuver.twist[:2]
+        self._direction = v / math.hypot(*v)
+        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
+        self._turn = np.array([[cos, -sin], [sin, cos]])
+        self._start = maneuver.pose[:2] + limit.position @ self._turn.T
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        along = self._turn @ self._direction
+        return self._limit.grip * [
+            _largest_friction(self._map, wheel + start * along, wheel + end * along)
+            for wheel in self._start
+        ]
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        return self._strongest(self._direction, Case(friction, True, torque))
+
+    def _strongest(self, direction: FloatArray, case: Case) -> float:
+        found = self._limit.strongest(direction, case)
+        return 0.0 if found is None else found.bound
+
+    @property
+    def first(self) -> Deceleration | None:
+        case = Case(self.friction(0.0, 0.0), True, self._cap)
+        return self._limit.strongest(self._direction, case)
+
+    @property
+    def first_strict(self) -> Deceleration | None:
+        """Likewise, without the wheels that the motion does not drag."""
+        case = Case(self.friction(0.0, 0.0), True, standing=False)
+        return self._limit.strongest(self._direction, case)
+
+    @property
+    def near(self) -> list[float]:
+        """The ends of what heading and direction may be off by [rad], and where wheels stand.
+
+        A wheel that the motion does not drag may hold either way, which one nearby may not.
+        """
+        d, active = self._direction, self._limit.active
+        away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
+        square = [float(a - side * 0.5 * math.pi) for a in away for side in (-1.0, 1.0)]
+        return [-2.0 * KEPT, 2.0 * KEPT, *{a for a in square if abs(a) < 2.0 * KEPT}]
+
+    def turned(self, angle: float) -> float:
+        """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
+        cos, sin = math.cos(angle), math.sin(angle)
+        direction = np.array([[cos, -sin], [sin, cos]]) @ self._direction
+        return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._cap))
+
+    def lagging(self, lag: float) -> float:
+        """Return the strongest deceleration while the loads lag behind [m/s^2]."""
+        case = Case(self.friction(0.0, 0.0), True, self._cap, lag)
+        return self._strongest(self._direction, case)
+
+
+class _AnyHeading(_Cases):
+    """Any stop."""
+
+    tolerance = 1e-3
+
+    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
+        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
+        turn = np.array([[cos, -sin], [sin, cos]])
+        self._centre = maneuver.pose[:2] + turn @ limit.masses.centre
+        self._reach = np.hypot(*(limit.position - limit.masses.centre).T)
+
+    def friction(self, start: float, end: float) -> FloatArray:
+        del start
+        return self._limit.grip * [
+            _reachable_friction(self._map, self._centre, end + arm) for arm in self._reach
+        ]
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        return self._limit.largest(Case(friction, False, min(torque, self._cap)), self.tolerance)
+
+
+class _OneHeading(_AnyHeading):
+    """A stop under the heading that is best at its start, of a few."""
+
+    _heading: FloatArray | None = None
+
+    def _solve(self, friction: FloatArray, torque: float) -> float:
+        if self._heading is None:
+            case = Case(friction, False, self._cap)
+            angles = np.arange(_SKETCHED_HEADINGS) * 2.0 * math.pi / _SKETCHED_HEADINGS
+            headings = np.column_stack((np.cos(angles), np.sin(angles)))
+            self._heading = max(headings, key=lambda one: self._limit.at_least(one, case))
+        case = Case(friction, False, min(torque, self._cap))
+        return self._limit.at_least(self._heading, case)
+
+
+def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+    """Return how far a point lies beyond each patch's sides, along and across [m]."""
+    d_x, d_y = x - table[:, 0], y - table[:, 1]
+    along = np.abs(d_x * table[:, 2] + d_y * table[:, 3]) - table[:, 4]
+    across = np.abs(d_y * table[:, 2] - d_x * table[:, 3]) - table[:, 5]
+    return along, across
+
+
+def _largest_friction(friction: FrictionMap, start: FloatArray, end: FloatArray) -> float:
+    """Return the largest friction [1] within the margin of a short way from start to end [m]."""
+    middle = 0.5 * (start + end)
+    return _reachable_friction(friction, middle, 0.5 * math.hypot(*(end - start)) + EDGE_MARGIN)
+
+
+def _reachable_friction(friction: FrictionMap, centre: FloatArray, radius: float) -> float:
+    """Return the largest friction factor [1] within a distance of a point [m]."""
+    largest = -math.inf
+    if len(friction.table):
+        along, across = _box_distances(friction.table, float(centre[0]), float(centre[1]))
+        for row in reversed(range(len(friction.table))):  # the last one counts
+            if max(along[row], across[row]) > radius:
+                continue
+            largest = max(largest, float(friction.table[row, 6]))
+            # Wholly within this patch; an ellipse is smaller than its box, which overestimates it.
+            if max(along[row], across[row]) <= -radius and friction.table[row, 7] == 0.0:
+                return largest
+    return max(largest, friction.base)

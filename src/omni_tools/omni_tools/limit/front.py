@@ -1,0 +1,112 @@
+"""The front of distance against rotation: the best that is known, and the laws beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from omni_figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    PURPLE,
+    VERMILLION,
+    draw_title,
+)
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import ConfigurationError
+from omni_tools.limit.best import OptimalStop
+from omni_tools.limit.bounds import Maneuver
+
+ROTATIONS = (0.5, 5.0, 15.0, 30.0)
+"""That the stops of a front may turn by [deg]."""
+
+
+class Stop(NamedTuple):
+    """Stopping distance [m], NaN where none was found, and change of heading [deg]."""
+
+    distance: float
+    rotation: float
+
+
+_IDEAL = (
+    "feedback=velocity_sensor",
+    *(
+        f"velocity_sensor.{name}=0"
+        for name in ("linear_noise", "yaw_rate_noise", "offset_x", "offset_y", "yaw_rate_offset")
+    ),
+)
+_LAWS = {
+    "unassisted": ("brake_assist.enabled=false",),
+    "sliding_mode": ("brake_assist.enabled=true", "brake_assist.law=sliding_mode"),
+}
+_ALLOCATION = (
+    "brake_assist.enabled=true",
+    "brake_assist.law=allocation",
+    "vehicle.brake.kind=proportional",
+)
+
+Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
+"""Takes ``dotted.key=value`` texts and returns the experiment with these changes."""
+
+
+def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
+    """Return the best stops that are known, and those of the laws, by name.
+
+    Args:
+        load: makes the experiment with the changes of a law; sensors are taken to be ideal.
+        maneuver: its motion as the pedal goes down.
+
+    Raises:
+        ConfigurationError: CasADi is missing, or the ground is not of one friction.
+    """
+    experiment = load(_IDEAL)
+    ground = experiment.ground
+    if ground.patches or len(ground.elevation.table()):
+        raise ConfigurationError("--best", "needs level ground of one friction, without patches")
+    optimal = OptimalStop(experiment.vehicle, ground.friction, maneuver)
+    stops, best = {}, Stop(math.nan, math.nan)
+    for law, changes in _LAWS.items():
+        run = run_fast_loop(load((*_IDEAL, *changes)))
+        stops[law] = Stop(run.stopping_distance, run.orientation_change)
+    for rotation in ROTATIONS:
+        told = f"brake_assist.max_rotation={rotation}"
+        run = run_fast_loop(load((*_IDEAL, *_ALLOCATION, told)))
+        stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
+        plan = optimal.plan(rotation, run.history())
+        if plan.distance < best.distance or math.isnan(best.distance):
+            best = Stop(plan.distance, plan.rotation)
+        stops[f"best_{rotation:g}"] = best  # which turns less may be shorter, or all that is found
+    return stops
+
+
+def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
+    """Draw distance against rotation.
+
+    Args:
+        name: of the experiment or the vehicle.
+        stops: from `front`.
+        bound: of stops that keep heading and line [m], NaN where there is none.
+    """
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    draw_title(figure, f"{name.replace('_', ' ')}: the best that is known, and the laws")
+    axes = figure.subplots()
+    if math.isfinite(bound):
+        axes.axvline(bound, color=GREY, linestyle="--", label="bound, heading kept")
+    for prefix, words, style, colour in (
+        ("best", "best that is known", "o-", BLACK),
+        ("allocation", "allocation by max_rotation", "o", VERMILLION),
+        ("sliding_mode", "sliding mode", "s", BLUE),
+        ("unassisted", "all brakes on", "D", PURPLE),
+    ):
+        chosen = [stop for case, stop in stops.items() if case.startswith(prefix)]
+        distances, rotations = zip(*chosen, strict=True)
+        axes.plot(distances, rotations, style, color=colour, label=words)
+    axes.set_xlabel("stopping distance [m]")
+    axes.set_ylabel("orientation change [deg]")
+    axes.legend(fontsize=9)
+    return figure

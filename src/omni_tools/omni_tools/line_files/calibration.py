@@ -1,0 +1,282 @@
+"""Where line cameras really sit and how far their pixels reach, from drives of known motion.
+
+A camera of pitch p whose axis points to phi and passes base_link at the lever ``l = x sin phi -
+y cos phi`` sees, in a motion (v_x, v_y, Omega), Eq. (23),
+
+    pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
+
+That is linear in c, which a drive with straight, sideways and turning parts shows: then ``p = 1 /
+|(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The place along the axis is not seen by
+a camera, nor does it matter to what it measures: it stays as configured. Lines that come in the
+opposite order (a mirror, a camera the other way round) turn phi by half a turn.
+
+What a drive does not excite stays as configured: the configured values enter as one observation of
+each coefficient, uncertain by a third (of 1 / p, and 0.3 m of the lever), and a coefficient that
+this observation determines as well as the drives is left at it. The fit is robust (Huber), and
+its errors are summed over stretches of the drive before they are squared, as those of neighbouring
+batches are not independent (cluster-robust, Liang and Zeger 1986).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.sensor import SensorOdometry
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    draw_title,
+)
+from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor, velocity_row
+from omni_platform.signals import LineBatch
+
+QUANTITIES = ("pitch", "heading", "lever", "line_rate")
+"""What of a camera is calibrated."""
+
+_HUBER = 2.5  # robust standard deviations
+_ROUNDS = 20
+_STRETCHES = 24  # of the drives, whose errors are independent
+_FEWEST = 12  # batches
+_PRIOR = (0.33, 0.33, 0.3)  # of c, in units of 1 / p and m / p
+_KNOWN = 0.1  # of its prior uncertainty, below which a coefficient counts as seen
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """What one camera and the reference saw of a drive, batch by batch.
+
+    Attributes:
+        time: middle of each batch [s], shape (m,).
+        pixels: displacement [px/s], shape (m,).
+        twist: of the reference (v_x, v_y [m/s], yaw rate [rad/s]), shape (m, 3).
+        line_rate: as the stamps show it [1/s].
+        line_rate_error: its standard error [1/s].
+    """
+
+    time: FloatArray
+    pixels: FloatArray
+    twist: FloatArray
+    line_rate: float
+    line_rate_error: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """One calibrated camera.
+
+    Attributes:
+        nominal: as it was configured.
+        sensor: as it is.
+        error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
+        mirrored: whether its lines run against the configured axis.
+        unseen: what the drives do not show, in words.
+        drives: that it was seen in.
+        residual: of the velocity along the axis in each drive [m/s].
+        before: the same with the configured values.
+    """
+
+    nominal: LineSensor
+    sensor: LineSensor
+    error: Mapping[str, float]
+    mirrored: bool
+    unseen: tuple[str, ...]
+    drives: tuple[Drive, ...]
+    residual: tuple[FloatArray, ...]
+    before: tuple[FloatArray, ...]
+
+
+def observe(
+    sensor: LineSensor,
+    batches: Sequence[LineBatch],
+    reference_time: FloatArray,
+    reference_twist: FloatArray,
+    configuration: OdometryConfiguration,
+) -> Drive:
+    """Return a drive as one camera saw it.
+
+    Args:
+        sensor: as configured.
+        batches: of its lines, oldest first.
+        reference_time: stamps of the reference [s], ascending, shape (k,).
+        reference_twist: the known motion then, NaN where it is not known, shape (k, 3).
+        configuration: of the odometry that matches the lines.
+
+    Raises:
+        ConfigurationError: the stamps do not give a line rate.
+    """
+    rate, rate_error = _line_rate(batches)
+    odometry = SensorOdometry(dataclasses.replace(sensor, line_rate=rate), configuration)
+    scale = sensor.pixel_pitch * rate
+    time, pixels = [], []
+    for batch in batches:
+        reading = odometry.update(batch)
+        if reading.measured and len(batch.lines) > 1:
+            time.append(1e-9 * batch.stamp_ns - 0.5 * len(batch.lines) / rate)
+            pixels.append(reading.velocity / scale * rate)
+    middle = np.array(time)
+    twist = np.column_stack(
+        [np.interp(middle, reference_time, column) for column in reference_twist.T]
+    )
+    inside = (middle >= reference_time[0]) & (middle <= reference_time[-1])
+    known = inside & np.all(np.isfinite(twist), axis=1)
+    return Drive(middle[known], np.array(pixels)[known], twist[known], rate, rate_error)
+
+
+def _line_rate(batches: Sequence[LineBatch]) -> tuple[float, float]:
+    """Return lines per second by the stamps, with its standard error."""
+    number = np.cumsum([len(batch.lines) for batch in batches]).astype(np.float64)
+    stamp = 1e-9 * np.array([batch.stamp_ns - batches[0].stamp_ns for batch in batches])
+    if len(batches) < 3 or stamp[-1] <= 0.0:
+        raise ConfigurationError("lines", "fewer than three batches, or all of one stamp")
+    number -= number.mean()
+    stamp -= stamp.mean()
+    period = float(number @ stamp) / float(number @ number)
+    left = stamp - period * number
+    error = math.sqrt(float(left @ left) / max(len(left) - 2, 1) / float(number @ number))
+    return 1.0 / period, error / period**2
+
+
+def calibrate(nominal: LineSensor, drives: Sequence[Drive]) -> Calibration:
+    """Fit one camera to its drives.
+
+    Args:
+        nominal: as it is configured.
+        drives: at least one.
+
+    Raises:
+        ConfigurationError: too few batches were measured.
+    """
+    twist = np.concatenate([drive.twist for drive in drives])
+    pixels = np.concatenate([drive.pixels for drive in drives])
+    if len(pixels) < _FEWEST:
+        raise ConfigurationError(
+            "DRIVE", f"{len(pixels)} batches of a camera were measured, {_FEWEST} are needed"
+        )
+    phi, pitch = nominal.heading, nominal.pixel_pitch
+    start = np.array(velocity_row(nominal.x, nominal.y, phi)) / pitch
+    prior = np.array(_PRIOR) / pitch
+    coefficients, covariance = _fit(twist, pixels, start, prior)
+    seen = np.sqrt(np.diag(covariance)) < _KNOWN * prior
+    if not seen.all():
+        # What is not shown is not fitted to the noise of the reference.
+        coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
+        covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
+    size = float(np.hypot(coefficients[0], coefficients[1]))
+    found_pitch = 1.0 / size
+    heading = math.atan2(coefficients[1], coefficients[0])
+    lever = coefficients[2] * found_pitch
+    # Derivatives of (pitch, heading, lever) by c.
+    c_1, c_2, c_3 = coefficients
+    jacobian = np.array(
+        [
+            [-c_1 / size**3, -c_2 / size**3, 0.0],
+            [-c_2 / size**2, c_1 / size**2, 0.0],
+            [-c_3 * c_1 / size**3, -c_3 * c_2 / size**3, 1.0 / size],
+        ]
+    )
+    errors = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+    turned = math.remainder(heading - phi, 2.0 * math.pi)
+    mirrored = abs(turned) > 0.5 * math.pi
+    rates = np.array([drive.line_rate for drive in drives])
+    rate = float(rates.mean())
+    scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
+    rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
+    # The nearest place on the new line of sight, whose distance from base_link is the lever.
+    off = lever - velocity_row(nominal.x, nominal.y, heading)[2]
+    left = {
+        "scale_error": math.hypot(errors[0] / found_pitch, rate_error / rate),
+        "heading_error_deg": math.degrees(errors[1]),
+        "lever_error": float(errors[2]),
+    }
+    known = errors < _KNOWN * np.array((_PRIOR[0] * found_pitch, *_PRIOR[1:]))
+    stated: Any = {name: float(v) for (name, v), ok in zip(left.items(), known, strict=True) if ok}
+    sensor = dataclasses.replace(
+        nominal,
+        # What the drives do not show keeps its configured standard error.
+        **stated,
+        x=float(nominal.x + off * math.sin(heading)),
+        y=float(nominal.y - off * math.cos(heading)),
+        heading_deg=math.degrees(phi + turned),
+        length=float(found_pitch * nominal.pixels),
+        line_rate=rate,
+    )
+    words = ("forward motion", "sideways motion", "turning")
+    unseen = tuple(word for word, ok in zip(words, seen, strict=True) if not ok)
+    return Calibration(
+        nominal,
+        sensor,
+        dict(zip(QUANTITIES, (*map(float, errors), rate_error), strict=True)),
+        mirrored,
+        unseen,
+        tuple(drives),
+        tuple((d.pixels - d.twist @ coefficients) * found_pitch for d in drives),
+        tuple((d.pixels - d.twist @ start) * pitch for d in drives),
+    )
+
+
+def _fit(
+    twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients and their covariance, robustly."""
+    value: Any = start
+    weight = np.ones(len(pixels))
+    deviation = max(float(np.std(pixels)), 1e-9)
+    for _ in range(_ROUNDS):
+        information = twist.T @ (twist * weight[:, None]) / deviation**2 + np.diag(prior**-2)
+        gain = twist.T @ (weight * pixels) / deviation**2 + start / prior**2
+        new = np.linalg.solve(information, gain)
+        left = pixels - twist @ new
+        deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9 * float(np.abs(new).max()))
+        weight = np.minimum(1.0, _HUBER * deviation / np.maximum(np.abs(left), 1e-12))
+        settled = np.allclose(new, value, rtol=1e-10)
+        value = new
+        if settled:
+            break
+    inverse = np.linalg.inv(information)
+    scores = (weight * left / deviation**2)[:, None] * twist
+    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, _STRETCHES)])
+    stretches = min(_STRETCHES, len(pixels))
+    meat = sums.T @ sums * (stretches / max(stretches - 3.0, 1.0))
+    covariance = inverse @ (meat + np.diag(prior**-2)) @ inverse
+    return value, covariance
+
+
+def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figure:
+    """Draw the residuals of configured and found values of each camera's velocity.
+
+    Args:
+        calibrations: by camera.
+        title: of the figure.
+    """
+    figure = Figure(figsize=(12.0, 1.0 + 2.3 * len(calibrations)), layout="constrained")
+    draw_title(figure, title)
+    panels = figure.subplots(len(calibrations), 2, squeeze=False, width_ratios=(2.2, 1.0))
+    for (line, spread), (name, calibration) in zip(panels, calibrations.items(), strict=True):
+        after = np.concatenate(calibration.residual)
+        before = np.concatenate(calibration.before)
+        number = np.arange(len(after))
+        line.plot(number, 1e3 * before, ".", ms=3.0, color=GREY, label="configured")
+        line.plot(number, 1e3 * after, ".", ms=3.0, color=BLUE, label="calibrated")
+        for end in np.cumsum([len(part) for part in calibration.residual])[:-1]:
+            line.axvline(end - 0.5, color=ORANGE, lw=0.8)
+        line.set_ylabel(f"{name}: residual [mm/s]")
+        widest = 4.0 * max(float(np.std(after)), 1e-6)
+        spread.hist(1e3 * np.clip(after, -widest, widest), bins=40, color=BLUE)
+        spread.set_title(
+            f"calibrated: rms {1e3 * float(np.sqrt(np.mean(after**2))):.3g} mm/s, "
+            f"configured {1e3 * float(np.sqrt(np.mean(before**2))):.3g} mm/s", loc="left",
+        )  # fmt: skip
+    panels[0][0].legend(loc="best", fontsize=8)
+    panels[-1][0].set_xlabel("batch, drives one after the other (between orange lines)")
+    panels[-1][1].set_xlabel("residual [mm/s]")
+    return figure

@@ -1,0 +1,138 @@
+"""What a line camera saw: its lines over time, their displacements, and how well they match."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.matching.pairs import PairMatcher
+from linescan_odometry.matching.search import METRICS
+from linescan_odometry.matching.subpixel import SubpixelRefiner
+from linescan_odometry.measurements import SensorReading
+from linescan_odometry.sensor import SensorOdometry
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    draw_title,
+)
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch, Lines
+
+_MOST_ROWS = 1200  # of a picture
+
+
+@dataclasses.dataclass(frozen=True)
+class Sight:
+    """What one camera saw and what the odometry made of it.
+
+    Attributes:
+        sensor: the camera.
+        lines: oldest first, shape (m, n).
+        time: of each line [s], shape (m,).
+        displacement: of each line against the one before it [px], shape (m - 1,); NaN for no match.
+        correlation: of these pairs at their shift [1], shape (m - 1,).
+        ends: time of the newest line of each batch [s], shape (b,).
+        readings: what each batch said.
+    """
+
+    sensor: LineSensor
+    lines: Lines
+    time: FloatArray
+    displacement: FloatArray
+    correlation: FloatArray
+    ends: FloatArray
+    readings: tuple[SensorReading, ...]
+
+    @property
+    def measured(self) -> float:
+        """Share of the batches that were measured, 0..1."""
+        return float(np.mean([reading.measured for reading in self.readings]))
+
+
+def see(
+    sensor: LineSensor, batches: Sequence[LineBatch], configuration: OdometryConfiguration
+) -> Sight:
+    """Match the lines of consecutive batches of one camera.
+
+    Args:
+        sensor: the camera.
+        batches: as recorded; batches without lines are left out of the picture.
+        configuration: of the odometry.
+    """
+    odometry = SensorOdometry(sensor, configuration)
+    readings = tuple(odometry.update(batch) for batch in batches)
+    whole = [batch for batch in batches if batch.lines.shape[1:] == (sensor.pixels,)]
+    lines: Lines = np.ascontiguousarray(np.concatenate([batch.lines for batch in whole]))
+    period = 1.0 / sensor.line_rate
+    time = np.concatenate(
+        [1e-9 * b.stamp_ns + period * np.arange(1 - len(b.lines), 1) for b in whole]
+    )
+    pairs = PairMatcher(
+        METRICS[configuration.metric](sensor.pixels, configuration.shift_limit(sensor)),
+        SubpixelRefiner(sensor.pixels, configuration.peak_recovery),
+        configuration.minimum_correlation,
+    ).match(lines)
+    joined = np.abs(np.diff(time) - period) < 0.5 * period
+    displacement = np.where(pairs.usable & joined, pairs.displacement, np.nan)
+    ends = np.array([1e-9 * batch.stamp_ns for batch in batches])
+    return Sight(sensor, lines, time, displacement, pairs.similarity, ends, readings)
+
+
+def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
+    """Draw a row for each camera: its lines over time, displacements, correlations.
+
+    Args:
+        sights: by camera.
+        title: of the figure.
+    """
+    figure = Figure(figsize=(13.0, 0.8 + 3.6 * len(sights)), layout="constrained")
+    draw_title(figure, title)
+    panels = figure.subplots(len(sights), 3, squeeze=False, width_ratios=(1.5, 1.0, 0.7))
+    for (seen, moved, alike), (name, sight) in zip(panels, sights.items(), strict=True):
+        step = -(-len(sight.lines) // _MOST_ROWS)
+        begin, end = float(sight.time[0]), float(sight.time[-1])
+        seen.grid(False)
+        seen.imshow(
+            sight.lines[::step], cmap="gray", aspect="auto", interpolation="antialiased",
+            extent=(0.0, 1e3 * sight.sensor.length, end, begin),
+        )  # fmt: skip
+        seen.set_xlabel("along the axis [mm]")
+        seen.set_ylabel("time [s]")
+        seen.set_title(f"{name}: lines over time")
+        _draw_displacements(moved, sight)
+        alike.plot(sight.correlation, sight.time[1:], ".", ms=2.0, color=BLUE)
+        alike.set_xlim(-0.05, 1.05)
+        alike.set_xlabel("correlation [1]")
+        for axes in (moved, alike):
+            axes.set_ylim(end, begin)
+    return figure
+
+
+def _draw_displacements(axes: Axes, sight: Sight) -> None:
+    axes.plot(
+        sight.displacement, sight.time[1:], ".", ms=2.0, color=GREY, label="of each pair of lines"
+    )
+    scale = sight.sensor.pixel_pitch * sight.sensor.line_rate
+    measured = [
+        reading.velocity / scale if reading.measured else np.nan for reading in sight.readings
+    ]
+    axes.plot(measured, sight.ends, "-", color=ORANGE, lw=1.4, label="of the batch")
+    lost = [end for end, r in zip(sight.ends, sight.readings, strict=True) if not r.measured]
+    if lost:
+        # At the left edge, whatever the displacements are.
+        axes.plot(
+            np.zeros(len(lost)), lost, "x", ms=4.0, color=VERMILLION, label="not measured",
+            transform=axes.get_yaxis_transform(), clip_on=False,
+        )  # fmt: skip
+    axes.set_xlabel("displacement [px]")
+    title = f"1 px/line = {scale:.3g} m/s; {100.0 * sight.measured:.0f} % of batches measured"
+    axes.set_title(title)
+    axes.legend(fontsize=8, loc="best", framealpha=0.85, edgecolor="none")

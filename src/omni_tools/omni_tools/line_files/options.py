@@ -1,0 +1,74 @@
+"""Options of commands that read the files with a camera's lines."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omni_platform.command_options import option
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+
+if TYPE_CHECKING:
+    from linescan_odometry.camera.cut import Cut
+    from omni_tools.line_files.reading import RawFormat
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileOptions(Configuration):
+    """Layout of the lines in pictures and in raw bytes."""
+
+    rows: str = parameter(
+        "",
+        description="rows of each picture to take, such as 240 or 236:244; without, all of them",
+    )
+    band: bool = parameter(False, description="average these rows to one line a picture")
+    columns: bool = parameter(False, description="lines are the columns of the pictures")
+    pixels: int = option(
+        0, minimum=0, maximum=16384, unit="px", description="of a line in raw bytes"
+    )
+    bits: str = parameter("8", choices=("8", "16"), description="of a pixel in raw bytes")
+
+    @property
+    def cut(self) -> Cut:
+        """What of a picture is lines."""
+        from linescan_odometry.camera.cut import Cut, row_range
+
+        return Cut(row_range(self.rows, "--rows"), self.band, self.columns)
+
+    @property
+    def raw(self) -> RawFormat:
+        """Layout of raw bytes."""
+        from omni_tools.line_files.reading import RawFormat
+
+        return RawFormat(self.pixels, int(self.bits))
+
+
+def camera_files(
+    sources: Sequence[str], known: Collection[str], where: str, key: str = "CAMERA=FILE"
+) -> dict[str, Path]:
+    """Return the file of each camera, of words such as ``left=left.npy``.
+
+    Args:
+        sources: as they were given.
+        known: names of the cameras.
+        where: these names come from, for messages.
+        key: of the option, for messages.
+
+    Raises:
+        ConfigurationError: one names no camera, or a camera twice.
+    """
+    files: dict[str, Path] = {}
+    for source in sources:
+        name, equals, path = source.partition("=")
+        if not equals or not path:
+            raise ConfigurationError(key, f"{source!r} lacks the name of a camera, left={source}")
+        if name not in known:
+            raise ConfigurationError(
+                key, f"{name!r} is none of the cameras {', '.join(known)} of {where}"
+            )
+        if name in files:
+            raise ConfigurationError(key, f"{name} is given twice")
+        files[name] = Path(path).expanduser()
+    return files

@@ -1,0 +1,162 @@
+"""Reads the lines of a camera from the files that frame grabbers and cameras leave.
+
+A *stack* is a folder of pictures, taken in the order of their names, or a single one with one or
+many pages. Every row of a picture is a line, unless `Cut` takes one row or the mean of a band of
+each, as of an area camera that looks at the ground. Arrays (NPY), tables (CSV, a line in a row) and
+raw bytes hold lines alone; a video needs OpenCV.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageSequence
+
+from linescan_odometry.camera.cut import Cut, FrameError
+from linescan_odometry.camera.sources import INSTALL, VIDEOS
+from omni_platform.configuration import ConfigurationError
+from omni_platform.signals import Lines
+
+PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
+RAW = (".raw", ".bin", ".dat")
+
+_GREY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
+_DEEPEST = {8: np.uint8, 16: np.uint16}
+_MOST = 1 << 32  # bytes of lines that are taken into memory
+
+
+class LineFileError(ConfigurationError):
+    """A file holds no lines; the message names it and the reason."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RawFormat:
+    """Layout of a file of raw bytes.
+
+    Attributes:
+        pixels: of a line; 0 where the file states it.
+        bits: of a pixel, 8 or 16 (little endian).
+    """
+
+    pixels: int = 0
+    bits: int = 8
+
+
+def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> Lines:
+    """Return the lines of a file or folder, oldest first, 8 or 16 bit, shape (m, n).
+
+    Raises:
+        LineFileError: it cannot be read, holds no line, or lines of different lengths.
+    """
+    if not path.exists():
+        raise LineFileError(str(path), "there is no such file or folder")
+    lengths: set[tuple[int, str]] = set()
+    parts: list[Lines] = []
+    size = 0
+    try:
+        for frame in _frames(path, raw):
+            part = cut.lines(frame)
+            lengths.add((part.shape[1], str(part.dtype)))
+            if len(lengths) > 1:
+                found = " and ".join(f"{n} px of {kind}" for n, kind in sorted(lengths))
+                raise LineFileError(str(path), f"holds lines of {found}; all must be alike")
+            size += part.nbytes
+            if size > _MOST:
+                raise LineFileError(
+                    str(path), f"holds more than {_MOST >> 30} GiB of lines: import it in pieces"
+                )
+            parts.append(part)
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
+        if isinstance(error, LineFileError):
+            raise
+        if isinstance(error, FrameError):
+            raise LineFileError(str(path), str(error)) from None
+        words = " ".join(str(error).split())
+        raise LineFileError(str(path), f"cannot be read: {words}") from None
+    if not any(len(part) for part in parts):
+        raise LineFileError(str(path), "holds no line")
+    lines: Lines = np.ascontiguousarray(np.concatenate(parts))
+    return lines
+
+
+def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
+    """Yield the pictures of a file or folder as arrays of two dimensions."""
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        files = [p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file()]
+        if not files:
+            raise LineFileError(str(path), f"holds no picture ({', '.join(PICTURES)})")
+        for file in sorted(files, key=_by_number):
+            yield from _pages(file)
+    elif suffix in PICTURES:
+        yield from _pages(path)
+    elif suffix == ".npy":
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        yield from array if array.ndim == 3 else (array,)
+    elif suffix in {".csv", ".txt"}:
+        yield _table(path)
+    elif suffix in RAW:
+        if raw.pixels <= 0:
+            raise LineFileError(str(path), "is raw: set the pixels of a line with --pixels")
+        values = np.fromfile(path, np.dtype(_DEEPEST[raw.bits]).newbyteorder("<"))
+        if len(values) % raw.pixels:
+            raise LineFileError(
+                str(path), f"{len(values)} pixels are no whole number of lines of {raw.pixels} px"
+            )
+        yield values.reshape(-1, raw.pixels)
+    elif suffix in VIDEOS:
+        yield from _video(path)
+    else:
+        known = ", ".join((*PICTURES, ".npy", ".csv", *RAW, *VIDEOS))
+        raise LineFileError(str(path), f"is none of {known}, nor a folder of pictures")
+
+
+def _by_number(path: Path) -> list[Any]:
+    """Order names as people count: frame2 before frame10."""
+    words = re.split(r"(\d+)", path.name)
+    return [int(word) if word.isdigit() else word for word in words]
+
+
+def _pages(path: Path) -> Iterator[NDArray[Any]]:
+    with Image.open(path) as image:
+        for page in ImageSequence.Iterator(image):
+            grey = page if page.mode.startswith("I") else page.convert("L")
+            if page.mode not in _GREY_8 and not page.mode.startswith("I"):
+                raise LineFileError(str(path), f"has pixels of the mode {page.mode}, not grey")
+            yield np.array(grey)
+
+
+def _table(path: Path) -> NDArray[Any]:
+    text = path.read_text(encoding="utf-8-sig")
+    delimiter = next((mark for mark in ";\t," if mark in text), None)
+    rows = [line for line in text.splitlines() if line.strip()]
+    if rows and re.search(r"[^\s\d.,;+eE-]", rows[0]):
+        rows = rows[1:]  # names of the columns
+    return np.loadtxt(rows, delimiter=delimiter, ndmin=2) if rows else np.empty((0, 1), np.uint8)
+
+
+def _video(path: Path) -> Iterator[NDArray[Any]]:
+    try:
+        cv2: Any = importlib.import_module("cv2")
+    except ImportError:
+        raise LineFileError(
+            str(path),
+            f"is a video, which needs OpenCV: {INSTALL.format('opencv')}; or give its frames as "
+            "pictures",
+        ) from None
+    film = cv2.VideoCapture(str(path))
+    try:
+        while True:
+            there, frame = film.read()
+            if not there:
+                return
+            yield frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+    finally:
+        film.release()

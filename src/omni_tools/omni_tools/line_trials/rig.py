@@ -1,0 +1,200 @@
+"""Line cameras moved over a ground along known paths, and the lines that they expose.
+
+The platform moves at a constant twist in its own frame, which is a circle or a straight line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
+from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch
+from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
+from omni_sim.texture.cache import TextureCache
+from omni_sim.texture.texture import GroundTexture, TextureConfiguration
+
+PERIOD = 0.2
+"""Edge of a ground before it repeats itself [m]."""
+
+BATCH_TIME = 0.01
+"""Time of a batch of lines, one control period [s]."""
+
+
+def batch_lines(line_rate: float) -> int:
+    """Return how many lines a batch has at a line rate [1/s]."""
+    return max(1, round(BATCH_TIME * line_rate))
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What a camera sees.
+
+    Attributes:
+        pixels: of a line.
+        length: of the field of view along the axis [m].
+        width: of it across the axis [m].
+        line_rate: [1/s].
+    """
+
+    pixels: int = 1024
+    length: float = 0.05
+    width: float = 0.02
+    line_rate: float = 2500.0
+
+    @property
+    def pitch(self) -> float:
+        """Length of a pixel on the ground [m]."""
+        return self.length / self.pixels
+
+    def overlap(self, speed: float, angle: float) -> float:
+        """Return the common share of the areas of two consecutive frames, 0..1.
+
+        Args:
+            speed: of the camera [m/s].
+            angle: of its motion from its axis [rad].
+        """
+        step = speed / self.line_rate
+        along = 1.0 - abs(step * math.cos(angle)) / self.length
+        across = 1.0 - abs(step * math.sin(angle)) / self.width
+        return max(along, 0.0) * max(across, 0.0)
+
+    @classmethod
+    def of(cls, sensor: LineSensor) -> View:
+        """Return what a mounted camera sees."""
+        return cls(sensor.pixels, sensor.length, sensor.width, sensor.line_rate)
+
+    def mounted(self, x: float = 0.0, y: float = 0.0, heading_deg: float = 0.0) -> LineSensor:
+        """Return a camera of this view at a place [m] of the platform, axis turned by [deg]."""
+        return LineSensor(
+            x=x,
+            y=y,
+            heading_deg=heading_deg,
+            pixels=self.pixels,
+            length=self.length,
+            width=self.width,
+            line_rate=self.line_rate,
+        )
+
+
+@functools.lru_cache(maxsize=3)
+def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
+    """Return a ground of the user's cache.
+
+    Args:
+        kind: of `omni_sim.texture.texture.KINDS`.
+        texels: per period of 0.2 m.
+        seed: of the pattern.
+    """
+    configuration = TextureConfiguration(kind=kind, size=PERIOD, texels=texels, seed=seed)
+    return TextureCache.of_user().texture(configuration)
+
+
+def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> FloatArray:
+    """Return the poses of a platform that moves at a constant twist.
+
+    Args:
+        elapsed: times since the start [s], shape (m,).
+        start: x, y [m] and yaw [rad], shape (3,).
+        twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
+
+    Returns:
+        x, y [m], yaw [rad], shape (m, 3).
+    """
+    turned = twist[2] * elapsed
+    # Mean direction and length of the chord; np.sinc(x) is sin(pi x) / (pi x).
+    chord = elapsed * np.sinc(0.5 * turned / math.pi)
+    yaw = start[2] + 0.5 * turned
+    return np.column_stack(
+        (
+            start[0] + chord * (twist[0] * np.cos(yaw) - twist[1] * np.sin(yaw)),
+            start[1] + chord * (twist[0] * np.sin(yaw) + twist[1] * np.cos(yaw)),
+            start[2] + turned,
+        )
+    )
+
+
+class Rig:
+    """Line cameras over one ground.
+
+    Attributes:
+        sensors: the cameras' mounting and view, by name.
+        array: the cameras; it counts the lines of each, on which their noise depends.
+    """
+
+    def __init__(
+        self, sensors: Mapping[str, LineSensor], texture: GroundTexture, noise: float, seed: int
+    ) -> None:
+        """Place the cameras.
+
+        Args:
+            sensors: the cameras by name.
+            texture: the ground.
+            noise: standard deviation [grey levels of 8 bit].
+            seed: of the noise.
+
+        Raises:
+            ConfigurationError: a field of view does not fit the ground.
+        """
+        self.sensors = sensors
+        configuration, key = CameraConfiguration(noise=float(noise)), np.random.SeedSequence(seed)
+        self.array = LineCameraArray(sensors, texture, configuration, key)
+
+    def expose(
+        self,
+        start: FloatArray,
+        twist: FloatArray,
+        lines: Mapping[str, IntArray],
+        begin_ns: int = 0,
+    ) -> dict[str, LineBatch]:
+        """Return a batch of lines of every camera.
+
+        Args:
+            start: x, y [m] and yaw [rad] at line 0, shape (3,).
+            twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
+            lines: numbers of the lines by camera, shape (m,).
+            begin_ns: stamp of line 0 [ns].
+        """
+        elapsed = {name: own / self.sensors[name].line_rate for name, own in lines.items()}
+        poses = {name: poses_at(own, start, twist) for name, own in elapsed.items()}
+        return {
+            name: LineBatch(begin_ns + round(SECOND_NS * float(elapsed[name][-1])), own)
+            for name, own in self.array.render(poses).items()
+        }
+
+    def drive(
+        self, start: FloatArray, twist: FloatArray, batches: int, first: int = 0
+    ) -> Iterator[dict[str, LineBatch]]:
+        """Yield consecutive batches of `BATCH_TIME`; arguments as of `expose`.
+
+        Args:
+            start: at line 0.
+            twist: of the platform.
+            batches: how many.
+            first: number of the first line.
+        """
+        sizes = {name: batch_lines(sensor.line_rate) for name, sensor in self.sensors.items()}
+        for batch in range(batches):
+            lines = {
+                name: first + np.arange(batch * size, (batch + 1) * size)
+                for name, size in sizes.items()
+            }
+            yield self.expose(start, twist, lines)
+
+
+def cameras(
+    views: Sequence[View], texture: GroundTexture, noise: float, seed: int
+) -> list[LineCamera]:
+    """Return cameras at the platform's centre, which share the ground; arguments as of `Rig`."""
+    sensors = {f"trial_{i}": view.mounted() for i, view in enumerate(views)}
+    return list(Rig(sensors, texture, noise, seed).array.cameras.values())
+
+
+def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
+    """Return a single camera at the platform's centre; arguments as of `Rig`."""
+    return cameras((view,), texture, noise, seed)[0]

@@ -1,0 +1,254 @@
+"""Trials of one line camera over a ground: rendered pairs of lines, their matches, their errors.
+
+The camera moves at a known speed and angle, as in section 4.4; consecutive lines are matched by a
+full search and refined. Displacements are in pixels along the camera's axis.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.matching.search import METRICS
+from linescan_odometry.matching.subpixel import SubpixelRefiner
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_platform.signals import Lines
+from omni_sim.camera.camera import LineCamera
+from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials.errors import error_values
+from omni_tools.line_trials.rig import PERIOD, View, cameras
+
+_RECOVERY = 4  # px, of peaks that noise has moved
+_GRADIENT_STEP = 0.02  # [px]
+
+
+@dataclasses.dataclass(frozen=True)
+class Matches:
+    """Matches of pairs of lines.
+
+    Attributes:
+        truth: displacement along the axis [px], shape (m,).
+        shift: integer shift of the smallest distance [px], shape (m,).
+        displacement: refined shift [px], shape (m,).
+        variance: that the refinement states [px^2], infinite where there is none, shape (m,).
+        similarity: Pearson's correlation at the shift, shape (m,).
+    """
+
+    truth: FloatArray
+    shift: IntArray
+    displacement: FloatArray
+    variance: FloatArray
+    similarity: FloatArray
+
+    @property
+    def pixel_error(self) -> FloatArray:
+        """Measured less rounded true displacement, Eq. (84) [px].
+
+        A truth within the half pixel between two whole ones has two right roundings: the nearer
+        one of those that are at most 0.55 px off counts.
+        """
+        error = self.shift - np.round(self.truth)
+        return np.where(np.abs(self.shift - self.truth) <= 0.55, 0.0, error)
+
+    @property
+    def right(self) -> BoolArray:
+        """Whether each pair found its match: a neighbouring pixel is noise, not a wrong match."""
+        found: BoolArray = np.abs(self.pixel_error) <= 1.0
+        return found
+
+    @property
+    def error(self) -> FloatArray:
+        """Refined less true displacement, unrounded [px]."""
+        return self.displacement - self.truth
+
+    @property
+    def mean_error(self) -> float:
+        """Mean magnitude of the error in whole pixels, Eq. (84) [px]."""
+        return float(np.mean(np.abs(self.pixel_error)))
+
+    @property
+    def usable(self) -> BoolArray:
+        """Whether each pair is similar enough for the odometry to use it."""
+        similar: BoolArray = self.similarity >= OdometryConfiguration.minimum_correlation
+        return similar
+
+    @property
+    def undetected_share(self) -> float:
+        """Share of pairs that the odometry would use although they are more than a pixel off."""
+        return float(np.mean(self.usable & ~self.right))
+
+    def median_error(self, group: int) -> FloatArray:
+        """Return the errors in whole pixels of medians of consecutive shifts (section 4.6).
+
+        Args:
+            group: n of the median; what is left over at the end is not used.
+        """
+        count = len(self.shift) // group * group
+        median = np.median(self.shift[:count].reshape(-1, group), axis=1)
+        truth = np.mean(self.truth[:count].reshape(-1, group), axis=1)
+        # As in `pixel_error`, either rounding of a truth near a half is right.
+        return np.where(np.abs(median - truth) <= 0.55, 0.0, median - np.round(truth))
+
+    def right_medians(self, group: int) -> float:
+        """Return the share of `median_error` within a pixel, as `right` counts."""
+        return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
+
+    def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
+        """Return the errors under `displacement_errors.ERROR_COLUMNS`.
+
+        Args:
+            view: what the camera saw.
+            speed: at which it moved [m/s].
+        """
+        return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """Uniform motion of a camera.
+
+    Attributes:
+        view: what it sees.
+        speed: [m/s].
+        angle: from its axis [rad].
+        axis: its direction on the ground [rad].
+    """
+
+    view: View
+    speed: float
+    angle: float
+    axis: float = 0.0
+
+    @property
+    def overlap(self) -> float:
+        """Common share of the areas of two consecutive frames, 0..1."""
+        return self.view.overlap(self.speed, self.angle)
+
+
+def measure(
+    motions: Sequence[Motion],
+    texture: GroundTexture,
+    pairs: int,
+    noise: float,
+    seed: int,
+    metric: str = "pearson",
+    runs: int = 1,
+) -> list[Matches]:
+    """Return the matches of consecutive lines of each motion.
+
+    Args:
+        motions: what to try; shifts are searched up to half the pixels.
+        texture: the ground.
+        pairs: of consecutive lines, from each place.
+        noise: standard deviation [grey levels].
+        seed: of places and noise.
+        metric: name of the distance.
+        runs: random places for each motion.
+    """
+    generator = np.random.default_rng(seed)
+    views = list(dict.fromkeys(motion.view for motion in motions))
+    eyes = dict(zip(views, cameras(views, texture, noise, seed), strict=True))
+    matches = []
+    for i, motion in enumerate(motions):
+        own = []
+        for run in range(runs):
+            poses = path(motion.view, motion.speed, motion.angle, pairs + 1, generator, motion.axis)
+            lines = eyes[motion.view].lines(poses, (i * runs + run) * (pairs + 1))
+            own.append(match(motion.view, poses, lines, metric, recovery=_RECOVERY))
+        fields = [field.name for field in dataclasses.fields(Matches)]
+        matches.append(Matches(*(np.concatenate([getattr(m, f) for m in own]) for f in fields)))
+    return matches
+
+
+def path(
+    view: View,
+    speed: float,
+    angle: float,
+    lines: int,
+    generator: np.random.Generator,
+    axis: float = 0.0,
+) -> FloatArray:
+    """Return the poses of consecutive lines from a random place, shape (lines, 3).
+
+    Args:
+        view: what the camera sees.
+        speed: of the camera [m/s].
+        angle: of its motion from its axis [rad].
+        lines: how many.
+        generator: draws the place.
+        axis: direction of the camera's axis on the ground [rad].
+    """
+    travelled = speed / view.line_rate * np.arange(lines)
+    start = generator.uniform(0.0, PERIOD, 2)
+    return np.column_stack(
+        (
+            start[0] + travelled * math.cos(axis + angle),
+            start[1] + travelled * math.sin(axis + angle),
+            np.full(lines, axis),
+        )
+    )
+
+
+def match(
+    view: View,
+    poses: FloatArray,
+    lines: Lines,
+    metric: str = "pearson",
+    divisor: float = 2.0,
+    recovery: int = 0,
+) -> Matches:
+    """Match every line with the one before it.
+
+    Args:
+        view: what the camera saw.
+        poses: of the lines, all with the same axis, shape (m + 1, 3).
+        lines: shape (m + 1, pixels).
+        metric: name of the distance.
+        divisor: k; shifts are searched up to pixels / k.
+        recovery: distance within which a peak that noise has moved is looked for again [px].
+    """
+    pairs = len(lines) - 1
+    shift = np.empty(pairs, np.int64)
+    similarity, displacement, variance = np.empty((3, pairs))
+    METRICS[metric](view.pixels, int(view.pixels / divisor)).match(lines, shift, similarity)
+    SubpixelRefiner(view.pixels, recovery).refine(lines, shift, displacement, variance)
+    axis = poses[0, 2]
+    along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])
+    return Matches(along / view.pitch, shift, displacement, variance, similarity)
+
+
+def every_second(matches: Matches) -> Matches:
+    """Return the first, third, ... of some matches: those within pairs of lines in a row."""
+    values = (getattr(matches, field.name)[::2] for field in dataclasses.fields(matches))
+    return Matches(*values)
+
+
+def cramer_rao_bound(
+    view: View, eye: LineCamera, poses: FloatArray, truth: FloatArray, noise: float
+) -> FloatArray:
+    """Return the smallest variance of unbiased displacements between pairs of lines [px^2].
+
+    Both lines are noisy and the ground is not known, so that the bound is twice that of a known
+    ground: ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap.
+    Quantisation adds 1/12 to the variance s^2 of the noise.
+
+    Args:
+        view: what the camera sees.
+        eye: the camera.
+        poses: of the older line of each pair, shape (m, 3).
+        truth: displacement of each pair [px], shape (m,).
+        noise: standard deviation [grey levels].
+    """
+    step = np.array([_GRADIENT_STEP * view.pitch, 0.0, 0.0])
+    gradient = (eye.greys(poses + step).astype(np.float64) - eye.greys(poses - step)) / (
+        2.0 * _GRADIENT_STEP
+    )
+    pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # of the newer line
+    common = (pixel >= 0) & (pixel < view.pixels)
+    energy = np.sum(gradient**2, axis=1, where=common)
+    bound: FloatArray = 2.0 * (noise**2 + 1.0 / 12.0) / energy
+    return bound

@@ -1,0 +1,88 @@
+"""Twists that the odometry estimates of a platform in uniform motion over a ground."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from omni_platform.quantities import BoolArray, FloatArray
+from omni_platform.sensors import sensor_matrix
+from omni_tools.line_trials.rig import PERIOD, Rig
+
+
+@dataclasses.dataclass(frozen=True)
+class TwistTrial:
+    """Estimates of the odometry over a uniform motion, batch by batch.
+
+    Attributes:
+        twist: of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        estimate: of it, where it was measured, shape (m, 3).
+        covariance: stated with each, shape (m, 3, 3).
+        measured: share of the batches that were measured, 0..1.
+        ratio: error of each camera's velocity along its axis over the stated deviation, of every
+            batch that it measured, shape (k,).
+        together: whether all lines of that batch were matched together, shape (k,).
+    """
+
+    twist: FloatArray
+    estimate: FloatArray
+    covariance: FloatArray
+    measured: float
+    ratio: FloatArray
+    together: BoolArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Estimated less true twist, shape (m, 3)."""
+        return self.estimate - self.twist
+
+    @property
+    def normalised_error_squared(self) -> FloatArray:
+        """Error squared over its expectation ``e^T C^-1 e / 3``, 1 in the mean, shape (m,)."""
+        weighted = np.linalg.solve(self.covariance, self.error[:, :, None])[:, :, 0]
+        normalised: FloatArray = np.sum(self.error * weighted, axis=1) / 3.0
+        return normalised
+
+
+def drive(
+    configuration: OdometryConfiguration,
+    rig: Rig,
+    twist: FloatArray,
+    batches: int,
+    generator: np.random.Generator,
+) -> TwistTrial:
+    """Move at a constant twist from a random place and heading and let the odometry measure it.
+
+    Args:
+        configuration: of the odometry, with its line cameras.
+        rig: with these line cameras.
+        twist: of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        batches: how many, after the first line.
+        generator: draws place and heading.
+    """
+    sensors = configuration.sensors
+    start = np.array([*generator.uniform(0.0, PERIOD, 2), generator.uniform(0.0, 2.0 * math.pi)])
+    odometry = LineScanOdometry(configuration)
+    odometry.update(rig.expose(start, twist, {name: np.arange(1) for name in sensors}))
+    truth = dict(zip(sensors, sensor_matrix(sensors) @ twist, strict=True))
+    estimates, covariances, ratios, together = [], [], [], []
+    for batch in rig.drive(start, twist, batches, first=1):
+        estimate = odometry.update(batch)
+        if estimate.measured:
+            estimates.append(estimate.twist)
+            covariances.append(estimate.covariance)
+        for name, reading in estimate.readings.items():
+            if reading.measured:
+                ratios.append((reading.velocity - truth[name]) / math.sqrt(reading.variance))
+                together.append(reading.batch_time > 0.0)
+    return TwistTrial(
+        twist,
+        np.array(estimates).reshape(-1, 3),
+        np.array(covariances).reshape(-1, 3, 3),
+        len(estimates) / batches,
+        np.array(ratios),
+        np.array(together, np.bool_),
+    )

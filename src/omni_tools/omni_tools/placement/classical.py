@@ -1,0 +1,70 @@
+"""Placements that anybody would think of first: tangential, radial and parallel on a circle."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor
+from omni_tools.placement.mounting_area import MountingArea
+
+_RING_STEP = 0.005  # of the radius [m]
+
+
+def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArray:
+    """Return cameras at equal angles on a circle about base_link, shape (count, 3).
+
+    Args:
+        count: of cameras.
+        radius: of the circle [m].
+        turn: of the axes from radial [rad]; a right angle is tangential.
+        start: direction of the first camera [rad].
+    """
+    angle = start + math.tau * np.arange(count) / count
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), angle + turn))
+
+
+def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str, LineSensor]:
+    """Return line cameras evenly on a circle about base_link, each along its tangent.
+
+    Args:
+        radius: of the circle [m].
+        prototype: what each sees.
+        count: how many.
+    """
+    sensors = {}
+    for i, (x, y, radial) in enumerate(ring(count, radius, 0.0).tolist()):
+        heading = math.degrees(radial) + 90.0 - 360.0 * (radial > math.pi)
+        sensors[f"camera_{i}"] = dataclasses.replace(prototype, x=x, y=y, heading_deg=heading)
+    return sensors
+
+
+def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
+    """Return poses at equal angles on the largest circle that has room for tangential cameras.
+
+    Args:
+        area: the chassis.
+        count: of cameras.
+
+    Returns:
+        ``tangential``, and at the same places the singular ``radial`` and ``parallel``.
+    """
+    largest = max(area.reach)
+    radius, start = min(area.reach), 0.0
+    for step in range(int(largest / _RING_STEP)):
+        tried = [(largest - step * _RING_STEP, s) for s in (0.0, 0.5 * math.pi, math.pi)]
+        fitting = [r for r in tried if np.all(area.fits(ring(count, r[0], 0.5 * math.pi, r[1])))]
+        if fitting:
+            radius, start = fitting[0]
+            break
+    radial = ring(count, radius, 0.0, start)
+    parallel = radial.copy()
+    parallel[:, 2] = 0.0
+    return {
+        "tangential": ring(count, radius, 0.5 * math.pi, start),
+        "radial": radial,
+        "parallel": parallel,
+    }

@@ -1,0 +1,191 @@
+"""Placements of line cameras under one vehicle side by side: best, given and classical ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials.rig import View
+from omni_tools.placement.classical import classical
+from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
+from omni_tools.placement.judged import JudgedPlacement, judge
+from omni_tools.placement.mounting_area import MountingArea
+from omni_tools.placement.search import FoundPlacement, NoRoomError, search
+from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
+from omni_tools.placement.sensors import named
+from omni_tools.placement.trials import PlacementTrial, drive_mix
+
+FEWEST_SENSORS, MOST_SENSORS = 3, 8
+
+BEST, CONDITION = "best", "condition"
+
+_USUAL_SPEED = 10.0  # [m/s]
+_BATCHES = 4  # in each orientation, of each angle or motion
+
+Report = Callable[[float, str], None]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class DesignTask:
+    """What is asked for.
+
+    Attributes:
+        area: the chassis and the cameras' rectangle.
+        texture: ground over which the cameras are tried.
+        noise: of the cameras, standard deviation [grey levels of 8 bit].
+        count: of cameras.
+        mix: of motions that placements are judged by.
+        speed: of base_link in all of them [m/s].
+        redundant: whether to judge without the camera whose failure is the worst.
+        given: placements to judge beside the best one, by name.
+        seed: of the search and the trials.
+    """
+
+    area: MountingArea
+    texture: GroundTexture
+    noise: float
+    count: int
+    mix: MotionMix
+    speed: float
+    redundant: bool
+    given: Mapping[str, Mapping[str, LineSensor]]
+    seed: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """What was found.
+
+    Attributes:
+        trial: of one camera.
+        criterion: that placements were judged by.
+        found: the search's result.
+        placements: the best one, the given ones, the one with the smallest condition number and
+            the classical ones.
+    """
+
+    trial: SensorTrial
+    criterion: MeanError
+    found: FoundPlacement
+    placements: tuple[JudgedPlacement, ...]
+
+    @property
+    def best(self) -> JudgedPlacement:
+        """The best placement."""
+        return self.placements[0]
+
+    def placement(self, name: str) -> JudgedPlacement:
+        """Return a placement by its name."""
+        return next(entry for entry in self.placements if entry.name == name)
+
+
+def design(task: DesignTask, report: Report) -> Design:
+    """Measure a camera's error, search the best placement and judge others beside it.
+
+    Args:
+        task: what is asked for.
+        report: called with the share done and its subject.
+
+    Raises:
+        ConfigurationError: the cameras do not fit or do not see the motion.
+    """
+    area, view = task.area, task.area.view
+    report(0.0, "errors of one camera")
+    trial = measure_sensor_error(view, task.texture, task.noise, task.speed, _BATCHES, task.seed)
+    scene = area.scene
+    radius = gyration(scene.chassis_length, scene.chassis_width)
+    criterion = MeanError(view, trial.error, task.mix, radius)
+
+    def on_search(share: float, words: str) -> None:
+        report(0.3 + 0.4 * share, words)
+
+    try:
+        found = search(
+            criterion,
+            area,
+            task.count,
+            redundant=task.redundant,
+            seed=task.seed,
+            report=on_search,
+        )
+        report(0.7, "smallest condition number")
+        other = search(ConditionNumber(), area, task.count, seed=task.seed)
+    except NoRoomError as error:
+        raise ConfigurationError(
+            "--sensors",
+            f"{error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; each takes "
+            f"{2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
+            f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance",
+        ) from None
+    sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
+    sensors |= task.given
+    sensors[CONDITION] = named(other.poses, view)
+    for name, poses in classical(area, task.count).items():
+        sensors[name] = named(poses, view, rounded=False)
+    placements = tuple(judge(name, own, criterion, area) for name, own in sensors.items())
+    return Design(trial, criterion, found, placements)
+
+
+def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
+    """Drive the regular placements over rendered lines; return what was measured by name."""
+    regular = [placement for placement in result.placements if not placement.singular]
+    trials = {}
+    for index, placement in enumerate(regular):
+
+        def on_drive(share: float, index: int = index, name: str = placement.name) -> None:
+            report((index + share) / len(regular), f"driving {name}")
+
+        trials[placement.name] = drive_mix(
+            placement.sensors, task.mix, task.texture, task.noise, _BATCHES, task.seed, on_drive
+        )
+    return trials
+
+
+def design_speed(speed: float | None, yaw_rate: float, area: MountingArea) -> float:
+    """Return the speed to design for: as asked, or 10 m/s where the cameras can follow it.
+
+    Args:
+        speed: as asked [m/s], None for the usual one.
+        yaw_rate: of the turning motion [rad/s].
+        area: holds the cameras' type and how far out they may sit.
+
+    Raises:
+        ConfigurationError: sideways less than 60 % overlap are left.
+    """
+    limit = sideways_limit(area.view) - yaw_rate * math.hypot(*area.reach)
+    if limit <= 0.0:
+        raise ConfigurationError(
+            "--yaw-rate",
+            f"{yaw_rate:g} rad/s alone leave less than 60 % overlap at the corners of the chassis",
+        )
+    if speed is None:
+        return min(_USUAL_SPEED, limit)
+    if not 0.0 < speed <= limit:
+        raise ConfigurationError(
+            "--speed",
+            f"{speed:g} m/s must be above 0 and at most {limit:.3g} m/s, where this type of camera "
+            "still has 60 % overlap sideways",
+        )
+    return speed
+
+
+def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
+    """Return what all cameras of a file see.
+
+    Args:
+        name: of the file.
+        sensors: its cameras.
+
+    Raises:
+        ConfigurationError: there is none, or they are not all of one type.
+    """
+    views = {View(s.pixels, s.length, s.width, s.line_rate) for s in sensors.values()}
+    if len(views) != 1:
+        raise ConfigurationError(
+            "sensors", f"{name} must have cameras of one type, it has {len(views)} types"
+        )
+    return views.pop()

@@ -1,0 +1,227 @@
+"""The mean twist error of a placement of line cameras.
+
+The twist errs by ``e`` with the covariance ``C = (A^T W A)^-1`` of weighted least squares, and a
+point p of the platform by ``P_p e``, ``P_p = [[1, 0, -y], [0, 1, x]]``. The *mean twist error* E
+is the RMS of that velocity error over all points of the platform and over an expected mix of
+motions m,
+
+    E^2 = mean_m mean_p trace(P_p C_m P_p^T) = mean_m (var v_x + var v_y + g^2 var yaw rate),
+
+for a rectangle about base_link with ``g^2 = (length^2 + width^2) / 12``: m/s and rad/s meet without
+an arbitrary weight. W depends on the motion, as a camera errs more the faster it moves across
+its axis (`sensor_error`). Singular placements have an infinite E.
+
+Information matrices ``a^T a / s^2`` are kept as their six different elements
+(xx, xy, xw, yy, yw, ww) for the velocities (v_x, v_y, g * yaw rate), all in m/s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_tools.line_trials.rig import View
+from omni_tools.placement.sensor_error import SensorError
+
+MOTIONS = ("straight", "sideways", "diagonal", "turning")
+
+_SINGULAR = 1e-10  # of the determinant that equal eigenvalues would give
+_FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # where the elements stand in the matrix
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MotionMix:
+    """What a vehicle does while its sensors are judged.
+
+    Attributes:
+        names: of the M motions; one that has a mirror image stands twice.
+        twist: (v_x, v_y, yaw rate) of each [m/s, m/s, rad/s], shape (M, 3).
+        share: of the time, sums to 1, shape (M,).
+    """
+
+    names: tuple[str, ...]
+    twist: FloatArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, speed: float, yaw_rate: float, weights: Sequence[float]) -> MotionMix:
+        """Return straight, sideways, diagonal and turning motion, the last two to either side.
+
+        Args:
+            speed: of base_link [m/s].
+            yaw_rate: of the turning motion, which goes straight on at the same time [rad/s].
+            weights: of the four motions, not all 0.
+        """
+        slant = speed * math.sqrt(0.5)
+        rows = (
+            (MOTIONS[0], (speed, 0.0, 0.0), weights[0]),
+            (MOTIONS[1], (0.0, speed, 0.0), weights[1]),
+            (MOTIONS[2], (slant, slant, 0.0), 0.5 * weights[2]),
+            (MOTIONS[2], (slant, -slant, 0.0), 0.5 * weights[2]),
+            (MOTIONS[3], (speed, 0.0, yaw_rate), 0.5 * weights[3]),
+            (MOTIONS[3], (speed, 0.0, -yaw_rate), 0.5 * weights[3]),
+        )
+        used = [row for row in rows if row[2] > 0.0]
+        share = np.array([weight for _, _, weight in used])
+        return cls(
+            tuple(name for name, _, _ in used),
+            np.array([twist for _, twist, _ in used]),
+            share / share.sum(),
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MeanError:
+    """Judges placements by their mean twist error.
+
+    Attributes:
+        view: what each camera sees.
+        error: of each camera.
+        mix: of motions.
+        gyration: g, RMS distance of the platform's points from base_link [m].
+    """
+
+    view: View
+    error: SensorError
+    mix: MotionMix
+    gyration: float
+
+    def information(self, poses: FloatArray) -> FloatArray:
+        """Return the elements of what a camera at each pose adds to the information.
+
+        Args:
+            poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
+
+        Returns:
+            Shape (..., M, 6) [s^2/m^2].
+        """
+        x, y, heading = (poses[..., None, i] for i in range(3))
+        a_x, a_y = np.cos(heading), np.sin(heading)
+        twist = self.mix.twist
+        v_x, v_y = twist[:, 0] - twist[:, 2] * y, twist[:, 1] + twist[:, 2] * x
+        along, across = a_x * v_x + a_y * v_y, a_x * v_y - a_y * v_x
+        weight = 1.0 / self.error.variance(self.view, along, across)
+        lever = (x * a_y - y * a_x) / self.gyration
+        elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
+        stacked: FloatArray = np.stack([weight * element for element in elements], axis=-1)
+        return stacked
+
+    def value(self, information: FloatArray) -> FloatArray:
+        """Return E [m/s] of sums of `information`, shape (..., M, 6) to (...)."""
+        error: FloatArray = np.sqrt(total_variance(information) @ self.mix.share)
+        return error
+
+    def mean_error(self, poses: FloatArray) -> float:
+        """Return E of cameras at `poses`, shape (N, 3) [m/s]."""
+        return float(self.value(self.information(poses).sum(axis=0)))
+
+    def covariance(self, poses: FloatArray) -> FloatArray:
+        """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite: singular.
+
+        Args:
+            poses: of the cameras, shape (N, 3).
+        """
+        information = self.information(poses).sum(axis=0)
+        if not np.all(np.isfinite(total_variance(information))):
+            return np.full((len(information), 3, 3), np.inf)
+        unit = np.array([1.0, 1.0, 1.0 / self.gyration])
+        inverse = np.linalg.inv(information[:, _FULL])
+        scaled: FloatArray = inverse * np.outer(unit, unit)
+        return scaled
+
+    def point_error(self, poses: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the RMS velocity error of points of the platform [m/s].
+
+        Args:
+            poses: of the cameras, shape (N, 3).
+            x: of the points [m].
+            y: of the points [m], same shape.
+        """
+        c = np.einsum("m,mij->ij", self.mix.share, self.covariance(poses))
+        squared = c[0, 0] + c[1, 1] + (x**2 + y**2) * c[2, 2] - 2 * y * c[0, 2] + 2 * x * c[1, 2]
+        error: FloatArray = np.sqrt(squared)
+        return error
+
+
+@dataclasses.dataclass(frozen=True)
+class ConditionNumber:
+    """Judges placements by the condition number of the sensor matrix in SI units, for comparison.
+
+    It asks that the components be known equally well, in units that have nothing to do with each
+    other, and not that they be known well: a wide platform has a poor one.
+    """
+
+    def information(self, poses: FloatArray) -> FloatArray:
+        """Return the elements of ``a^T a`` of each pose, shape (..., 3) to (..., 1, 6)."""
+        x, y, heading = (poses[..., i] for i in range(3))
+        a_x, a_y = np.cos(heading), np.sin(heading)
+        lever = x * a_y - y * a_x
+        elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
+        stacked: FloatArray = np.stack(elements, axis=-1)[..., None, :]
+        return stacked
+
+    def value(self, information: FloatArray) -> FloatArray:
+        """Return the condition numbers of sums of `information`, shape (..., 1, 6) to (...)."""
+        eigenvalues = np.linalg.eigvalsh(information[..., 0, _FULL])
+        smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
+        singular = smallest <= _SINGULAR * largest
+        ratio = largest / np.where(singular, 1.0, smallest)
+        condition: FloatArray = np.where(singular, np.inf, np.sqrt(ratio))
+        return condition
+
+
+Criterion = MeanError | ConditionNumber
+"""What a placement is judged by; the smaller the better."""
+
+
+def total_variance(information: FloatArray) -> FloatArray:
+    """Return the trace of the inverse of matrices given by their elements; infinite if singular.
+
+    Args:
+        information: shape (..., 6).
+    """
+    xx, xy, xw, yy, yw, ww = (information[..., i] for i in range(6))
+    minor_x, minor_y, minor_w = yy * ww - yw * yw, xx * ww - xw * xw, xx * yy - xy * xy
+    determinant = xx * minor_x - xy * (xy * ww - yw * xw) + xw * (xy * yw - yy * xw)
+    regular = determinant > _SINGULAR * ((xx + yy + ww) / 3.0) ** 3
+    trace = (minor_x + minor_y + minor_w) / np.where(regular, determinant, 1.0)
+    variance: FloatArray = np.where(regular, trace, np.inf)
+    return variance
+
+
+def gyration(length: float, width: float) -> float:
+    """Return the RMS distance from its middle of the points of a rectangle [m]."""
+    return math.sqrt((length**2 + width**2) / 12.0)
+
+
+def poses_of(sensors: Mapping[str, LineSensor]) -> FloatArray:
+    """Return x, y [m] and heading [rad] of sensors, shape (N, 3)."""
+    return np.array([(s.x, s.y, s.heading) for s in sensors.values()], np.float64).reshape(-1, 3)
+
+
+def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
+    """Return E without each one of the cameras [m/s], shape (N,)."""
+    own = criterion.information(poses)
+    left: FloatArray = criterion.value(own.sum(axis=0) - own)
+    return left
+
+
+def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
+    """Return how far a placement is from being singular, in two numbers that are then 0.
+
+    Returns:
+        Angle by which the axes spread [deg], 45 at best: its squared sine is the smaller
+        eigenvalue of the mean of ``a a^T``. And the effective lever [m]: the RMS part of the
+        levers about base_link that no velocity can imitate; 0 if all axes meet in a point.
+    """
+    matrix = sensor_matrix(sensors)
+    axes, levers = matrix[:, :2], matrix[:, 2]
+    smallest = float(np.linalg.eigvalsh(axes.T @ axes)[0]) / len(axes)
+    imitated = axes @ np.linalg.lstsq(axes, levers, rcond=None)[0]
+    lever = math.sqrt(float(np.mean((levers - imitated) ** 2)))
+    return math.degrees(math.asin(math.sqrt(min(max(smallest, 0.0), 1.0)))), lever

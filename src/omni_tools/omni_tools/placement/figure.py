@@ -1,0 +1,232 @@
+"""Placements of line cameras under a chassis, with the error of the velocity of every point."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+
+from omni_figures import style
+from omni_platform.quantities import FloatArray
+from omni_tools.placement.error import MeanError, poses_of
+from omni_tools.placement.judged import JudgedPlacement
+from omni_tools.placement.mounting_area import MountingArea
+
+_POINTS = 81  # of the map across the chassis
+_LEVELS = 14
+_WORST = 2.5  # times the error of the best placement: the end of the colour scale
+_ARROW = 0.13  # of the chassis
+_LEAST = 1.5  # times the smallest error: small differences shall look small
+_COLUMNS = 2
+_WIDTH, _TEXT = 5.3, 1.0  # of a panel, and above it [inch]
+_MARGIN = 0.03  # around the chassis, in its lengths
+_SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
+_WRAP = 87  # characters of a line of text in a panel
+
+
+def placement_figure(
+    placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea, title: str
+) -> Figure:
+    """Draw placements side by side, the one that sets the colour scale first.
+
+    Args:
+        placements: at least one.
+        criterion: gives the errors.
+        area: the chassis.
+        title: of the figure.
+    """
+    columns = min(_COLUMNS, len(placements))
+    rows = math.ceil(len(placements) / columns)
+    low, high = _limits(placements, area)
+    height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + _TEXT
+    figure = Figure(
+        figsize=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4), layout="constrained"
+    )
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    style.draw_title(figure, title)
+    norm = _norm(placements, criterion, area)
+    for index, axes in enumerate(panels.flat):
+        if index >= len(placements):
+            axes.set_visible(False)
+            continue
+        _draw(axes, placements[index], criterion, area, norm)
+    panels[0, 0].set_xlim(low[0], high[0])
+    panels[0, 0].set_ylim(low[1], high[1])
+    for axes in panels[:, 0]:
+        axes.set_ylabel("left [m]")
+    for axes in panels[-1]:
+        axes.set_xlabel("forward [m]")
+    bar = figure.colorbar(
+        ScalarMappable(norm=norm, cmap=_SHADES),
+        ax=list(panels.flat),
+        shrink=0.8,
+        pad=0.01,
+        extend="max",
+    )
+    bar.set_label("error of the velocity of a point of the platform [mm/s]")
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=5)
+    return figure
+
+
+def _limits(
+    placements: Sequence[JudgedPlacement], area: MountingArea
+) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of what every panel shows [m]."""
+    housings = [
+        area.outline(pose, housing=True)
+        for placement in placements
+        for pose in poses_of(placement.sensors)
+    ]
+    points = np.concatenate([area.scene.drawn_points, *housings])
+    margin = _MARGIN * area.scene.chassis_length
+    low: FloatArray = points.min(axis=0) - margin
+    high: FloatArray = points.max(axis=0) + margin
+    return low, high
+
+
+def _norm(
+    placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea
+) -> BoundaryNorm:
+    """Return a scale over all errors, or up to a multiple of the best mean."""
+    regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
+    if not regular:
+        return BoundaryNorm(np.linspace(0.0, 1.0, _LEVELS + 1), _SHADES.N, extend="max")
+    maps = np.array([_map(placement, criterion, area)[2] for placement in regular])
+    lowest = float(np.min(maps))
+    top = min(float(np.max(maps)), _WORST * 1e3 * regular[0].mean_error)
+    top = max(top, _LEAST * lowest)
+    step = _round_step((top - lowest) / _LEVELS)
+    first, last = math.floor(lowest / step), math.ceil(top / step)
+    return BoundaryNorm(step * np.arange(first, last + 1), _SHADES.N, extend="max")
+
+
+def _round_step(step: float) -> float:
+    power = 10.0 ** math.floor(math.log10(step))
+    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= step)
+
+
+def _map(
+    placement: JudgedPlacement, criterion: MeanError, area: MountingArea
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return x, y [m] and error [mm/s] of points of the chassis."""
+    half = 0.5 * area.scene.chassis_length, 0.5 * area.scene.chassis_width
+    x, y = np.meshgrid(*(np.linspace(-limit, limit, _POINTS) for limit in half))
+    return x, y, 1e3 * criterion.point_error(poses_of(placement.sensors), x, y)
+
+
+def _draw(
+    axes: Axes,
+    placement: JudgedPlacement,
+    criterion: MeanError,
+    area: MountingArea,
+    norm: BoundaryNorm,
+) -> None:
+    scene = area.scene
+    if math.isfinite(placement.mean_error) and not placement.singular:
+        x, y, error = _map(placement, criterion, area)
+        axes.contourf(x, y, error, levels=norm.boundaries, cmap=_SHADES, norm=norm, extend="max")
+        lines = axes.contour(x, y, error, levels=norm.boundaries, colors=style.GREY, linewidths=0.6)
+        axes.clabel(lines, fmt="%g", fontsize=8, zorder=2)
+        headline = f"{placement.name}: {1e3 * placement.mean_error:.2f} mm/s"
+        deviation = placement.deviation * (1e3, 1e3, 1e3)
+        words = (
+            f"v_x {deviation[0]:.2f} mm/s, v_y {deviation[1]:.2f} mm/s, "
+            f"yaw rate {deviation[2]:.2f} mrad/s; condition number {placement.condition:.2f}"
+        )
+        if placement.mounting:
+            words += f"; {placement.mounting}"
+    else:
+        axes.add_patch(Polygon(scene.chassis, facecolor=style.PALE, hatch="//", edgecolor="white"))
+        headline = f"{placement.name}: singular"
+        words = placement.singular or "the error has no bound"
+        _draw_axes_through(axes, placement, area)
+    axes.add_patch(Polygon(scene.chassis, fill=False, edgecolor=style.BLACK, linewidth=1.4))
+    nose = scene.chassis_length * np.array([(0.5, 0.0), (0.465, 0.025), (0.465, -0.025)])
+    axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))
+    for outline in scene.wheel_outlines:
+        axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GREY, zorder=3))
+    _draw_sensors(axes, placement, area)
+    axes.set_title(headline, loc="left", pad=27)
+    axes.text(
+        0.0,
+        1.01,
+        "\n".join(textwrap.wrap(words, _WRAP)[:2]),
+        transform=axes.transAxes,
+        fontsize=8.0,
+        va="bottom",
+    )
+    axes.grid(False)
+    axes.set_aspect("equal")
+
+
+def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
+    size = area.scene.chassis_length
+    for name, pose in zip(placement.sensors, poses_of(placement.sensors), strict=True):
+        axes.add_patch(
+            Polygon(
+                area.outline(pose, housing=True),
+                facecolor="white",
+                edgecolor=style.BLUE,
+                linewidth=1.0,
+                zorder=5,
+            )
+        )
+        axes.add_patch(Polygon(area.outline(pose, housing=False), color=style.BLUE, zorder=6))
+        direction = np.array([math.cos(pose[2]), math.sin(pose[2])])
+        reach = 0.5 * _ARROW * size
+        tail, tip = pose[:2] - reach * direction, pose[:2] + reach * direction
+        axes.add_patch(
+            FancyArrowPatch(
+                (tail[0], tail[1]),
+                (tip[0], tip[1]),
+                arrowstyle="-|>",
+                mutation_scale=11,
+                shrinkA=0,
+                shrinkB=0,
+                linewidth=1.4,
+                color=style.BLUE,
+                zorder=7,
+            )
+        )
+        inward = -np.sign(pose[:2]) * (np.abs(pose[:2]) > 0.05 * size)
+        across = np.array([-direction[1], direction[0]])
+        side = across if float(across @ inward) >= 0.0 else -across
+        at = pose[:2] + (0.04 + 0.05 * abs(side[0])) * size * side
+        axes.text(
+            at[0], at[1], name.replace("_", " "), fontsize=8.0, ha="center", va="center", zorder=8
+        )
+
+
+def _draw_axes_through(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
+    """Draw the lines of all axes, which show why a placement is singular."""
+    reach = math.hypot(area.scene.chassis_length, area.scene.chassis_width)
+    for x, y, heading in poses_of(placement.sensors):
+        step = reach * np.array([math.cos(heading), math.sin(heading)])
+        axes.plot(
+            [x - step[0], x + step[0]],
+            [y - step[1], y + step[1]],
+            color=style.VERMILLION,
+            linewidth=1.0,
+            linestyle=(0, (5, 3)),
+            scalex=False,
+            scaley=False,
+            zorder=4,
+        )
+
+
+def _legend() -> list[Line2D | Patch]:
+    return [
+        Patch(color=style.BLUE, label="field of view"),
+        Patch(facecolor="white", edgecolor=style.BLUE, label="housing"),
+        Line2D([], [], color=style.BLUE, marker=">", markevery=[1], label="axis"),
+        Patch(facecolor="#BBBBBB", edgecolor=style.GREY, label="wheel"),
+        Line2D([], [], color=style.BLACK, marker=">", linestyle="", label="front"),
+    ]

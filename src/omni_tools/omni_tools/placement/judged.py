@@ -1,0 +1,118 @@
+"""A placement of line cameras and what it comes to."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.twist.least_squares import check_placement
+from omni_platform.configuration import ConfigurationError
+from omni_platform.quantities import FloatArray
+from omni_platform.sensors import LineSensor
+from omni_tools.placement.error import (
+    ConditionNumber,
+    MeanError,
+    after_failure,
+    closeness,
+    poses_of,
+)
+from omni_tools.placement.mounting_area import MountingArea
+
+MINIMUM_LEVER = OdometryConfiguration.minimum_lever
+"""Effective lever below which the odometry refuses a placement by default [m]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class JudgedPlacement:
+    """A placement and what it comes to.
+
+    Attributes:
+        name: of the placement.
+        sensors: its cameras.
+        mean_error: E [m/s], infinite if it is singular.
+        deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
+            mix of motions, shape (3,).
+        by_motion: E in each motion alone [m/s].
+        without: E without each camera [m/s], infinite where the others are singular, shape (N,).
+        condition: condition number of the sensor matrix in SI units.
+        spread_deg: angle by which the axes spread, see `placement_error.closeness` [deg].
+        lever: effective lever for the yaw rate [m].
+        singular: why the odometry refuses it, empty if it does not.
+        mounting: why it cannot be mounted on the chassis, empty if it can.
+    """
+
+    name: str
+    sensors: Mapping[str, LineSensor]
+    mean_error: float
+    deviation: FloatArray
+    by_motion: Mapping[str, float]
+    without: FloatArray
+    condition: float
+    spread_deg: float
+    lever: float
+    singular: str
+    mounting: str
+
+    @property
+    def worst_without(self) -> float:
+        """E after the failure of the camera that is missed most [m/s]; infinite for three."""
+        return float(np.max(self.without))
+
+    @property
+    def missed_most(self) -> str:
+        """The camera whose failure is the worst."""
+        return tuple(self.sensors)[int(np.argmax(self.without))]
+
+
+def judge(
+    name: str, sensors: Mapping[str, LineSensor], criterion: MeanError, area: MountingArea
+) -> JudgedPlacement:
+    """Evaluate a placement on a chassis.
+
+    Args:
+        name: of the placement.
+        sensors: its cameras, of the criterion's type.
+        criterion: gives the error.
+        area: gives the places where cameras can be mounted.
+    """
+    poses = poses_of(sensors)
+    mix = criterion.mix
+    variance = np.einsum("mii->mi", criterion.covariance(poses))
+    squared = variance @ np.array([1.0, 1.0, criterion.gyration**2])
+    by_motion = {
+        motion: math.sqrt(float(np.average(squared[own], weights=mix.share[own])))
+        for motion in dict.fromkeys(mix.names)
+        for own in [np.array([other == motion for other in mix.names])]
+    }
+    condition = ConditionNumber()
+    spread, lever = closeness(sensors)
+    without = after_failure(criterion, poses)
+    for index, missing in enumerate(sensors):
+        if singularity({name: own for name, own in sensors.items() if name != missing}):
+            without[index] = math.inf
+    return JudgedPlacement(
+        name,
+        sensors,
+        criterion.mean_error(poses),
+        np.sqrt(mix.share @ variance),
+        by_motion,
+        without,
+        float(condition.value(condition.information(poses).sum(axis=0))),
+        spread,
+        lever,
+        singularity(sensors),
+        area.problem(tuple(sensors), poses),
+    )
+
+
+def singularity(sensors: Mapping[str, LineSensor]) -> str:
+    """Return why the odometry refuses a placement, empty if it does not."""
+    try:
+        check_placement(sensors, MINIMUM_LEVER)
+    except ConfigurationError as error:
+        return error.problem
+    return ""

@@ -1,0 +1,325 @@
+"""The placement of line cameras with the smallest mean twist error on a chassis.
+
+An exchange as in the optimal design of experiments: the Fisher information of a placement is the
+sum of that of its cameras, so that for one camera after the other every place and heading of a
+coarse grid is tried with the others kept, until none gets better. From the best of several random
+starts it goes on with ever smaller steps. Obstacles need no penalty: places that do not fit are
+left out.
+
+Mirror images have the same error, and so have many other placements nearly. Hence placements that
+are symmetric about an axis of the vehicle or turned by 180 deg are searched as well, and
+win unless a free one is better by more than a per cent. The result is rounded to what can be
+drilled and measured, with the places around tried again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.quantities import FloatArray
+from omni_tools.placement.error import Criterion
+from omni_tools.placement.mounting_area import MountingArea
+
+LATTICE = (1e-3, math.radians(1.0))
+"""What places and headings are rounded to [m], [rad]."""
+
+_EQUAL = 0.01  # a symmetric placement may be worse by this
+_ACROSS = 28  # places of the coarse grid across the chassis
+_HEADINGS = 12  # of the coarse grid in half a turn
+_FEWER = 0.6  # of either where the failure of every camera is tried
+_FINEST = 5e-5  # last step [m]
+_GAIN = 1e-7  # of the criterion, to be better
+_SWEEPS = 40
+_ENDS = 2  # of the random starts that are refined
+
+_LEFT_RIGHT, _FRONT_BACK, _TURNED = (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)
+_ITSELF = (1.0, 1.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Unit:
+    """One camera, or one with its image.
+
+    Attributes:
+        images: factors of x, y and heading for each camera of the unit.
+        free: which of x, y and heading may be chosen; the others are fixed, to 0 for places.
+        heading: that may not be chosen [rad].
+    """
+
+    images: tuple[tuple[float, float, float], ...] = (_ITSELF,)
+    free: tuple[bool, bool, bool] = (True, True, True)
+    heading: float = 0.0
+
+    def poses(self, first: FloatArray) -> FloatArray:
+        """Return the poses of all cameras of the unit, shape (..., 3) to (..., g, 3)."""
+        images: FloatArray = first[..., None, :] * np.array(self.images)
+        return images
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FoundPlacement:
+    """The end of a search.
+
+    Attributes:
+        poses: x, y [m] and heading [rad] of the cameras, on the lattice, shape (N, 3).
+        value: of the criterion.
+        rounding: by how much rounding made it worse [1].
+        symmetry: in words, empty without any.
+    """
+
+    poses: FloatArray
+    value: float
+    rounding: float
+    symmetry: str
+
+
+class NoRoomError(ValueError):
+    """The cameras do not fit on the chassis, or in no way that determines the twist."""
+
+
+def search(
+    criterion: Criterion,
+    area: MountingArea,
+    count: int,
+    *,
+    redundant: bool = False,
+    starts: int = 6,
+    seed: int = 1,
+    report: Callable[[float, str], None] = lambda _share, _words: None,
+) -> FoundPlacement:
+    """Return the best placement that was found.
+
+    Args:
+        criterion: what placements are judged by.
+        area: where cameras can be mounted.
+        count: of cameras.
+        redundant: whether the criterion counts without the camera whose failure is the worst.
+        starts: random placements to begin with, for each symmetry.
+        seed: of these placements.
+        report: called with the share done and its subject.
+
+    Raises:
+        NoRoomError: no regular placement was found.
+    """
+    trial = _Search(criterion, area, redundant)
+    layouts = _layouts(count)
+    generator = np.random.default_rng(seed)
+    found: list[tuple[float, str, tuple[_Unit, ...], FloatArray]] = []
+    for index, (symmetry, units) in enumerate(layouts):
+        report(index / len(layouts), f"{symmetry or 'free'} placements of {count} sensors")
+        refined = [trial.refine(units, best) for best in trial.exchange(units, generator, starts)]
+        if refined:
+            value, places = min(refined, key=lambda entry: entry[0])
+            found.append((value, symmetry, units, places))
+    if not found:
+        raise NoRoomError(f"there is no room for {count} sensors that could measure the twist")
+    value, symmetry, units, places = min(found, key=lambda entry: entry[0])
+    # From the best symmetric one on without the symmetry: it can only get better.
+    free = (_Unit(),) * count
+    loose_value, loose = trial.refine(free, _all(units, places))
+    regular = [entry for entry in found if entry[1]]
+    best_regular = min(regular, key=lambda entry: entry[0], default=None)
+    unrounded = min(value, loose_value)
+    if best_regular is not None and best_regular[0] <= unrounded * (1.0 + _EQUAL):
+        unrounded, symmetry, units, places = best_regular
+    elif loose_value < value:
+        symmetry, units, places = "", free, loose
+    rounded_value, rounded = trial.round(units, places)
+    if not math.isfinite(rounded_value):
+        raise NoRoomError(f"there is no room for {count} sensors on a grid of 1 mm and 1 deg")
+    report(1.0, "")
+    loss = max(rounded_value / unrounded - 1.0, 0.0)
+    return FoundPlacement(_all(units, rounded) + 0.0, rounded_value, loss, symmetry)
+
+
+def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
+    """Return the symmetries to try, and the units that they divide the cameras into."""
+    layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
+    for words, image, free in (
+        ("left and right alike", _LEFT_RIGHT, (True, False, False)),
+        ("front and rear alike", _FRONT_BACK, (False, True, False)),
+    ):
+        # Those that are their own image are on the axis of symmetry, along it or across.
+        for single in range(count % 2, 3, 2):
+            for headings in itertools.combinations_with_replacement((0.0, 0.5 * math.pi), single):
+                own = tuple(_Unit(free=free, heading=heading) for heading in headings)
+                pairs = (_Unit((_ITSELF, image)),) * ((count - single) // 2)
+                layouts.append((words, (*pairs, *own)))
+    if count % 2 == 0:
+        layouts.append(("alike after half a turn", (_Unit((_ITSELF, _TURNED)),) * (count // 2)))
+    return layouts
+
+
+def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
+    """Return the poses of all cameras, shape (N, 3)."""
+    return np.concatenate([unit.poses(place) for unit, place in zip(units, places, strict=True)])
+
+
+class _Search:
+    """Exchange and refinement on one chassis with one criterion."""
+
+    def __init__(self, criterion: Criterion, area: MountingArea, redundant: bool) -> None:
+        self._criterion = criterion
+        self._area = area
+        self._redundant = redundant
+        fewer = _FEWER if redundant else 1.0
+        longer = max(area.reach)
+        self._spacing = 2.0 * longer / round(fewer * _ACROSS)
+        self._headings = 2 * round(0.5 * fewer * _HEADINGS)
+        self._candidates = functools.cache(self._make_candidates)
+
+    def exchange(
+        self, units: tuple[_Unit, ...], generator: np.random.Generator, starts: int
+    ) -> list[FloatArray]:
+        """Return the best few ends on the coarse grid, each of shape (units, 3)."""
+        sets = [self._candidates(unit) for unit in units]
+        if not all(len(places) for places, _ in sets):
+            return []
+        ends: dict[float, FloatArray] = {}
+        for _ in range(starts):
+            current = np.array([places[generator.integers(len(places))] for places, _ in sets])
+            value = math.inf
+            for sweep in range(_SWEEPS):
+                before = value
+                for i, (places, own) in enumerate(sets):
+                    trial, chosen = self._best(units, current, i, places, own)
+                    if trial < value * (1.0 - _GAIN) or sweep == 0:
+                        value, current[i] = trial, chosen
+                if not value < before and sweep > 0:
+                    break
+            if math.isfinite(value) and self._possible(units, current):
+                ends[round(value, 9)] = current
+        return [ends[value] for value in sorted(ends)[:_ENDS]]
+
+    def refine(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
+        """Move in ever smaller steps; return the criterion and the places."""
+        current = places.copy()
+        step = self._spacing
+        turn = math.pi / self._headings / step  # the steps of heading shrink alike
+        value = self._walk(units, current, math.inf, (0.0, 0.0), 0)
+        while step > _FINEST:
+            value = self._walk(units, current, value, (step, step * turn), 2)
+            step *= 0.5
+        return value, current
+
+    def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
+        """Put the places on the lattice, and the best of those around; return as `refine`."""
+        lattice = np.array([LATTICE[0], LATTICE[0], LATTICE[1]])
+        current = np.round(places / lattice) * lattice
+        value = self._walk(units, current, math.inf, LATTICE, 3)
+        return value, np.round(current / lattice) * lattice
+
+    def _walk(
+        self,
+        units: tuple[_Unit, ...],
+        current: FloatArray,
+        value: float,
+        step: tuple[float, float],
+        reach: int,
+    ) -> float:
+        """Move one unit after the other by up to `reach` steps until none gets better.
+
+        From an infinite `value` on, every unit takes the best place around it once, since some
+        may stand where there is no room.
+        """
+        forced = not math.isfinite(value)
+        for _ in range(_SWEEPS):
+            before = value
+            for i, unit in enumerate(units):
+                around = current[i] + _cloud(unit.free, reach) * (step[0], step[0], step[1])
+                around = around[self._fits(unit, around)]
+                if len(around) == 0:
+                    return math.inf
+                own = self._criterion.information(unit.poses(around))
+                trial, chosen = self._best(units, current, i, around, own)
+                if trial < value * (1.0 - _GAIN) or forced:
+                    value, current[i] = trial, chosen
+            if not value < before:
+                break
+            forced = False
+        return value if self._possible(units, current) else math.inf
+
+    def _best(
+        self,
+        units: tuple[_Unit, ...],
+        current: FloatArray,
+        index: int,
+        places: FloatArray,
+        own: FloatArray,
+    ) -> tuple[float, FloatArray]:
+        """Return the best of some places for one unit with the others kept, and its criterion.
+
+        Args:
+            units: of the placement.
+            current: places of them, shape (units, 3).
+            index: of the unit to place.
+            places: to try, shape (K, 3).
+            own: information of each camera of the unit there, shape (K, g, M, 6).
+        """
+        rest = [i for i in range(len(units)) if i != index]
+        poses = units[index].poses(places)
+        free = np.ones(len(places), np.bool_)
+        others: FloatArray = np.zeros((0, 3))
+        if rest:
+            others = _all([units[i] for i in rest], current[rest])
+            for other in others:
+                free &= np.all(self._area.apart(poses, other), axis=-1)
+        if not np.any(free):
+            return math.inf, places[0]
+        places, own = places[free], own[free]
+        information = self._criterion.information(others)
+        total = own.sum(axis=1) + information.sum(axis=0)
+        judged = [total]
+        if self._redundant:
+            judged = [total - one for one in information]
+            judged += [total - own[:, g] for g in range(own.shape[1])]
+        values = np.max([self._criterion.value(each) for each in judged], axis=0)
+        best = int(np.argmin(values))
+        return float(values[best]), places[best]
+
+    def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
+        """Return places of the coarse grid that fit, and the information of the cameras there."""
+        reach = self._area.reach
+        turns = np.arange(self._headings) * math.pi / self._headings
+        axes = [_grid(limit, self._spacing) for limit in reach] + [turns]
+        for axis, may in enumerate(unit.free):
+            if not may:
+                axes[axis] = np.array([unit.heading if axis == 2 else 0.0])
+        mesh = np.meshgrid(*axes, indexing="ij")
+        places = np.stack(mesh, axis=-1).reshape(-1, 3)
+        places = places[self._fits(unit, places)]
+        return places, self._criterion.information(unit.poses(places))
+
+    def _fits(self, unit: _Unit, places: FloatArray) -> NDArray[np.bool_]:
+        poses = unit.poses(places)
+        fit: NDArray[np.bool_] = np.all(self._area.fits(poses), axis=-1)
+        if len(unit.images) > 1:
+            fit &= self._area.apart(poses[..., 0, :], poses[..., 1, :])
+        return fit
+
+    def _possible(self, units: tuple[_Unit, ...], places: FloatArray) -> bool:
+        poses = _all(units, places)
+        return all(
+            bool(np.all(self._area.apart(poses[:i], poses[i]))) for i in range(1, len(poses))
+        )
+
+
+@functools.cache
+def _cloud(free: tuple[bool, bool, bool], reach: int) -> FloatArray:
+    """Return whole steps in the free directions, shape (K, 3)."""
+    steps = np.arange(-reach, reach + 1.0)
+    axes = [steps if may else np.zeros(1) for may in free]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _grid(limit: float, spacing: float) -> FloatArray:
+    """Return places about 0 up to a limit [m]."""
+    count = math.floor(limit / spacing)
+    return spacing * np.arange(-count, count + 1.0)

@@ -1,0 +1,102 @@
+"""The task of a placement, from the options of a command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from omni_figures.scene import Scene
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.configuration import ConfigurationError, did_you_mean
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import KINDS
+from omni_tools.line_trials.rig import ground
+from omni_tools.placement.design import (
+    FEWEST_SENSORS,
+    MOST_SENSORS,
+    DesignTask,
+    design_speed,
+    view_of,
+)
+from omni_tools.placement.error import MotionMix
+from omni_tools.placement.mounting_area import MountingArea
+from omni_tools.placement.options import PlacementOptions
+
+_TEXELS = 4096  # of the ground over 0.2 m
+
+
+def design_task(options: PlacementOptions, library: ExperimentLibrary) -> DesignTask:
+    """Check the options and read the files that they name.
+
+    Raises:
+        ConfigurationError: an option does not fit.
+    """
+    if options.ground not in KINDS:
+        hint = did_you_mean(options.ground, KINDS)
+        raise ConfigurationError(
+            "--ground", f"{options.ground!r} is not one of {', '.join(KINDS)}{hint}"
+        )
+    vehicle = library.vehicle(options.vehicle)
+    kind = options.type or (options.check[0] if options.check else "generic")
+    given = {name: library.sensors(name) for name in options.check or [kind]}
+    view = view_of(kind, library.sensors(kind))
+    for name in options.check:
+        if view_of(name, given[name]) != view:
+            raise ConfigurationError("--check", f"{name} has another type of camera than {kind}")
+    count = options.sensors
+    if count is None:
+        checked = len(given[options.check[0]]) if options.check else FEWEST_SENSORS
+        count = min(max(checked, FEWEST_SENSORS), MOST_SENSORS)
+    if not FEWEST_SENSORS <= count <= MOST_SENSORS:
+        raise ConfigurationError(
+            "--sensors",
+            f"{count} must be {FEWEST_SENSORS}, for the three components of the twist, to "
+            f"{MOST_SENSORS}",
+        )
+    if options.redundant and count == FEWEST_SENSORS:
+        raise ConfigurationError("--redundant", "takes four sensors or more: --sensors 4")
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    area = MountingArea(scene, view, options.housing, options.clearance)
+    speed = design_speed(options.speed, options.yaw_rate, area)
+    return DesignTask(
+        area=area,
+        texture=ground(options.ground, _TEXELS),
+        noise=options.noise,
+        count=count,
+        mix=MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
+        speed=speed,
+        redundant=options.redundant,
+        given=_cases(
+            {
+                name: sensors
+                for name, sensors in given.items()
+                if options.check or len(sensors) == count
+            }
+        ),
+        seed=options.seed,
+    )
+
+
+def _weights(text: str) -> Sequence[float]:
+    try:
+        weights = [float(part) for part in text.split(":")]
+    except ValueError:
+        weights = []
+    valid = all(math.isfinite(weight) and weight >= 0.0 for weight in weights)
+    if len(weights) != 4 or not valid or sum(weights) == 0.0:
+        raise ConfigurationError(
+            "--mix", f"{text!r} must be four shares, straight:sideways:diagonal:turning"
+        )
+    return weights
+
+
+def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
+    """Return placements by the names of their files, told apart from those of the others."""
+    cases: dict[str, Mapping[str, LineSensor]] = {}
+    for name, sensors in given.items():
+        case = Path(name).stem.replace(".", "_")
+        while case in cases or case in {"best", "condition", "tangential", "radial", "parallel"}:
+            case += "_given"
+        cases[case] = sensors
+    return cases

@@ -1,0 +1,93 @@
+"""Placements of line cameras tried on rendered lines: the errors of their twist."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, batch_lines
+from omni_tools.placement.error import MotionMix
+from omni_tools.placement.sensor_error import ORIENTATIONS
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlacementTrial:
+    """Twist errors of a placement on rendered lines.
+
+    Attributes:
+        error: estimated less true twist [m/s, m/s, rad/s] of every batch, by motion of the mix,
+            each of shape (b, 3).
+        share: of the time, of each motion.
+        unmeasured: share of the batches without a twist.
+    """
+
+    error: tuple[FloatArray, ...]
+    share: FloatArray
+    unmeasured: float
+
+    @property
+    def deviation(self) -> FloatArray:
+        """RMS errors of v_x, v_y [m/s] and yaw rate [rad/s] over the mix, shape (3,)."""
+        squared = np.array([np.mean(error**2, axis=0) for error in self.error])
+        deviation: FloatArray = np.sqrt(self.share @ squared)
+        return deviation
+
+    def mean_error(self, gyration: float) -> float:
+        """Return the RMS error over the platform's points and the mix [m/s].
+
+        Args:
+            gyration: RMS distance of the points from base_link [m].
+        """
+        return float(np.linalg.norm(self.deviation * (1.0, 1.0, gyration)))
+
+
+def drive_mix(
+    sensors: Mapping[str, LineSensor],
+    mix: MotionMix,
+    texture: GroundTexture,
+    noise: float,
+    batches: int,
+    seed: int,
+    report: Callable[[float], None] = lambda _share: None,
+) -> PlacementTrial:
+    """Drive a placement over a ground and measure its twist from the lines of the cameras.
+
+    Every batch begins at a random place of the ground, in one of several random orientations.
+
+    Args:
+        sensors: the placement, not singular.
+        mix: of motions.
+        texture: the ground.
+        noise: standard deviation [grey levels of 8 bit].
+        batches: of each motion in each orientation.
+        seed: of places, orientations and noise.
+        report: called with the share done.
+    """
+    generator = np.random.default_rng(seed)
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+    rig = Rig(sensors, texture, noise, seed)
+    lines = {name: np.arange(batch_lines(s.line_rate) + 1) for name, s in sensors.items()}
+    errors, total = [], 0
+    for index, twist in enumerate(mix.twist):
+        report(index / len(mix.twist))
+        yaws = np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches)
+        own = []
+        for yaw in yaws:
+            start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
+            # Stamps far apart: no line of a batch is compared with one of another.
+            begin_ns = round(SECOND_NS * total * 4.0 * BATCH_TIME)
+            total += 1
+            estimate = odometry.update(rig.expose(start, twist, lines, begin_ns))
+            if estimate.measured:
+                own.append(estimate.twist - twist)
+        errors.append(np.array(own).reshape(-1, 3))
+    report(1.0)
+    measured = sum(len(error) for error in errors)
+    return PlacementTrial(tuple(errors), mix.share, 1.0 - measured / total)

@@ -1,0 +1,94 @@
+"""What a report shows of the wheels although no topic carries it: slips and loads.
+
+Both follow from the recorded true motion and the vehicle's configuration. The slip is that of the
+rim against the ground; the simulator's is that of the contact patch, which the tire's spring
+lets move for some milliseconds after a brake changes. The loads are those of a flat ground.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from omni_loop.history import RunHistory
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
+from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+
+_STANDSTILL = 0.05  # [m/s]
+
+
+def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
+    """Return the slips of the rims along the active directions: 0 rolls, 1 is locked.
+
+    ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``, Eqs. (20), (22)
+    with sign and over the larger speed, as Eq. (20) itself grows without bound where a wheel
+    locks; above 1 the rim turns against the ground. Where neither moves it is NaN.
+
+    Args:
+        vehicle: with the wheels of the history, in any order.
+        history: the run.
+
+    Returns:
+        Slips [1], -2 to 2, shape (T, N), in the order of the history's wheels.
+    """
+    geometry = _geometry(vehicle, history)
+    moments = cross(geometry.position, geometry.active)
+    hub = history.twist @ np.column_stack((geometry.active, moments)).T  # Eq. (23)
+    rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    larger = np.maximum(np.abs(hub), np.abs(rim))
+    larger[larger < _STANDSTILL] = np.nan
+    return np.asarray((hub - rim) / larger, dtype=np.float64)
+
+
+def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
+    """Return the vertical loads that balance the weight and the inertia of the recorded motion.
+
+    They follow the acceleration of the centre of gravity with the vehicle's load transfer time.
+
+    Args:
+        vehicle: with the wheels of the history, in any order.
+        history: the run.
+
+    Returns:
+        Loads [N], shape (T, N), in the order of the history's wheels.
+    """
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    position = _geometry(vehicle, history).position - masses.centre
+    plane, hull = load_plane(position), support_polygon(position)
+    acceleration = _acceleration(masses.centre, history)
+    loads = np.empty((len(history.stamp_ns), len(position)))
+    lagged = np.zeros(2)
+    periods = np.diff(history.time, prepend=history.time[0])
+    for row, period in enumerate(periods.tolist()):
+        share = period / (period + vehicle.load_transfer_time) if period > 0.0 else 0.0
+        lagged += share * (acceleration[row] - lagged)
+        z_x, z_y = (-masses.height / GRAVITY * lagged).tolist()
+        wheel_loads(position, plane, hull, masses.mass * GRAVITY, z_x, z_y, loads[row])
+    return loads
+
+
+def is_flat(elevation: ElevationConfiguration) -> bool:
+    """Return whether a ground is flat everywhere."""
+    return elevation.grade == 0.0 and not elevation.waves and not elevation.bumps
+
+
+def _acceleration(point: FloatArray, history: RunHistory) -> FloatArray:
+    """Return the acceleration of a point of the body, in the body frame [m/s^2], shape (T, 2)."""
+    if len(history.stamp_ns) < 2:
+        return np.zeros((len(history.stamp_ns), 2))
+    cos, sin = np.cos(history.pose[:, 2]), np.sin(history.pose[:, 2])
+    yaw_rate = history.twist[:, 2]
+    v_x = history.twist[:, 0] - yaw_rate * point[1]
+    v_y = history.twist[:, 1] + yaw_rate * point[0]
+    world = np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
+    a = np.diff(world, axis=0) / np.diff(history.time)[:, np.newaxis]
+    a = np.vstack((a[:1], a))  # of the period that ends at each stamp
+    return np.column_stack((cos * a[:, 0] + sin * a[:, 1], cos * a[:, 1] - sin * a[:, 0]))
+
+
+def _geometry(vehicle: VehicleConfiguration, history: RunHistory) -> PlatformGeometry:
+    return PlatformGeometry.from_wheels(
+        {name: vehicle.wheels[name] for name in history.wheel_names}
+    )

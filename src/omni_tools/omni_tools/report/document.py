@@ -1,0 +1,172 @@
+"""A report as plain values, ready for strict JSON.
+
+Numbers over time are base64 texts of little-endian 32-bit floats, one text per column, NaN
+where there is no value: a third of the size of digits, and the browser reads them at once.
+"""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omni_figures.comparison_table import in_small_units, metric_label, metric_number
+from omni_figures.run_figures import scene_of
+from omni_figures.scene import Scene
+from omni_figures.style import time_label
+from omni_loop.history import RunHistory
+from omni_platform.geometry import PlatformGeometry
+from omni_tools.report.derived import flat_ground_loads, is_flat, rim_slips
+from omni_tools.report.recording import ReportedRun
+
+_MOST_STAMPS = 12_000  # two minutes at 100 Hz; of a longer run every n-th stamp is shown
+_DEGREES = 180.0 / math.pi
+
+
+def report_document(title: str, runs: Sequence[ReportedRun]) -> dict[str, Any]:
+    """Return a report as plain values.
+
+    Args:
+        title: what the runs have in common.
+        runs: in the order in which they are listed; at least one.
+    """
+    return {
+        "title": title,
+        "timeLabel": time_label(run.history for run in runs),
+        "runs": [_run(run) for run in runs],
+        "metrics": _metrics(runs),
+        "metricNotes": list(
+            dict.fromkeys(
+                f"{run.name}: {metric.note}"
+                for run in runs
+                for metric in run.metrics.values()
+                if metric.note
+            )
+        ),
+        "configuration": _configuration(runs),
+    }
+
+
+def _run(run: ReportedRun) -> dict[str, Any]:
+    history = run.history
+    stride = math.ceil(len(history.stamp_ns) / _MOST_STAMPS)
+    notes = list(run.notes)
+    if stride > 1:
+        notes.append(f"one of {stride} stamps is shown")
+    if history.brake_start is None:
+        notes.append("the brake pedal is never pressed, so time counts from the start")
+    columns: dict[str, Any] = {
+        "time": history.braking_time,
+        "x": history.pose[:, 0],
+        "y": history.pose[:, 1],
+        "yaw": history.pose[:, 2],
+        "heading": (history.pose[:, 2] - history.pose[history.brake_start or 0, 2]) * _DEGREES,
+        "velocity": history.twist[:, :2],
+        "yawRate": history.twist[:, 2],
+        "velocityError": history.estimate[:, :2] - history.twist[:, :2],
+        "yawRateError": history.estimate[:, 2] - history.twist[:, 2],
+        "pedal": history.pedal,
+        "enable": history.enable,
+        "error": history.error,
+    }
+    scene = None
+    if run.configuration is not None:
+        vehicle = run.configuration.vehicle
+        scene = _scene(scene_of(run.configuration), history.wheel_names)
+        columns["slip"] = rim_slips(vehicle, history)
+        if is_flat(run.configuration.ground.elevation):
+            columns["load"] = flat_ground_loads(vehicle, history)
+        else:
+            notes.append("the ground is not flat, so the loads do not follow from the motion")
+    return {
+        "name": run.name,
+        "wheels": [name.replace("_", " ") for name in history.wheel_names],
+        "notes": notes,
+        "columns": {name: _columns(values, stride) for name, values in columns.items()},
+        "states": _states(history, stride),
+        "forces": _forces(run),
+        "brakeStart": None if history.brake_start is None else history.brake_start // stride,
+        "scene": scene,
+    }
+
+
+def _columns(values: ArrayLike, stride: int) -> list[str]:
+    """Return one text per column of values (T,) or (T, K)."""
+    with np.errstate(over="ignore"):  # what is too large for 32 bits is off every scale
+        rows = np.asarray(values, dtype="<f4")[::stride]
+    columns = rows.reshape(len(rows), -1).T
+    return [base64.b64encode(column.tobytes()).decode("ascii") for column in columns]
+
+
+def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
+    """Return where the assistant's state changes, and to what."""
+    changes, row = [], 0
+    for state, span in itertools.groupby(history.assist_state[::stride]):
+        changes.append((row, state.replace("_", " ")))
+        row += sum(1 for _ in span)
+    return changes
+
+
+def _forces(run: ReportedRun) -> dict[str, Any] | None:
+    if run.forces is None:
+        return None
+    history = run.history
+    start_ns = history.stamp_ns[history.brake_start or 0]
+    count = len(run.forces.stamp_ns)
+    stride = math.ceil(count / _MOST_STAMPS)
+    return {
+        "time": _columns((run.forces.stamp_ns - start_ns) * 1e-9, stride)[0],
+        "values": _columns(run.forces.force.reshape(count, -1), stride),
+    }
+
+
+def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
+    geometry = PlatformGeometry.from_wheels(scene.wheels)
+    outlines = scene.wheel_outlines
+    wheels = []
+    for name in wheel_names:
+        row = geometry.names.index(name)
+        wheels.append(
+            {
+                "position": geometry.position[row].tolist(),
+                "radius": float(geometry.radius[row]),
+                "active": geometry.active[row].tolist(),
+                "outline": outlines[row].tolist(),
+            }
+        )
+    return {
+        "length": scene.chassis_length,
+        "width": scene.chassis_width,
+        "wheels": wheels,
+        "load": scene.load,
+        "loadArm": None if scene.load_arm is None else scene.load_arm.tolist(),
+        "centreOfGravity": scene.centre_of_gravity,
+        "patches": [
+            {"outline": patch.outline, "friction": patch.friction} for patch in scene.patches
+        ],
+    }
+
+
+def _metrics(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
+    rows = []
+    for quantity in dict.fromkeys(key for run in runs for key in run.metrics):
+        unit, entries = in_small_units([run.metrics.get(quantity) for run in runs])
+        values = [
+            metric_number(entry.value, entry.unit) if entry and math.isfinite(entry.value) else None
+            for entry in entries
+        ]
+        rows.append(
+            {"label": metric_label(quantity), "unit": "" if unit == "1" else unit, "values": values}
+        )
+    return rows
+
+
+def _configuration(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
+    """Return every key with the value of each run, None where a run has none."""
+    keys = dict.fromkeys(key for run in runs for key in run.values)
+    return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]

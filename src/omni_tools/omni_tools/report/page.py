@@ -1,0 +1,67 @@
+"""The HTML file of a report: one file with all in it, from which no request leaves.
+
+The page's own policy forbids every request, and every script but its own, which is identified by
+its hash. What the recordings hold is data to that script: it stands in a block of JSON from which
+no text can break out, and the script puts it on the page as text only, never as markup.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from importlib import resources
+
+from omni_tools.report.document import report_document
+from omni_tools.report.recording import ReportedRun
+
+# In the order in which the browser reads them.
+_SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
+
+
+def report_page(
+    title: str, runs: Sequence[ReportedRun], seen: Mapping[str, bytes] | None = None
+) -> str:
+    """Return the HTML text of a report.
+
+    Args:
+        title: what the runs have in common.
+        runs: in the order in which they are listed; at least one.
+        seen: pictures (PNG) of what their cameras saw, by the words about each.
+
+    Raises:
+        ValueError: there is no run.
+    """
+    if not runs:
+        raise ValueError("a report needs at least one run")
+    style = _part("report.css")
+    script = '"use strict";\n' + "".join(_part(name) for name in _SCRIPTS)
+    pictures = {words: base64.b64encode(png).decode("ascii") for words, png in (seen or {}).items()}
+    document = report_document(title, runs) | {"seen": pictures}
+    data = json.dumps(document, allow_nan=False, separators=(",", ":"))
+    parts = {
+        "POLICY": (
+            "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "
+            f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
+        ),
+        "STYLE": style,
+        "SCRIPT": script,
+        # A browser ends the block at "</script" wherever it stands, in a text of JSON too.
+        "DATA": data.replace("<", "\\u003c"),
+    }
+    before, *rest = _part("report.html").split("{{")
+    pieces = [before]
+    for piece in rest:  # not by replace(): a part may contain what looks like a place
+        name, _, after = piece.partition("}}")
+        pieces += [parts[name], after]
+    return "".join(pieces)
+
+
+def _part(name: str) -> str:
+    return (resources.files(__package__) / "page" / name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode("utf-8")).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"

@@ -1,0 +1,256 @@
+"""A recording with all that a report says of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omni_brake_assist.conditions import AssistState
+from omni_loop.drift import drift_metrics
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.history import RunHistory
+from omni_loop.metrics import Metric, RestCriterion, run_metrics
+from omni_loop.recorded_run import read_run
+from omni_loop.stops import stops_of
+from omni_platform.configuration import InputError, from_mapping
+from omni_recording.folder import read_plain_yaml
+from omni_tools.limit.share import limit_share
+from omni_tools.report.forces import WheelForces, read_wheel_forces
+
+CONFIGURATION = "configuration.yaml"
+
+_ASSISTING = (
+    AssistState.ASSISTING.value,
+    AssistState.DEAD_RECKONING.value,
+    AssistState.ALL_ERRORS_POSITIVE.value,
+)
+_LARGEST_CONFIGURATION = 1 << 20  # [B]
+_MOST_VALUES = 4000
+_LONGEST_TEXT = 200  # characters of a key or value
+_DEEPEST = 16
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReportedRun:
+    """One run of a report.
+
+    Attributes:
+        name: unique within the report.
+        history: what happened.
+        metrics: by quantity.
+        forces: of the wheels on the vehicle, if the recording shows them.
+        configuration: of the whole loop, if it is next to the recording and holds for all wheels.
+        values: the configuration as texts by dotted key, as far as there is one.
+        notes: sentences about what is missing.
+    """
+
+    name: str
+    history: RunHistory
+    metrics: Mapping[str, Metric]
+    forces: WheelForces | None = None
+    configuration: ExperimentConfiguration | None = None
+    values: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
+    """Return a recording as the runs of a report: each stop of a drive is one, named after it."""
+    return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
+
+
+def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
+    """Return the metrics of each stop of a recording, and how far its odometry drifts.
+
+    A drive with several stops is summarised as a whole too: length, time and drift.
+
+    Args:
+        path: rosbag2 folder, or a single ``.mcap`` file.
+        name: of the recording.
+
+    Raises:
+        BagError: the recording cannot be read or is not one of a run.
+    """
+    history = read_run(path)
+    stops = _named_stops(history, name)
+    compared: dict[str, dict[str, Metric]] = {}
+    if len(stops) > 1:
+        way = np.sum(np.hypot(*np.diff(history.pose[:, :2], axis=0).T))
+        compared[name] = {
+            "stops": Metric(len(stops), "1"),
+            "path_length": Metric(float(way), "m"),
+            **drift_metrics(history),
+        }
+    for words, stop in stops:
+        compared[words] = _measured(stop) | drift_metrics(stop)
+    return compared
+
+
+def _measured(
+    history: RunHistory, configuration: ExperimentConfiguration | None = None
+) -> dict[str, Metric]:
+    # No clock ran along with what is read back.
+    metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
+    start = history.brake_start
+    rest = None if start is None else RestCriterion().first_stamp(history.twist, start)
+    if start is not None and any(history.assist_state):
+        braking = history.assist_state[start : None if rest is None else rest + 1]
+        assisting = sum(state in _ASSISTING for state in braking) / len(braking)
+        metrics["assisting_share"] = Metric(assisting, "1")
+    if configuration is not None:
+        distance = metrics["stopping_distance"].value
+        metrics["limit_share"] = limit_share(history, configuration, distance)
+    return metrics
+
+
+def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]:
+    stops = stops_of(history)
+    if stops[0] is history:
+        return [(name, history)]
+    return [(f"{name}/stop_{number}", stop) for number, stop in enumerate(stops, 1)]
+
+
+def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
+    """Return a stop of a recording as a run of its own."""
+    if history is whole.history:
+        return whole
+    forces = whole.forces
+    if forces is not None:
+        stamps = forces.stamp_ns
+        shown = (stamps >= history.stamp_ns[0]) & (stamps <= history.stamp_ns[-1])
+        forces = WheelForces(stamps[shown], forces.force[shown]) if np.any(shown) else None
+    return dataclasses.replace(
+        whole,
+        name=name,
+        history=history,
+        metrics=_measured(history, whole.configuration),
+        forces=forces,
+    )
+
+
+def read_reported_run(path: Path, name: str) -> ReportedRun:
+    """Read a recording and the configuration beside it, as one run.
+
+    Args:
+        path: rosbag2 folder, or a single ``.mcap`` file.
+        name: unique within the report.
+
+    Raises:
+        BagError: the recording cannot be read or is not one of a run.
+    """
+    history = read_run(path)
+    forces = read_wheel_forces(path, len(history.wheel_names))
+    notes = [] if forces else ["no markers with wheel forces were recorded"]
+    configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
+    if problem:
+        notes.append(f"vehicle, ground, slips and loads are not shown: {problem}")
+    return ReportedRun(
+        name=name,
+        history=history,
+        metrics=_measured(history, configuration),
+        forces=forces,
+        configuration=configuration,
+        values=values,
+        notes=tuple(notes),
+    )
+
+
+def run_names(paths: Sequence[Path]) -> list[str]:
+    """Return names of recordings: the fewest last parts of each path that make them unique.
+
+    Raises:
+        InputError: a recording is given twice.
+    """
+    places = [path.resolve() for path in paths]
+    if len(set(places)) < len(places):
+        raise InputError("a recording is given twice")
+    depth = 1
+    while len(names := {"/".join(place.parts[-depth:]) for place in places}) < len(places):
+        depth += 1
+    return ["/".join(place.parts[-depth:]) for place in places] if names else []
+
+
+def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
+    """Return the values of the recorded configurations that are not the same, by dotted key.
+
+    Args:
+        paths: recordings; one without a configuration has an empty text for every value.
+    """
+    found = []
+    for path in paths:
+        folder = path if path.is_dir() else path.parent
+        try:
+            found.append(dict(islice(_flattened(_read_tree(folder / CONFIGURATION)), _MOST_VALUES)))
+        except ValueError:
+            found.append({})
+    keys = dict.fromkeys(key for values in found for key in values)
+    rows = {key: [values.get(key, "") for values in found] for key in keys}
+    return {key: row for key, row in rows.items() if len(set(row)) > 1}
+
+
+def read_configuration(
+    path: Path, wheel_names: Sequence[str]
+) -> tuple[ExperimentConfiguration | None, dict[str, str], str]:
+    """Read the configuration next to a recording, as far as it makes sense.
+
+    Args:
+        path: of the file.
+        wheel_names: of the recording, in any order.
+
+    Returns:
+        The configuration if it holds for the recording, its values as texts by dotted key as far
+        as there are any, and why there is no configuration; empty if there is one.
+    """
+    values: dict[str, str] = {}
+    try:
+        tree = _read_tree(path)
+        values = dict(islice(_flattened(tree), _MOST_VALUES))
+        configuration = from_mapping(ExperimentConfiguration, tree)
+        if set(configuration.vehicle.wheels) != set(wheel_names):
+            raise ValueError("the configuration names other wheels than the recording")
+    except ValueError as error:  # ConfigurationError too
+        return None, values, str(error)[:_LONGEST_TEXT]
+    return configuration, values, ""
+
+
+def _read_tree(path: Path) -> dict[str, Any]:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_CONFIGURATION:
+            raise ValueError(f"{CONFIGURATION} is not a file of a sensible size")
+        tree = read_plain_yaml(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise ValueError(f"there is no {CONFIGURATION} beside the recording") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{CONFIGURATION} is not text") from None
+    except ValueError as error:
+        raise ValueError(f"{CONFIGURATION} {error}") from None
+    if not isinstance(tree, dict):
+        raise ValueError(f"{CONFIGURATION} does not name any value")
+    return tree
+
+
+def _flattened(
+    tree: Mapping[Any, Any], above: str = "", depth: int = 1
+) -> Iterator[tuple[str, str]]:
+    """Yield dotted keys and texts; lazily, since aliases may make a small file endless."""
+    for name, value in tree.items():
+        key = f"{above}.{name}" if above else str(name)
+        if isinstance(value, dict) and value and depth < _DEEPEST:
+            yield from _flattened(value, key, depth + 1)
+        else:
+            yield key[:_LONGEST_TEXT], _text(value)[:_LONGEST_TEXT]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (dict, list)):
+        plain = isinstance(value, list) and not any(isinstance(e, (dict, list)) for e in value)
+        return str(value[:32]) if plain else f"({len(value)} values)" if value else "(none)"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(value)

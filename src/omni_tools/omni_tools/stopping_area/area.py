@@ -1,0 +1,298 @@
+"""The ground that a vehicle needs to stop, with its footprint and its swerve, for every motion.
+
+A stop is kept as the support function of what it sweeps: for `DIRECTIONS` fixed directions d_k in
+the frame of `base_link` at the alarm, h_k = max d_k . p over all points p of the footprint until
+rest. The area of a cell (a direction of motion, a band of speeds, a band of yaw rates) is the
+polygon {p: d_k . p <= H_k}; a stop stays inside exactly if h_k <= H_k for all k.
+
+A first part of the stops of a cell gives a hull, H_k = max h_k. Of the others it is measured by
+how much the hull must grow, and it grows by the largest of these n lengths (split conformal
+prediction; Wilks' tolerance limit): a further stop of the same population is then inside with a
+probability of `coverage` at least, with a `confidence` of 1 - coverage^n.
+
+Drawn for each stop: speed, direction and yaw rate within the cell, mass and place of the load,
+friction. The stops that make the areas are at the ends of these ranges in two draws of three,
+where stops are longest and swerve most; those held out come from both kinds of population.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_loop.compiled import FastRun, run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+
+DIRECTIONS = 16
+"""Directions of the support function: the corners that a polygon may have."""
+
+SECTORS = (
+    *("forward", "forward_left", "left", "backward_left"),
+    *("backward", "backward_right", "right", "forward_right"),
+)
+"""Directions of motion, each 45 deg wide, counter-clockwise."""
+
+HULL_STOPS = 60
+"""Stops of a cell that give the shape of its area."""
+
+_SETTLING = 0.2  # [s] for which the vehicle rolls before the alarm, as its loads settle
+_NORMALS = np.array(
+    [
+        (math.cos(2 * math.pi * k / DIRECTIONS), math.sin(2 * math.pi * k / DIRECTIONS))
+        for k in range(DIRECTIONS)
+    ]
+)
+
+
+class Cell(NamedTuple):
+    """Motions that share an area.
+
+    Attributes:
+        name: such as ``forward_left_2_straight``.
+        speed: lowest and highest [m/s].
+        direction: start and end, counter-clockwise from forward [rad]; the start may be larger.
+        yaw_rate: lowest and highest [rad/s].
+    """
+
+    name: str
+    speed: tuple[float, float]
+    direction: tuple[float, float]
+    yaw_rate: tuple[float, float]
+
+    def holds(self, twist: FloatArray) -> bool:
+        """Return whether a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] is one of them."""
+        angle, (start, end) = math.atan2(twist[1], twist[0]), self.direction
+        after, before = angle >= start, angle <= end
+        return (
+            self.speed[0] <= math.hypot(twist[0], twist[1]) <= self.speed[1]
+            and self.yaw_rate[0] <= twist[2] <= self.yaw_rate[1]
+            and (after and before if start <= end else after or before)
+        )
+
+
+def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[Cell, ...]:
+    """Divide all motions up to a speed and a yaw rate.
+
+    Args:
+        speed: largest [m/s].
+        bands: of speed, equally wide.
+        yaw_rate: largest, to either side [rad/s].
+        turns: bands of yaw rate, equally wide.
+    """
+    words = [f"_turn_{turn + 1}" for turn in range(turns)]
+    words = {1: [""], 3: ["_right", "_straight", "_left"]}.get(turns, words)
+    half = math.pi / len(SECTORS)
+    return tuple(
+        Cell(
+            f"{sector}_{band + 1}{word}",
+            (speed * band / bands, speed * (band + 1) / bands),
+            (_wrapped(2 * half * index - half), _wrapped(2 * half * index + half)),
+            (yaw_rate * (2 * turn / turns - 1), yaw_rate * (2 * (turn + 1) / turns - 1)),
+        )
+        for band in range(bands)
+        for index, sector in enumerate(SECTORS)
+        for turn, word in enumerate(words)
+    )
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, 2 * math.pi)
+
+
+def calibration_stops(coverage: float, confidence: float) -> int:
+    """Return how many stops of a cell it takes to promise a coverage with a confidence."""
+    return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
+
+
+class Sweep(NamedTuple):
+    """What a stop swept.
+
+    Attributes:
+        seed: number of the stop in the campaign.
+        support: h_k [m] as text, `DIRECTIONS` numbers with spaces between.
+    """
+
+    seed: int
+    support: str
+
+
+@dataclasses.dataclass(frozen=True)
+class StopCampaign:
+    """The stops of a vehicle from which areas are made, and those by which they are checked.
+
+    Attributes:
+        base: the loop; its load is the largest one, at its farthest place from the centre.
+        cells: of the motions.
+        friction: of the ground, lowest and highest [1].
+        reaction_time: from the alarm to the pedal, during which the motion goes on [s].
+        per_cell: stops of each cell that make its area; numbers from there on are held out.
+        seed: of everything drawn.
+    """
+
+    base: ExperimentConfiguration
+    cells: tuple[Cell, ...]
+    friction: tuple[float, float]
+    reaction_time: float
+    per_cell: int
+    seed: int
+
+    @property
+    def fitted(self) -> int:
+        """How many stops make the areas; the numbers from there on are held out."""
+        return self.per_cell * len(self.cells)
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of all that a stop depends on besides its number."""
+        parts = dataclasses.asdict(self) | {"base": to_mapping(self.base)}
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+    def cell_of(self, number: int) -> int:
+        """Return the index of the cell to which a stop belongs."""
+        return number % len(self.cells)
+
+    def extreme(self, number: int) -> bool:
+        """Return whether a stop is drawn mostly from the ends of the ranges."""
+        return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
+
+    def configuration(self, number: int) -> ExperimentConfiguration:
+        """Draw a stop."""
+        random = np.random.default_rng([self.seed, number])
+        draw = _extreme if self.extreme(number) else _uniform
+        cell = self.cells[self.cell_of(number)]
+        start, end = cell.direction
+        load = self.base.vehicle.load
+        vehicle = dataclasses.replace(
+            self.base.vehicle,
+            load=dataclasses.replace(
+                load,
+                mass=draw(random, 0.0, load.mass),
+                x=draw(random, -abs(load.x), abs(load.x)),
+                y=draw(random, -abs(load.y), abs(load.y)),
+            ),
+        )
+        maneuver = ManeuverConfiguration(
+            speed=draw(random, *cell.speed),
+            direction_deg=math.degrees(draw(random, start, end if end > start else end + math.tau)),
+            yaw_rate_deg=math.degrees(draw(random, *cell.yaw_rate)),
+            brake_time=_SETTLING + self.reaction_time,
+        )
+        ground = dataclasses.replace(self.base.ground, friction=draw(random, *self.friction))
+        return dataclasses.replace(
+            self.base, seed=number, vehicle=vehicle, maneuver=maneuver, ground=ground
+        )
+
+    def stop(self, number: int) -> Sweep:
+        """Brake once.
+
+        Raises:
+            ConfigurationError: the vehicle does not come to rest.
+        """
+        configuration = self.configuration(number)
+        run = run_fast_loop(configuration)
+        if not run.stopped:
+            raise ConfigurationError(
+                "simulation.duration_limit",
+                f"stop {number} of {self.cells[self.cell_of(number)].name} is not at rest after "
+                f"{configuration.simulation.duration_limit:g} s at a friction of "
+                f"{configuration.ground.friction:.2g}; give it longer, or more friction",
+            )
+        swept = support(run, footprint(configuration.vehicle), _SETTLING)
+        return Sweep(number, " ".join(repr(value) for value in swept.tolist()))
+
+
+def _uniform(random: np.random.Generator, low: float, high: float) -> float:
+    return float(random.uniform(low, high))
+
+
+def _extreme(random: np.random.Generator, low: float, high: float) -> float:
+    """Draw either end or anything between, each in a third of all cases."""
+    return (low, high, _uniform(random, low, high))[int(random.integers(3))]
+
+
+def footprint(vehicle: VehicleConfiguration) -> FloatArray:
+    """Return points of `base_link` whose hull is the vehicle on the ground [m], shape (C, 2)."""
+    x, y = 0.5 * vehicle.chassis_length, 0.5 * vehicle.chassis_width
+    geometry = PlatformGeometry.from_wheels(vehicle.wheels)
+    tread = geometry.radius[:, None] * geometry.rolling
+    chassis = np.array([(x, y), (-x, y), (-x, -y), (x, -y)])
+    return np.concatenate((chassis, geometry.position + tread, geometry.position - tread))
+
+
+def support(run: FastRun, points: FloatArray, start: float) -> FloatArray:
+    """Return how far a run sweeps its footprint in each direction [m], shape (DIRECTIONS,).
+
+    Args:
+        run: to its end.
+        points: the footprint in `base_link` [m], shape (C, 2).
+        start: time from which on it counts, and of its frame [s].
+    """
+    pose = run.pose[round(start * SECOND_NS / run.period_ns) :]
+    angle = pose[:, 2] - pose[0, 2]
+    turned = points @ _rotation(angle).transpose(0, 2, 1)  # (T, C, 2)
+    moved = (pose[:, :2] - pose[0, :2]) @ _rotation(pose[0, 2])  # from odom into the frame
+    swept = (turned + moved[:, None, :]).reshape(-1, 2)
+    farthest: FloatArray = np.max(swept @ _NORMALS.T, axis=0)
+    return farthest
+
+
+def _rotation(angle: FloatArray | float) -> FloatArray:
+    """Return rotation matrices by angles [rad], shape (..., 2, 2)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rows = np.stack((cosine, -sine, sine, cosine), axis=-1)
+    return rows.reshape(*np.shape(angle), 2, 2)
+
+
+def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
+    """Return H_k of every cell [m], shape (cells, DIRECTIONS), from the stops that make them."""
+    supports = supports_of(sweeps[: campaign.fitted])
+    # Numbers run through the cells in turn.
+    by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
+    hull = np.max(by_cell[:HULL_STOPS], axis=0)
+    growth = np.max(by_cell[HULL_STOPS:] - hull, axis=(0, 2))
+    grown: FloatArray = hull + np.maximum(growth, 0.0)[:, None]
+    return grown
+
+
+def inside(
+    campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]
+) -> NDArray[np.bool_]:
+    """Return for each stop whether it stays within the area of its cell, shape (stops,)."""
+    cells = [campaign.cell_of(sweep.seed) for sweep in sweeps]
+    stays: NDArray[np.bool_] = np.all(supports_of(sweeps) <= limits[cells], axis=1)
+    return stays
+
+
+def supports_of(sweeps: Sequence[Sweep]) -> FloatArray:
+    """Return h_k of stops [m], shape (stops, DIRECTIONS)."""
+    numbers = [[float(word) for word in sweep.support.split()] for sweep in sweeps]
+    return np.array(numbers).reshape(-1, DIRECTIONS)
+
+
+def corners(limits: FloatArray) -> FloatArray:
+    """Return the corners of an area [m], counter-clockwise, shape (C, 2).
+
+    Args:
+        limits: H_k [m], the support function of something convex, shape (DIRECTIONS,).
+    """
+    following = np.roll(limits, -1)
+    step = 2 * math.pi / DIRECTIONS
+    # Where the lines d_k . p = H_k and d_(k+1) . p = H_(k+1) meet.
+    along = (following - limits * math.cos(step)) / math.sin(step)
+    tangents = np.column_stack((-_NORMALS[:, 1], _NORMALS[:, 0]))
+    points = limits[:, None] * _NORMALS + along[:, None] * tangents
+    distinct = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-6
+    chosen: FloatArray = points[distinct] if np.any(distinct) else points[:1]
+    return chosen

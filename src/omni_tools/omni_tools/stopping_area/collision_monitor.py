@@ -1,0 +1,122 @@
+"""Stopping areas as the parameters of Nav2's collision monitor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from omni_loop.commented_yaml import commented_yaml
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.metrics import Metric
+from omni_platform.geometry import cross
+from omni_platform.quantities import FloatArray
+from omni_tools.stopping_area.area import (
+    HULL_STOPS,
+    Cell,
+    StopCampaign,
+    Sweep,
+    calibration_stops,
+    corners,
+    make_cells,
+)
+from omni_tools.stopping_area.options import AreaOptions
+
+_ROUNDING = 0.001  # [m] by which an area grows, so that rounded corners cut nothing off
+# Section 3.5 and straight_line: the enhanced weighting with k = 7.
+_ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
+_LONGEST = 120.0  # [s] that a stop may take
+
+
+def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> StopCampaign:
+    """Return the stops from which the areas are made."""
+    fixed = [
+        f"vehicle={options.vehicle}",
+        "feedback=velocity_sensor",
+        "simulation.render_lines=false",
+        f"simulation.duration_limit={_LONGEST}",
+        *_ASSISTANT,
+        *options.overrides,
+        f"brake_assist.enabled={str(not options.unassisted).lower()}",
+    ]
+    return StopCampaign(
+        base=library.load("straight_line", "assisted", fixed),
+        cells=make_cells(options.speed, options.bands, options.yaw_rate, options.turns),
+        friction=(options.friction_min, options.friction_max),
+        reaction_time=options.reaction_time,
+        per_cell=HULL_STOPS + calibration_stops(options.coverage, options.confidence),
+        seed=options.seed,
+    )
+
+
+def area_metrics(
+    options: AreaOptions,
+    campaign: StopCampaign,
+    limits: FloatArray,
+    held_out: Sequence[Sweep],
+    stays: Sequence[bool],
+) -> dict[str, Metric]:
+    """Return the shares of held-out stops outside their area, and the size of each area."""
+    allowed = round(1.0 - options.coverage, 12)  # not 0.010000000000000009
+    extreme = [campaign.extreme(sweep.seed) for sweep in held_out]
+    metrics = {}
+    for case, kinds in (("uniform", (False,)), ("extremes", (True,)), ("all", (False, True))):
+        chosen = [stay for stay, kind in zip(stays, extreme, strict=True) if kind in kinds]
+        metrics[f"held_out_stops.{case}"] = Metric(len(chosen), "1")
+        share = 1.0 - sum(chosen) / len(chosen) if chosen else math.nan
+        metrics[f"outside_share.{case}"] = Metric(share, "1", at_most=allowed)
+    metrics["confidence.each_polygon"] = Metric(options.confidence, "1")
+    for cell, limit in zip(campaign.cells, limits, strict=True):
+        points = corners(limit)
+        area = 0.5 * float(np.sum(cross(points, np.roll(points, -1, axis=0))))
+        metrics[f"area.{cell.name}"] = Metric(area, "m^2")
+    return metrics
+
+
+def monitor_parameters(
+    options: AreaOptions,
+    cells: Sequence[Cell],
+    limits: FloatArray,
+    metrics: dict[str, Metric],
+) -> str:
+    """Return the parameters of Nav2's collision monitor as YAML."""
+    name = Path(options.vehicle).stem
+    outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
+    checked = f"\nOf {count:.0f} stops held out {outside:.2%} left theirs." if count else ""
+    # Monitors that compare v_x see all from -speed to speed in one band.
+    lowest = -options.speed if options.bands == 1 else 0.0
+    heading = (
+        f"Stopping areas of {name}, {options.variant}, full braking {options.reaction_time:g} s "
+        "after the alarm, in base_link.\n"
+        f"At least {options.coverage:.2%} of stops stay within the polygon of their motion, with "
+        f"a confidence of {options.confidence:.0%} for each polygon:\n"
+        f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to that of "
+        f"the vehicle's file, up to its place.{checked}"
+    )
+    polygons = {
+        cell.name: {
+            "points": str(np.round(corners(limit + _ROUNDING), 3).tolist()),
+            "linear_min": round(min(lowest, cell.speed[0]), 4),
+            "linear_max": round(cell.speed[1], 4),
+            "theta_min": round(cell.yaw_rate[0], 4),
+            "theta_max": round(cell.yaw_rate[1], 4),
+            "direction_start_angle": round(cell.direction[0], 5),
+            "direction_end_angle": round(cell.direction[1], 5),
+        }
+        for cell, limit in zip(cells, limits, strict=True)
+    }
+    monitor = {
+        "type": "velocity_polygon",
+        "action_type": "stop",
+        "min_points": 4,
+        "visualize": True,
+        "enabled": True,
+        "polygon_pub_topic": "velocity_polygon_stop",
+        "holonomic": True,
+        "velocity_polygons": list(polygons),
+        **polygons,
+    }
+    parameters = {"polygons": ["VelocityPolygonStop"], "VelocityPolygonStop": monitor}
+    return commented_yaml({"collision_monitor": {"ros__parameters": parameters}}, heading)

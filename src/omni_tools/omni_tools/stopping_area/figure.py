@@ -1,0 +1,77 @@
+"""A picture of stopping areas: one panel for each direction of motion, a shade for each speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from omni_figures import style
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
+
+_COLUMNS = 4
+
+
+def areas_figure(
+    cells: Sequence[Cell], limits: FloatArray, vehicle: VehicleConfiguration, title: str
+) -> Figure:
+    """Draw the areas of straight motion, or of any motion if it is not distinguished.
+
+    Args:
+        cells: of the motions.
+        limits: H_k of each [m], shape (cells, DIRECTIONS).
+        vehicle: drawn where it is at the alarm.
+        title: of the figure.
+    """
+    shown = [
+        (cell, corners(limit))
+        for cell, limit in zip(cells, limits, strict=True)
+        if cell.yaw_rate[0] < 0.0 < cell.yaw_rate[1]
+    ]
+    reach = max(float(np.max(np.abs(points))) for _, points in shown) * 1.05
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    style.draw_title(figure, f"Stopping areas of {title}; x forward, y left [m]")
+    grid = figure.subplots(2, _COLUMNS, sharex=True, sharey=True)
+    fastest = max(cell.speed[1] for cell in cells)
+    for axes, sector in zip(grid.flat, SECTORS, strict=True):
+        chosen = [(cell, points) for cell, points in shown if _sector(cell) == sector]
+        for cell, points in sorted(chosen, key=lambda item: -item[0].speed[1]):
+            paleness = 0.2 + 0.65 * cell.speed[1] / fastest
+            axes.add_patch(
+                Polygon(
+                    points,
+                    facecolor=_pale(style.BLUE, paleness),
+                    edgecolor=style.BLUE,
+                    label=f"to {cell.speed[1]:g} m/s",
+                )
+            )
+        _draw_vehicle(axes, vehicle)
+        axes.set_title(sector.replace("_", " "))
+        axes.set_xlim(-reach, reach)
+        axes.set_ylim(-reach, reach)
+        axes.set_aspect("equal")
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure
+
+
+def _sector(cell: Cell) -> str:
+    return cell.name.rstrip("_abcdefghijklmnopqrstuvwxyz").rstrip("0123456789").rstrip("_")
+
+
+def _pale(colour: str, paleness: float) -> FloatArray:
+    pale: FloatArray = np.array(to_rgb(colour)) * (1.0 - paleness) + paleness
+    return pale
+
+
+def _draw_vehicle(axes: Axes, vehicle: VehicleConfiguration) -> None:
+    chassis = footprint(vehicle)[:4]
+    axes.add_patch(Polygon(chassis, facecolor="white", edgecolor=style.BLACK, zorder=3))
+    nose = 0.5 * vehicle.chassis_length * np.array([(0.9, 0.0), (0.6, 0.2), (0.6, -0.2)])
+    axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))

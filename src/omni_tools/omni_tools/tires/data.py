@@ -1,0 +1,101 @@
+"""Measured tire forces: a CSV file with the columns slip, load and force.
+
+The first line names the columns, in any order; others are left alone. ``load_N`` and ``force_N``
+are understood too, other units are not. Lines that begin with ``#`` are comments. A file that
+cannot be used is refused with the reason and the line.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+
+from omni_platform.configuration import InputError
+from omni_platform.quantities import FloatArray
+
+_COLUMNS = {"slip": ("slip",), "load": ("load", "load_n"), "force": ("force", "force_n")}
+
+
+class TireDataError(InputError):
+    """Measurements that no tire can be fitted to; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TireData:
+    """Steady forces of a tire in one direction.
+
+    Attributes:
+        slip: Eq. (1) or (2) [1], any sign, shape (n,).
+        load: wheel load [N], above 0, shape (n,).
+        force: with the sign of the slip [N], shape (n,).
+    """
+
+    slip: FloatArray
+    load: FloatArray
+    force: FloatArray
+
+
+def read_tire_data(path: Path) -> TireData:
+    """Read measurements from a CSV file.
+
+    Raises:
+        TireDataError: it cannot be read, a column is missing, or a value is no usable number.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise TireDataError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TireDataError(f"{path} is not a text file") from None
+    numbered = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not numbered:
+        raise TireDataError(f"{path} is empty")
+    rows = list(csv.reader(line for _, line in numbered))
+    places = _find_columns(rows[0])
+    values = np.empty((len(rows) - 1, 3))
+    for k, ((number, _), row) in enumerate(zip(numbered[1:], rows[1:], strict=True)):
+        values[k] = [_number(row, places[name], name, number) for name in _COLUMNS]
+        if values[k, 1] <= 0.0:
+            raise TireDataError(f"line {number}: the load {values[k, 1]:g} N must be above 0")
+    return TireData(*np.ascontiguousarray(values.T))
+
+
+def _find_columns(header: list[str]) -> dict[str, int]:
+    """Return the place of every column that is needed."""
+    named = [name.strip().lower() for name in header]
+    places, missing = {}, []
+    for column, names in _COLUMNS.items():
+        found = [place for place, name in enumerate(named) if name in names]
+        if len(found) > 1:
+            raise TireDataError(f"the column {column!r} is there {len(found)} times")
+        if found:
+            places[column] = found[0]
+        else:
+            missing.append(column)
+    if missing:
+        there = ", ".join(name or "(no name)" for name in named)
+        raise TireDataError(
+            f"no column {' and no column '.join(map(repr, missing))}; the first line must name "
+            f"slip [1], load [N] and force [N], separated by commas, and names: {there}"
+        )
+    return places
+
+
+def _number(row: list[str], place: int, name: str, line: int) -> float:
+    if place >= len(row) or not row[place].strip():
+        raise TireDataError(f"line {line}: there is no {name}")
+    try:
+        value = float(row[place])
+    except ValueError:
+        raise TireDataError(f"line {line}: the {name} {row[place]!r} is not a number") from None
+    if not math.isfinite(value):
+        raise TireDataError(f"line {line}: the {name} {row[place].strip()!r} is not finite")
+    return value

@@ -1,0 +1,258 @@
+"""Fit a tire model to measured forces by least squares, or say why the data do not suffice.
+
+The unknowns of the model's `FitRecipe` minimise the sum of squared differences of force. With n
+rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is
+``s^2 (J^T J)^-1``, ``s^2`` the sum of squares over ``n - P``; the standard errors of the values
+follow by linear propagation. They hold for differences that are independent, of one size and small
+enough for the model to be linear over them. An unknown that ends on a bound counts as fixed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.quantities import FloatArray
+from omni_sim.tire.model import FitRecipe, Landmarks
+from omni_sim.tire.models import MODELS
+from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
+from omni_tools.tires.data import TireData, TireDataError
+
+_ROWS_PER_UNKNOWN = 2
+_LOAD_SPREAD = 0.2  # smallest, as a share of the largest load, where the model needs two loads
+_LARGEST_ERROR = 0.5  # of a standard error, as a share of the value's size
+_SMALLEST_SINGULAR = 1e-7  # of the scaled Jacobian, as a share of the largest
+_LARGEST_RESIDUAL = 0.5  # root mean square, as a share of that of the force
+# Where the peak is seen is the weakest guess: a search starts from each of these multiples.
+_PEAK_GUESSES = (1.0, 0.6, 1.7)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TireFit:
+    """A model fitted to data.
+
+    Attributes:
+        tire: with the fitted model; stiffness and damping are not in steady data and stay defaults.
+        keys: of the fitted values, dotted, below the model's name.
+        values: in the units of the keys, shape (P,).
+        standard_errors: of them, shape (P,).
+        at_bound: whether each unknown ended on its bound, so that its error is not known, (P,).
+        residual: differences of force, standard deviation with n - P degrees of freedom [N].
+        mapping: configuration of the tire as nested mappings, only what was fitted.
+    """
+
+    tire: TireConfiguration
+    keys: tuple[str, ...]
+    values: FloatArray
+    standard_errors: FloatArray
+    at_bound: NDArray[np.bool_]
+    residual: float
+    mapping: dict[str, Any]
+
+
+def fit_tire(data: TireData, model: str) -> TireFit:
+    """Fit a model to data.
+
+    Args:
+        data: measured forces.
+        model: one of `MODELS`.
+
+    Raises:
+        TireDataError: the data do not determine the model; says what is missing.
+    """
+    recipe = MODELS[model].fit
+    largest_load = float(np.max(data.load)) if data.load.size else 0.0
+    _require_excitation(data, model, recipe)
+    found = _search(data, recipe, largest_load)
+    residual = float(np.sqrt(2.0 * found.cost / (data.slip.size - len(recipe.keys))))
+    _require_description(data, model, residual)
+    at_bound = _at_bound(found.x, recipe)
+    errors = _standard_errors(found.x, found.jac, at_bound, residual, recipe, largest_load)
+    values = recipe.values(found.x)
+    tire = _tire(model, recipe, values, largest_load)
+    _require_peak(data, tire)
+    return TireFit(
+        tire=tire,
+        keys=recipe.keys,
+        values=values,
+        standard_errors=errors,
+        at_bound=at_bound,
+        residual=residual,
+        mapping={"model": model, model: recipe.mapping(values, largest_load)},
+    )
+
+
+def _require_excitation(data: TireData, model: str, recipe: FitRecipe) -> None:
+    """Refuse data that are too few or too alike before anything is computed."""
+    needed = _ROWS_PER_UNKNOWN * len(recipe.keys)
+    if data.slip.size < needed:
+        raise TireDataError(
+            f"{data.slip.size} rows are too few: {model} has {len(recipe.keys)} parameters and "
+            f"needs at least {needed} rows"
+        )
+    if np.sum(data.slip * data.force) <= 0.0:
+        raise TireDataError(
+            "the force does not grow with the slip; it must have the sign of the slip"
+        )
+    low, high = float(np.min(data.load)), float(np.max(data.load))
+    if recipe.loads > 1 and high - low < _LOAD_SPREAD * high:
+        raise TireDataError(
+            f"the loads from {low:g} to {high:g} N are too alike: {model} depends on the load and "
+            f"needs loads that differ by at least {_LOAD_SPREAD:.0%} of the largest"
+        )
+
+
+def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
+    """Return scipy's result of the best of several searches."""
+    # Only a fit needs it, and it takes its time to load.
+    from scipy.optimize import least_squares
+
+    force = np.empty_like(data.force)
+    ones = np.ones_like(data.force)
+    size = float(np.max(np.abs(data.force)))
+
+    def differences(unknowns: FloatArray) -> FloatArray:
+        parameters = recipe.parameters(recipe.values(unknowns), largest_load)
+        steady_forces(parameters, largest_load, data.slip, data.load, ones, force)
+        return (force - data.force) / size
+
+    seen = _landmarks(data, largest_load)
+    best: Any = None
+    lower, upper = np.array(recipe.lower), np.array(recipe.upper)
+    for guess in _PEAK_GUESSES:
+        start = recipe.start(seen._replace(peak_slip=guess * seen.peak_slip))
+        inside = np.clip(start, lower + 1e-6 * np.abs(start), upper - 1e-6 * np.abs(start))
+        found = least_squares(
+            differences,
+            inside,
+            jac="3-point",
+            bounds=(lower, upper),
+            x_scale=np.maximum(np.abs(recipe.scale(inside, largest_load)), 1e-12),
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=400,
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    best.cost *= size**2
+    best.jac *= size
+    return best
+
+
+def _landmarks(data: TireData, largest_load: float) -> Landmarks:
+    """See slope and peak in the lighter and the heavier half of the data."""
+    middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
+    heavy = data.load >= middle
+    halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
+    seen = np.array([_see(data, half) for half in halves])  # load, slope, force per load, slip
+    load = np.array([0.5 * largest_load, largest_load])
+    at = np.array([np.interp(load, seen[:, 0], column) for column in seen[:, 1:].T])
+    if len(seen) > 1:  # beyond the two means, on the straight line through them
+        gradient = (seen[1, 1:] - seen[0, 1:]) / (seen[1, 0] - seen[0, 0])
+        line = seen[0, 1:, np.newaxis] + gradient[:, np.newaxis] * (load - seen[0, 0])
+        at = np.maximum(line, 0.3 * at)
+    return Landmarks(load, at[0] * load, at[1] * load, at[2])
+
+
+def _see(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """Return mean load [N], slope and peak force per load [1], and slip of the peak [1]."""
+    slip, share = np.abs(data.slip[rows]), np.abs(data.force[rows]) / data.load[rows]
+    order = np.argsort(slip, kind="stable")
+    bins = np.array_split(order, min(30, max(3, len(order) // 3)))
+    place = np.array([np.median(slip[b]) for b in bins])
+    height = np.array([np.median(share[b]) for b in bins])
+    peak = float(np.max(height))
+    peak_slip = max(float(place[np.argmax(height >= 0.97 * peak)]), 1e-6)
+    small = (share < 0.6 * peak) & (slip <= peak_slip)
+    square = float(np.sum(slip[small] ** 2))
+    slope = float(np.sum(share[small] * slip[small])) / square if square > 0.0 else 0.0
+    slope = max(slope, 1.2 * peak / peak_slip)
+    return float(np.mean(data.load[rows])), slope, max(peak, 1e-9), peak_slip
+
+
+def _tire(
+    model: str, recipe: FitRecipe, values: FloatArray, largest_load: float
+) -> TireConfiguration:
+    try:
+        return from_mapping(
+            TireConfiguration, {"model": model, model: recipe.mapping(values, largest_load)}
+        )
+    except ConfigurationError as error:
+        raise TireDataError(f"the fit is no tire of this model: {error}") from None
+
+
+def _require_description(data: TireData, model: str, residual: float) -> None:
+    """Refuse data that look nothing like the model's best curve."""
+    size = float(np.sqrt(np.mean(data.force**2)))
+    if residual > _LARGEST_RESIDUAL * size:
+        raise TireDataError(
+            f"{model} does not describe the data: the differences of {residual:.3g} N are more "
+            f"than {_LARGEST_RESIDUAL:.0%} of the force of {size:.3g} N (root mean squares)"
+        )
+
+
+def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
+    """Refuse a fit whose largest force is beyond what was measured."""
+    heavy = data.load >= 0.5 * (np.min(data.load) + np.max(data.load))
+    peak = Tire(configuration).curve(float(np.mean(data.load[heavy]))).peak_slip
+    largest = float(np.max(np.abs(data.slip[heavy])))
+    if peak > largest:
+        raise TireDataError(
+            f"the slip reaches {largest:.3g} and the largest force seems to be at {peak:.3g}: "
+            "measure beyond the peak"
+        )
+
+
+def _at_bound(unknowns: FloatArray, recipe: FitRecipe) -> NDArray[np.bool_]:
+    lower, upper = np.array(recipe.lower), np.array(recipe.upper)
+    margin = 1e-4 * np.maximum(np.abs(unknowns), 1e-9)
+    return np.asarray((unknowns - lower < margin) | (upper - unknowns < margin))
+
+
+def _standard_errors(
+    unknowns: FloatArray,
+    jacobian: FloatArray,
+    at_bound: NDArray[np.bool_],
+    residual: float,
+    recipe: FitRecipe,
+    largest_load: float,
+) -> FloatArray:
+    """Return the standard errors of the values, shape (P,).
+
+    Raises:
+        TireDataError: a value is not determined; names it.
+    """
+    free = np.flatnonzero(~at_bound)
+    size = np.maximum(np.abs(recipe.scale(unknowns, largest_load))[free], 1e-300)
+    _, singular, directions = np.linalg.svd(jacobian[:, free] * size, full_matrices=False)
+    weak = singular < _SMALLEST_SINGULAR * singular[0]
+    if np.any(weak):
+        loose = np.max(np.abs(directions[weak]), axis=0) > 0.1
+        _refuse_undetermined([recipe.keys[k] for k in free[loose]])
+    spread = (directions.T / singular) * residual
+    covariance = (spread @ spread.T) * np.outer(size, size)
+    # How the values follow the unknowns.
+    gradient = np.empty((len(unknowns), len(free)))
+    for column, (k, step) in enumerate(zip(free, 1e-6 * size, strict=True)):
+        shift = np.zeros_like(unknowns)
+        shift[k] = step
+        ahead, behind = recipe.values(unknowns + shift), recipe.values(unknowns - shift)
+        gradient[:, column] = (ahead - behind) / (2.0 * step)
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", gradient, covariance, gradient))
+    sizes = recipe.scale(recipe.values(unknowns), largest_load)
+    vague = errors > _LARGEST_ERROR * np.abs(sizes)
+    if np.any(vague):
+        _refuse_undetermined([recipe.keys[k] for k in np.flatnonzero(vague)])
+    return np.asarray(errors, dtype=np.float64)
+
+
+def _refuse_undetermined(keys: list[str]) -> None:
+    raise TireDataError(
+        f"the data do not determine {', '.join(keys)}: measure from small slips to well beyond "
+        "the peak, at every load, or take a model with fewer parameters"
+    )

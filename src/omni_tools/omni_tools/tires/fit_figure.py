@@ -1,0 +1,49 @@
+"""The figure of a fitted tire: measured forces against the curves of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from omni_figures import style
+from omni_sim.tire.tire import Tire
+from omni_tools.tires.data import TireData
+from omni_tools.tires.fit import TireFit
+
+_CURVES = 4  # loads at which the model is drawn
+_SIZE = (9.0, 6.6)  # [inch]
+
+
+def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
+    """Draw data against curve, and below it what is left of the force.
+
+    Each point has the colour of the curve at the nearest load.
+
+    Args:
+        data: measured forces.
+        fit: of them.
+        title: of the figure.
+    """
+    figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+    tire = Tire(fit.tire)
+    loads = np.unique(data.load)
+    if len(loads) > _CURVES:
+        loads = np.quantile(data.load, (np.arange(_CURVES) + 0.5) / _CURVES)
+    nearest = np.argmin(np.abs(data.load[:, np.newaxis] - loads), axis=1)
+    slip = np.linspace(min(0.0, float(np.min(data.slip))), max(0.0, float(np.max(data.slip))), 800)
+    left = data.force - tire.force(data.slip, data.load)
+    dot = {"marker": "o", "linestyle": "none", "markersize": 3.0, "alpha": 0.55}
+    for index, load in enumerate(loads):
+        colour, rows = style.wheel_colour(index), nearest == index
+        upper.plot(data.slip[rows], 1e-3 * data.force[rows], color=colour, **dot)
+        lower.plot(data.slip[rows], left[rows], color=colour, **dot)
+        label = f"$F_z$ = {1e-3 * load:.3g} kN"
+        upper.plot(slip, 1e-3 * tire.force(slip, load), color=colour, linewidth=2.0, label=label)
+    lower.axhline(0.0, color=style.BLACK, linewidth=1.0)
+    upper.set_title(title)
+    upper.set_ylabel("Force F [kN]")
+    lower.set_ylabel("Data - model [N]")
+    lower.set_xlabel("Slip s [1]")
+    upper.legend(loc="lower right")
+    return figure

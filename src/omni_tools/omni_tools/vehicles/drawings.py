@@ -1,0 +1,205 @@
+"""What a vehicle, a tire, a ground and line cameras are, in words and drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from omni_figures.scene import Scene, placed, rectangle
+from omni_figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    PALE,
+    VERMILLION,
+    draw_title,
+)
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.sensors import LineSensor
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.texture.cache import TextureCache
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import MassProperties
+from omni_tools.vehicles.plausibility import camera_speed, plain, wheel_facts
+from omni_tools.vehicles.rollers import Rollers
+
+_PLATE = 0.2  # [m], edge of the piece of ground that is drawn
+
+
+def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
+    """Return size, masses, wheels, brakes of a vehicle."""
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    facts = wheel_facts(vehicle)
+    loads = [fact.load for fact in facts.values()]
+    radii = sorted({mount.radius for mount in vehicle.wheels.values()})
+    grip = sum(fact.grip for fact in facts.values())
+    brakes = sum(fact.brake_force for fact in facts.values())
+    x, y = (float(value) for value in masses.centre)
+    rollers = Rollers.of(vehicle.wheels)
+    return {
+        "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
+        "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of it load, "
+        f"{plain(masses.yaw_inertia)} kg m^2 about the vertical",
+        "centre of gravity": f"({plain(x)}, {plain(y)}) m",
+        "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
+        f"{', '.join(vehicle.wheels)}",
+        "rollers": (f"{rollers.shape} seen from above, " if rollers.shape else "")
+        + f"lever in yaw {rollers.yaw_lever:.2g} m, smallest singular value of the kinematics "
+        f"{rollers.smallest_singular_value:.2g}",
+        "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is for up to "
+        f"{plain(vehicle.tire.largest_load)} N",
+        "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes / max(grip, 1e-9):.2g} times what "
+        "dry ground holds",
+        "tire": vehicle.tire.model,
+    }
+
+
+def draw_vehicle(
+    vehicle: VehicleConfiguration, sensors: Mapping[str, LineSensor] | None = None
+) -> Figure:
+    """Draw a vehicle from above: chassis, wheels with the direction they push in, masses, cameras.
+
+    Args:
+        vehicle: to draw.
+        sensors: line cameras under it.
+    """
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    figure = Figure(figsize=(7.0, 7.0), layout="constrained")
+    axes = figure.add_subplot()
+
+    # The body's x axis points up, as the vehicle drives away from the reader.
+    def turn(points: np.ndarray) -> np.ndarray:
+        return np.column_stack((-np.asarray(points)[:, 1], np.asarray(points)[:, 0]))
+
+    axes.add_patch(Polygon(turn(scene.chassis), facecolor=PALE, edgecolor=GREY))
+    geometry = PlatformGeometry.from_wheels(vehicle.wheels)
+    for row, outline in enumerate(scene.wheel_outlines):
+        axes.add_patch(Polygon(turn(outline), facecolor="white", edgecolor="black"))
+        place, reach = geometry.position[row], 1.6 * float(geometry.radius[row])
+        ends = np.array(
+            [place - reach * geometry.active[row], place + reach * geometry.active[row]]
+        )
+        axes.plot(
+            *turn(ends).T, color=BLUE, linewidth=2.0, label="pushes along" if not row else None
+        )
+    for (name, fact), (x, y), radius in zip(
+        wheel_facts(vehicle).items(), turn(geometry.position), geometry.radius, strict=True
+    ):
+        # Beside the wheel, away from the middle.
+        side = 1.0 if x >= 0.0 else -1.0
+        axes.annotate(
+            f"{name.replace('_', ' ')}\n{plain(fact.load)} N",
+            (x + 1.8 * side * radius, y),
+            ha="left" if side > 0.0 else "right",
+            va="center",
+        )
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    axes.plot(*turn(masses.centre[None])[0], "o", color=VERMILLION, label="centre of gravity")
+    for index, (name, sensor) in enumerate((sensors or {}).items()):
+        pose = (sensor.x, sensor.y, math.radians(sensor.heading_deg))
+        view = placed(rectangle(sensor.length, sensor.width), pose)
+        axes.add_patch(Polygon(turn(view), facecolor=ORANGE, edgecolor=ORANGE))
+        axes.annotate(name, turn(view[:1])[0], (4, 4), textcoords="offset points")
+        if not index:
+            axes.plot([], [], "s", color=ORANGE, label="line camera")
+    axes.set_aspect("equal")
+    axes.margins(0.35, 0.1)
+    axes.autoscale_view()
+    axes.set_xlabel("right of the middle [m]")
+    axes.set_ylabel("ahead of the middle [m]")
+    figure.legend(loc="outside lower center", ncols=3)
+    draw_title(figure, "seen from above, forward is up; what each wheel carries")
+    return figure
+
+
+def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
+    """Return model, load and peak of a tire."""
+    half = 0.5 * tire.largest_load
+    curve = Tire(tire).curve(half)
+    return {
+        "model": tire.model,
+        "largest load": f"{tire.largest_load:g} N",
+        f"at {half:g} N": f"largest force {plain(curve.peak_force)} N at a slip of "
+        f"{plain(curve.peak_slip)}, sliding {plain(curve.slide_force)} N",
+        "stiffness": f"{plain(tire.stiffness)} N/m horizontally, "
+        f"{plain(tire.vertical_stiffness)} N/m vertically",
+    }
+
+
+def draw_tire(tire: TireConfiguration, name: str) -> Figure:
+    """Draw force over slip at four loads."""
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes = figure.add_subplot()
+    slip = np.linspace(0.0, 1.0, 401)
+    for share, colour in zip((0.25, 0.5, 0.75, 1.0), (PALE, GREY, ORANGE, BLUE), strict=True):
+        load = share * tire.largest_load
+        axes.plot(slip, Tire(tire).force(slip, load), color=colour, label=f"{load:g} N")
+    axes.set_xlabel("slip [1]")
+    axes.set_ylabel("force [N]")
+    axes.legend(title="wheel load")
+    draw_title(figure, f"{name}: steady force over slip")
+    return figure
+
+
+def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
+    """Return material, friction and patches of a ground."""
+    patches = [f"{name} (friction {patch.friction:g})" for name, patch in ground.patches.items()]
+    return {
+        "looks like": ground.texture.kind,
+        "friction": f"{ground.friction:g} of the tire's",
+        "patches": ", ".join(patches) or "none",
+    }
+
+
+def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
+    """Draw a plate of the ground, as a camera sees it."""
+    texture = TextureCache.of_user().texture(ground.texture)
+    count = min(len(texture.grey), max(1, round(_PLATE / texture.texel)))
+    edge = 1e3 * count * texture.texel
+    figure = Figure(figsize=(6.0, 6.4), layout="constrained")
+    axes = figure.add_subplot()
+    piece = texture.grey[:count, :count]
+    axes.grid(False)
+    axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    draw_title(
+        figure, f"{name}: grey levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
+    )
+    return figure
+
+
+def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
+    """Return place, view and largest speed of each camera."""
+    return {
+        name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
+        f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "
+        f"up to {plain(camera_speed(one, 0.0))} m/s forward, "
+        f"{plain(camera_speed(one, math.pi / 2))} m/s sideways"
+        for name, one in sensors.items()
+    }
+
+
+def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
+    """Draw where the cameras are and look, seen from above; the views ten times as large."""
+    figure = Figure(figsize=(6.5, 6.5), layout="constrained")
+    axes = figure.add_subplot()
+    for name, one in sensors.items():
+        heading = math.radians(one.heading_deg)
+        view = placed(rectangle(10 * one.length, 10 * one.width), (one.x, one.y, heading))
+        turned = np.column_stack((-view[:, 1], view[:, 0]))
+        axes.add_patch(Polygon(turned, facecolor=PALE, edgecolor=ORANGE))
+        axes.annotate(name, (-one.y, one.x), ha="center", va="center")
+    axes.plot(0.0, 0.0, "+", color=GREY)
+    axes.set_aspect("equal")
+    axes.margins(0.15)
+    axes.autoscale_view()
+    axes.set_xlabel("right of the middle [m]")
+    axes.set_ylabel("ahead of the middle [m]")
+    draw_title(figure, "line cameras from above, forward is up (views ten times as large)")
+    return figure

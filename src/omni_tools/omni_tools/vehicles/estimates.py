@@ -1,0 +1,284 @@
+"""A vehicle from a measuring tape: files in which every estimate is marked."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+from omni_loop.commented_yaml import commented_yaml
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
+from omni_sim.tire.tire import TireConfiguration
+from omni_sim.vehicle.loads import GRAVITY
+
+_WHEEL_WIDTH = 0.4  # over the diameter
+_DENSITY = 2500.0  # of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub
+_HEIGHT = 1.5  # centre of gravity above the ground, over the radius of a wheel
+_BRAKE = 2.0  # torque of a brake over what locks the wheel
+_CLUTCH = 15.0  # stiffness of the drive's clutch over torque and radius of the wheel [s/m]
+_REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1
+_DECELERATION = 5.0  # [m/s^2], to choose a speed whose stop is a few lengths long
+_MECANUM, _OMNI = "mecanum", "omni"
+# Values of the section `brake` by what brakes; times are typical of spring-applied brakes.
+_VALVES = "valves"
+_BRAKES: dict[str, dict[str, Any]] = {
+    _VALVES: {},
+    "spring": {"dead_time": 0.06, "release_time": 0.1},
+    "proportional": {"kind": "proportional"},
+    "torque_drives": {"kind": "proportional"},
+}
+BRAKES = tuple(_BRAKES)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Measured(Configuration):
+    """Size and mass of a vehicle, by tape and scale."""
+
+    length: float = parameter(
+        unit="m", above=0.0, maximum=50.0, description="length of the chassis"
+    )
+    width: float = parameter(unit="m", above=0.0, maximum=50.0, description="width of the chassis")
+    mass: float = parameter(
+        unit="kg", above=0.0, maximum=1.0e5, description="mass of the vehicle with its wheels"
+    )
+    wheel_radius: float = parameter(
+        unit="m", above=0.0, maximum=2.0, description="radius of a wheel"
+    )
+    kind: str = parameter(
+        _MECANUM,
+        choices=(_MECANUM, _OMNI),
+        description="wheels: mecanum in pairs along the sides, or omni-wheels on a circle",
+    )
+    wheels: int = parameter(
+        4, minimum=3, maximum=12, description="how many; mecanum an even number"
+    )
+    load: float = parameter(
+        0.0, unit="kg", minimum=0.0, description="mass of a load, put to the front left"
+    )
+    drive_torque: float | None = parameter(
+        None,
+        unit="N m",
+        above=0.0,
+        maximum=1.0e5,
+        description="largest torque of a drive at its wheel; without it that of the brake",
+    )
+
+    brakes: str = parameter(
+        _VALVES,
+        choices=BRAKES,
+        description="what brakes: pressure by on-off valves, spring-applied on-off brakes, "
+        "proportional brakes, or drives with a torque command",
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse numbers of wheels and wheels that the chassis has no room for."""
+        if self.kind == _MECANUM and (self.wheels < 4 or self.wheels % 2):
+            raise ConfigurationError("wheels", f"{self.wheels} must be 4, 6, ... for mecanum")
+        across = 2.0 * self.wheel_radius
+        if across * max(self.wheels // 2, 1) > self.length or across > self.width:
+            raise ConfigurationError(
+                "wheel_radius",
+                f"wheels of {across:g} m diameter have no room under {self.length:g} x "
+                f"{self.width:g} m",
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class NewVehicle:
+    """Files that describe a vehicle, its cameras and a stop, by their names."""
+
+    files: dict[str, str]
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the files into a folder and return their paths."""
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for name, text in self.files.items():
+            path = folder / name
+            path.write_text(text, encoding="utf-8")
+            paths.append(path)
+        return paths
+
+
+def new_vehicle(name: str, measured: Measured) -> NewVehicle:
+    """Return the files of a vehicle whose inertia, brakes and tires are estimated.
+
+    Args:
+        name: of the vehicle, for the comments.
+        measured: what is known of it.
+    """
+    return NewVehicle(
+        {
+            "vehicle.yaml": _vehicle(name, measured),
+            "sensors.yaml": _sensors(name, measured),
+            "experiment.yaml": _experiment(name, measured),
+        }
+    )
+
+
+def _vehicle(name: str, measured: Measured) -> str:
+    mass, radius = measured.mass + measured.load, measured.wheel_radius
+    wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
+    carried = mass * GRAVITY / len(wheels)
+    wheel_mass = math.pi * radius**2 * (_WHEEL_WIDTH * 2.0 * radius) * _DENSITY
+    torque = _BRAKE * carried * radius
+    drive = measured.drive_torque or torque
+    size = measured.length**2 + measured.width**2
+    values: dict[str, Any] = {
+        "wheels": wheels,
+        "chassis_length": measured.length,
+        "chassis_width": measured.width,
+        "body": {
+            "mass": measured.mass,
+            "height": _round(_HEIGHT * radius),
+            "yaw_inertia": _round(measured.mass * size / 12.0),
+        },
+    }
+    if measured.load > 0.0:
+        values["load"] = {
+            "mass": measured.load,
+            "x": _round(0.3 * measured.length),
+            "y": _round(0.3 * measured.width),
+            "height": _round(2.5 * radius),
+        }
+    braking = f"locks a wheel with a factor of {_BRAKE:g}"
+    if measured.brakes == "torque_drives" and measured.drive_torque is not None:
+        torque, braking = measured.drive_torque, "the torque of the drive, at any speed"
+    values |= {
+        "brake": {"max_torque": _round(torque), **_BRAKES[measured.brakes]},
+        "drive": {"max_torque": _round(drive), "stiffness": _round(_CLUTCH * drive * radius)},
+        "wheel_inertia": _round(0.5 * wheel_mass * radius**2),
+        "tire": _tire(carried, radius),
+    }
+    notes = {
+        "wheels": "as far out as the chassis allows",
+        "body.height": f"{_HEIGHT:g} wheel radii",
+        "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
+        "load": "a point to the front left",
+        "brake": braking,
+        "drive.stiffness": f"slips by {100.0 / _CLUTCH:.2g} cm/s under its largest torque",
+        "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
+        "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
+    }
+    if measured.drive_torque is None:
+        notes["drive.max_torque"] = "the brake's"
+    return commented_yaml(
+        values,
+        f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
+        "Measured are\nsize, mass and radius of the wheels. What is marked as an estimate is a "
+        "guess: replace\nit by what you measure, the yaw inertia and the brakes first.",
+        {key: f"estimate: {note}" for key, note in notes.items()},
+    )
+
+
+def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
+    """Return wheels in pairs whose rollers form an X seen from above."""
+    radius = measured.wheel_radius
+    x = measured.length / 2.0 - radius
+    y = measured.width / 2.0 - _WHEEL_WIDTH * radius
+    pairs = measured.wheels // 2
+    names = {2: ("rear", "front"), 3: ("rear", "middle", "front")}.get(
+        pairs, tuple(f"row_{row + 1}" for row in range(pairs))
+    )
+    wheels = {}
+    for row, word in enumerate(names):
+        place = -x + 2.0 * x * row / (pairs - 1)
+        slant = 45.0 if row < pairs / 2 else -45.0
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            wheels[f"{word}_{side}"] = {
+                "x": _round(place),
+                "y": _round(sign * y),
+                "roller_angle_deg": sign * slant,
+                "radius": radius,
+            }
+    return wheels
+
+
+def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
+    """Return wheels on a circle, their axes outward, rollers at 0 deg (Eq. (34))."""
+    out = min(measured.length, measured.width) / 2.0 - _WHEEL_WIDTH * measured.wheel_radius
+    wheels = {}
+    # Left and right alike, and no wheel on the axis ahead.
+    apart = math.pi / measured.wheels
+    first = math.pi / 2.0 - apart if measured.wheels % 2 else apart
+    for row in range(measured.wheels):
+        angle = first + 2.0 * apart * row
+        wheels[f"wheel_{row + 1}"] = {
+            "x": round(out * math.cos(angle), 6),
+            "y": round(out * math.sin(angle), 6),
+            "heading_deg": round(math.degrees(angle) - 90.0, 6),
+            "roller_angle_deg": 0.0,
+            "radius": measured.wheel_radius,
+        }
+    return wheels
+
+
+def _tire(carried: float, radius: float) -> dict[str, Any]:
+    """Return the tire of Table 1, scaled to the load of a wheel [N] and its radius [m]."""
+    scale = carried / _REFERENCE_LOAD
+
+    def scaled(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: scaled(name, inner) for name, inner in value.items()}
+        return value if "slip" in key else _round(scale * value)
+
+    table_1 = TireConfiguration()
+    return {
+        "model": table_1.model,
+        table_1.model: scaled("", to_mapping(table_1.model_parameters)),
+        **tire_stiffness(2.0 * carried, radius),
+    }
+
+
+def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> dict[str, float]:
+    """Return stiffness and damping by key: a tire that deflects by the same share of its radius.
+
+    Args:
+        largest_load: that the tire is for [N].
+        radius: of the wheel [m].
+    """
+    table_1 = TireConfiguration()
+    stiffer = largest_load / table_1.largest_load * _REFERENCE_RADIUS / radius
+    return {
+        "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
+        "damping": _round(stiffer * table_1.damping),
+        "vertical_stiffness": max(_round(stiffer * table_1.vertical_stiffness), 1e4),
+    }
+
+
+def _sensors(name: str, measured: Measured) -> str:
+    x, y = _round(0.35 * measured.length), _round(0.35 * measured.width)
+    places = {"left": (0.0, y, 0.0), "right": (0.0, -y, 0.0), "front": (x, 0.0, 90.0)}
+    camera = {"pixels": 1024, "length": 0.05, "width": 0.02, "line_rate": 2500.0}
+    return commented_yaml(
+        {
+            camera_name: {"x": place[0], "y": place[1], "heading_deg": place[2], **camera}
+            for camera_name, place in places.items()
+        },
+        f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
+        "better places. Each looks across its distance from the middle, so that all see a turn.",
+    )
+
+
+def _experiment(name: str, measured: Measured) -> str:
+    speed = min(_round(math.sqrt(2.0 * _DECELERATION * 3.0 * measured.length), 2), 10.0)
+    return commented_yaml(
+        {
+            "description": f"{name} stops from {speed:g} m/s",
+            "vehicle": "vehicle.yaml",
+            "ground": "cork",
+            "sensors": "sensors.yaml",
+            "maneuver": {"speed": speed, "brake_time": 0.3},
+            "brake_assist": {"weighting": "enhanced", "k": 7},
+            "variants": {
+                "unassisted": {"brake_assist": {"enabled": False}},
+                "assisted": {"brake_assist": {"enabled": True}},
+            },
+        },
+        f"A stop of {name}; run it with ./omni run and the path of this file.",
+    )
+
+
+def _round(value: float, digits: int = 4) -> float:
+    return float(f"{value:.{digits}g}")

@@ -1,0 +1,278 @@
+"""Whether the values of an experiment fit together: what a person would see at one glance.
+
+Nothing is refused: each remark is a sentence with the values and a remedy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.sensors import LineSensor, Mount
+from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.tire.tire import Tire
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
+from omni_tools.vehicles.rollers import roller_remarks
+
+_OVERLOAD = 1.1  # of the largest load; beyond it the model holds the force
+_IDLE_TIRE = 0.05  # of the largest load, below which a tire is for much heavier vehicles
+_WEAK_BRAKE, _STRONG_BRAKE = 1.0, 6.0  # torque over what the ground can take
+_STRONG_DRIVE = 12.0  # the same; beyond it that of another vehicle
+_NARROW, _WIDE = 0.2, 4.0  # yaw inertia over that of a plate of the chassis' size
+_HEAVY_WHEEL = 0.5  # inertia over radius squared, in shares of the mass that a wheel carries
+_OVERLAP = 0.6  # of two consecutive lines, which the dissertation asks for
+
+
+@dataclasses.dataclass(frozen=True)
+class WheelFacts:
+    """What a wheel stands and brakes with.
+
+    Attributes:
+        load: at rest [N].
+        grip: largest force across the load on dry ground [N].
+        brake_force: of the brake at the ground [N].
+    """
+
+    load: float
+    grip: float
+    brake_force: float
+
+
+def plain(value: float) -> str:
+    """Return a number with three digits that count, never with an exponent."""
+    words = f"{value:.3g}"
+    return f"{float(words):.0f}" if "e+" in words else words
+
+
+def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[str, WheelFacts]:
+    """Return load, grip and brake of each wheel of a standing vehicle.
+
+    Args:
+        vehicle: its wheels may be more than three: the loads are those of a rigid chassis.
+        friction: of the ground, as a factor [1].
+    """
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    geometry = PlatformGeometry.from_wheels(vehicle.wheels)
+    shares = load_plane(geometry.position - masses.centre)[:, 0]
+    tire = Tire(vehicle.tire)
+    facts = {}
+    torque = vehicle.brake.max_torque * vehicle.brake_share
+    for row, name in enumerate(geometry.names):
+        load = float(shares[row]) * masses.mass * GRAVITY
+        own = friction * float(vehicle.grip[row])
+        grip = float(tire.curve(load, own).peak_force) if load > 0.0 else 0.0
+        facts[name] = WheelFacts(load, grip, float(torque[row] / geometry.radius[row]))
+    return facts
+
+
+def camera_speed(sensor: LineSensor, direction: float) -> float:
+    """Return the fastest motion in a direction with 60 % overlap of consecutive lines [m/s].
+
+    Args:
+        sensor: the camera.
+        direction: of the motion in the body frame [rad].
+    """
+    angle = direction - math.radians(sensor.heading_deg)
+    steps = (abs(math.cos(angle)) / sensor.length, abs(math.sin(angle)) / sensor.width)
+    return (1.0 - _OVERLAP) * sensor.line_rate / max(*steps, 1e-12)
+
+
+def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
+    """Return what does not fit together, most dangerous for the result first."""
+    cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
+    return (*vehicle_remarks(experiment.vehicle, experiment.ground.friction), *cameras)
+
+
+def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tuple[str, ...]:
+    """Return what does not fit together in a vehicle alone.
+
+    Args:
+        vehicle: to judge.
+        friction: of the ground, as a factor [1].
+    """
+    wheels = (f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels))
+    return (
+        *wheels,
+        *_tire_remarks(vehicle, friction),
+        *_brake_remarks(vehicle, friction),
+        *_drive_remarks(vehicle),
+        *_inertia_remarks(vehicle),
+    )
+
+
+class RemarkingLibrary(ExperimentLibrary):
+    """Experiments and vehicles by name, of which it is said once what does not fit together."""
+
+    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+        super().__init__(folder)
+        self._say = say
+        self._said: set[str] = set()
+
+    def load(
+        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+    ) -> ExperimentConfiguration:
+        """Compose an experiment as `ExperimentLibrary` does."""
+        loaded = super().load(experiment, variant, overrides)
+        self._tell(remarks(loaded))
+        return loaded
+
+    def vehicle(self, name: str) -> VehicleConfiguration:
+        """Read a vehicle as `ExperimentLibrary` does."""
+        loaded = super().vehicle(name)
+        self._tell(vehicle_remarks(loaded))
+        return loaded
+
+    def _tell(self, words: Iterable[str]) -> None:
+        for remark in words:
+            if remark not in self._said:
+                self._said.add(remark)
+                self._say(remark)
+
+
+def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:
+    largest = vehicle.tire.largest_load
+    facts = wheel_facts(vehicle, friction)
+    heaviest = max(facts, key=lambda name: facts[name].load)
+    load = facts[heaviest].load
+    if load > _OVERLOAD * largest:
+        yield (
+            f"vehicle.tire: wheel {heaviest} stands with {plain(load)} N on a tire for at most "
+            f"{plain(largest)} N; take a stronger tire, or more wheels"
+        )
+    elif load < _IDLE_TIRE * largest:
+        yield (
+            f"vehicle.tire: the tire is for up to {plain(largest)} N and no wheel carries more "
+            f"than {plain(load)} N, so that its stiffness is that of a far heavier vehicle; take "
+            "the tire that ./omni new-vehicle scales to the load, or fit one with ./omni fit-tire"
+        )
+
+
+def _brake_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:
+    facts = wheel_facts(vehicle, friction)
+    grip = sum(fact.grip for fact in facts.values())
+    ratio = sum(fact.brake_force for fact in facts.values()) / max(grip, 1e-9)
+    needed = vehicle.brake.max_torque / max(ratio, 1e-9)
+    if ratio < _WEAK_BRAKE:
+        yield (
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m reach "
+            f"{100 * ratio:.0f} % of the grip, so that the wheels never lock and hardly swerve; "
+            f"locking takes {plain(needed)} N m"
+        )
+    elif ratio > _STRONG_BRAKE:
+        yield (
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m are {ratio:.0f} "
+            f"times what the ground can take; about {plain(2 * needed)} N m would lock the wheels "
+            "as well"
+        )
+
+
+def _drive_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
+    facts = wheel_facts(vehicle)
+    grips = [facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()]
+    needed = sum(grips) / len(grips)
+    torque = vehicle.drive.max_torque
+    if torque > _STRONG_DRIVE * needed:
+        yield (
+            f"vehicle.drive.max_torque: {plain(torque)} N m are {torque / max(needed, 1e-9):.0f} "
+            f"times what the ground can take; about {plain(2 * needed)} N m would spin the wheels "
+            "too"
+        )
+
+
+def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    plate = masses.mass * (vehicle.chassis_length**2 + vehicle.chassis_width**2) / 12.0
+    ratio = masses.yaw_inertia / plate
+    if not _NARROW < ratio < _WIDE:
+        yield (
+            f"vehicle.body.yaw_inertia: {plain(masses.yaw_inertia)} kg m^2 with the load, where a "
+            f"plate of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m and this mass has "
+            f"{plain(plate)} kg m^2; check mass, size and inertia"
+        )
+    carried = masses.mass / len(vehicle.wheels)
+    for name, mount in vehicle.wheels.items():
+        moved = vehicle.wheel_inertia / mount.radius**2
+        if moved > _HEAVY_WHEEL * carried:
+            yield (
+                f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 act at the rim of "
+                f"wheel {name} as {plain(moved)} kg, beside {plain(carried)} kg that it carries; a "
+                "solid disc has half of its mass times its radius squared"
+            )
+            return
+
+
+def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
+    vehicle, twists = experiment.vehicle, _twists(experiment.maneuver)
+    mounts: dict[str, Mount] = {f"sensors.{name}": s for name, s in experiment.sensors.items()}
+    mounts |= {f"flow_sensors.{name}": s for name, s in experiment.flow_sensors.items()}
+    for key, sensor in mounts.items():
+        if abs(sensor.x) > vehicle.chassis_length / 2 or abs(sensor.y) > vehicle.chassis_width / 2:
+            yield (
+                f"{key}: at ({sensor.x:g}, {sensor.y:g}) m it is beyond the edge of the "
+                f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
+                "./omni design-sensors finds places under it"
+            )
+    worst = max(
+        (
+            _Hurry.of(name, one, twist)
+            for name, one in experiment.sensors.items()
+            for twist in twists
+        ),
+        key=lambda hurry: hurry.share,
+        default=None,
+    )
+    if worst is not None and worst.share > 1.0:
+        yield (
+            f"sensors.{worst.sensor}: consecutive lines share less than 60 % above "
+            f"{plain(worst.speed / worst.share)} m/s in the direction of motion, and it moves at "
+            f"up to {plain(worst.speed)} m/s; take a wider view or more lines per second, or move "
+            f"at most {90.0 / worst.share:.0f} % as fast"
+        )
+    for name, flow in experiment.flow_sensors.items():
+        speed = max(_speed(flow, twist) for twist in twists)
+        if speed > flow.maximum_speed > 0.0:
+            yield (
+                f"flow_sensors.{name}: it moves at up to {plain(speed)} m/s and can follow "
+                f"{plain(flow.maximum_speed)} m/s; mount it higher, or move more slowly"
+            )
+
+
+def _speed(sensor: Mount, twist: tuple[float, float, float]) -> float:
+    return math.hypot(twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Hurry:
+    """How fast a camera moves.
+
+    Attributes:
+        sensor: its name.
+        speed: over the ground [m/s].
+        share: of the largest in that direction.
+    """
+
+    sensor: str
+    speed: float
+    share: float
+
+    @classmethod
+    def of(cls, name: str, sensor: LineSensor, twist: tuple[float, float, float]) -> _Hurry:
+        """Return that of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
+        x, y = twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
+        speed = _speed(sensor, twist)
+        return cls(name, speed, speed / camera_speed(sensor, math.atan2(y, x)))
+
+
+def _twists(maneuver: ManeuverConfiguration) -> list[tuple[float, float, float]]:
+    """Return the twists that a driver asks for [m/s, m/s, rad/s]."""
+    table = maneuver.demands
+    if table.time:
+        return list(zip(table.forward, table.left, table.turn, strict=True))
+    direction = math.radians(maneuver.direction_deg)
+    forward, left = maneuver.speed * math.cos(direction), maneuver.speed * math.sin(direction)
+    return [(forward, left, math.radians(maneuver.yaw_rate_deg))]

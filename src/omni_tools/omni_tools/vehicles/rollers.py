@@ -1,0 +1,122 @@
+"""Arrangement of the rollers of a platform, and the wheel whose roller angle has the wrong sign.
+
+A wrong sign of one roller angle leaves a platform that still moves in all three degrees of freedom,
+but the kinematics is that of another vehicle. It shows in the symmetry: where two wheels are mirror
+images of each other, so are their rollers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from omni_platform.geometry import PlatformGeometry, WheelMount
+from omni_platform.kinematics import (
+    PlatformKinematics,
+    UnusablePlatformError,
+    smallest_singular_value,
+)
+
+_POSITION = 0.05  # difference of mirrored positions, in shares of the platform's radius
+_ANGLE = math.radians(10.0)  # difference of mirrored roller axes; a wrong sign makes 90 deg
+_POOR = 0.5  # of the smallest singular value that the opposite roller angles give
+_MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, the y axis
+
+
+@dataclasses.dataclass(frozen=True)
+class Rollers:
+    """What the rollers of a platform have in common.
+
+    Attributes:
+        shape: ``X`` or ``O``, formed by the rollers on top of the wheels seen from above (those on
+            the ground form the other one), ``mixed``, or empty where no roller is oblique.
+        smallest_singular_value: of ``M``, Eq. (33), lengths over the platform's radius [1].
+        yaw_lever: smallest distance of a roller axis on the ground from the platform centre [m].
+    """
+
+    shape: str
+    smallest_singular_value: float
+    yaw_lever: float
+
+    @classmethod
+    def of(cls, wheels: Mapping[str, WheelMount]) -> Rollers:
+        """Return those of some wheels."""
+        kinematics = PlatformKinematics.of(wheels)
+        geometry = kinematics.geometry
+        lever = float(np.min(np.abs(kinematics.matrix[:, 2])))
+        return cls(_shape(geometry), smallest_singular_value(kinematics.matrix, geometry), lever)
+
+
+def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
+    """Return what is wrong with the signs of the roller angles, a sentence each."""
+    rollers = Rollers.of(wheels)
+    suspects = _broken_symmetry(wheels)
+    if suspects:
+        name, *others = suspects
+        angle = wheels[name].roller_angle_deg
+        return (
+            f"wheels.{name}.roller_angle_deg: {angle:g} deg breaks the symmetry of the rollers"
+            + (f" (or {', '.join(others)} does)" if others else "")
+            + f"; its mirror images on the other wheels ask for {-angle:g} deg",
+        )
+    opposite = {name: _flipped(mount) for name, mount in wheels.items()}
+    try:
+        best = Rollers.of(opposite).smallest_singular_value
+    except UnusablePlatformError:
+        return ()
+    if rollers.smallest_singular_value < _POOR * best:
+        return (
+            f"wheels: the roller axes pass the centre at {rollers.yaw_lever:.2g} m, so that the "
+            f"wheels hardly turn the vehicle (seen from above the rollers form {rollers.shape}, "
+            f"smallest singular value {rollers.smallest_singular_value:.2g}, with the opposite "
+            f"roller angles {best:.2g}); negate every roller_angle_deg, unless the wheels are "
+            "mounted so",
+        )
+    if rollers.shape == "mixed" and len(wheels) == 4:
+        return (
+            "wheels: the rollers form neither X nor O seen from above; mirror the roller angles of "
+            "the front wheels on the rear wheels, unless the wheels are mounted so",
+        )
+    return ()
+
+
+def _shape(geometry: PlatformGeometry) -> str:
+    """Return what the rollers on top of the wheels form; on the ground they are mirrored."""
+    quadrant = np.sign(geometry.position[:, 0] * geometry.position[:, 1])
+    slope = geometry.active[:, 0] * geometry.active[:, 1]
+    signs = (np.sign(slope) * quadrant)[(quadrant != 0.0) & (np.abs(slope) > 0.05)]
+    if not signs.size:
+        return ""
+    return "X" if np.all(signs < 0.0) else "O" if np.all(signs > 0.0) else "mixed"
+
+
+def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
+    """Return the wheels one of which, with the opposite roller angle, makes all mirrors fit."""
+    if _mirrors_fit(wheels):
+        return ()
+    return tuple(name for name in wheels if _mirrors_fit({**wheels, name: _flipped(wheels[name])}))
+
+
+def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
+    """Return whether rollers are mirrored wherever the positions of all wheels are."""
+    geometry = PlatformGeometry.from_wheels(wheels)
+    near = _POSITION * float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    for mirror in _MIRRORS:
+        images = geometry.position * mirror
+        distance = np.linalg.norm(images[:, np.newaxis] - geometry.position, axis=2)
+        partner = np.argmin(distance, axis=1)
+        rows = np.arange(len(partner))
+        if np.any(distance[rows, partner] > near):
+            continue
+        axes, others = geometry.active * mirror, geometry.active[partner]
+        along = np.abs(np.sum(axes * others, axis=1))
+        if np.any((along < math.cos(_ANGLE)) & (partner != rows)):
+            return False
+    return True
+
+
+def _flipped(mount: WheelMount) -> WheelMount:
+    return dataclasses.replace(mount, roller_angle_deg=-mount.roller_angle_deg)

@@ -1,0 +1,91 @@
+"""Brakes found from stops of a vehicle whose brakes are known to the test alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.brakes.data import BrakeData, BrakeDataError
+from omni_tools.brakes.fit import fit_brakes
+
+CONFIG = Path(__file__).parents[4] / "config"
+
+
+def stop(
+    torque: float, dead_time: float, time_constant: float, variant: str, *more: str
+) -> tuple[BrakeData, VehicleConfiguration]:
+    """Return a recording of a stop, and the vehicle with brakes that are not its own."""
+    brake = {"max_torque": torque, "dead_time": dead_time, "time_constant": time_constant}
+    overrides = [f"vehicle.brake.{key}={value}" for key, value in brake.items()]
+    overrides += ["feedback=velocity_sensor", *more]
+    configuration = ExperimentLibrary(CONFIG).load("straight_line", variant, overrides)
+    history = run_fast_loop(configuration).history()
+    time = np.asarray(1e-9 * history.stamp_ns, dtype=np.float64)
+    enable = np.where(np.isfinite(history.enable), history.enable >= 0.5, True)
+    command = history.pedal[:, np.newaxis] * enable
+    data = BrakeData(time, history.twist, history.wheel_speed, time, command)
+    unknown = dataclasses.replace(configuration.vehicle.brake, max_torque=1.0, dead_time=0.5)
+    return data, dataclasses.replace(configuration.vehicle, brake=unknown)
+
+
+def noisy(data: BrakeData, seed: int, size: float = 0.01) -> BrakeData:
+    """Return the stop with a measured twist [m/s, m/s, half of it in rad/s]."""
+    noise = np.random.default_rng(seed).normal(0.0, size, data.twist.shape)
+    return dataclasses.replace(data, twist=data.twist + noise * [1.0, 1.0, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("torque", "dead_time", "time_constant", "variant", "more"),
+    [
+        (1500.0, 0.02, 0.05, "unassisted", ("maneuver.pedal=0.05",)),
+        (800.0, 0.03, 0.04, "unassisted", ("maneuver.pedal=0.2",)),
+        (1500.0, 0.02, 0.05, "assisted", ()),  # valves that open and close at full pedal
+        (400.0, 0.01, 0.03, "unassisted", ("maneuver.pedal=0.3", "maneuver.direction_deg=40")),
+    ],
+)
+def test_hidden_brakes_are_found(
+    torque: float, dead_time: float, time_constant: float, variant: str, more: tuple[str, ...]
+) -> None:
+    data, vehicle = stop(torque, dead_time, time_constant, variant, *more)
+    fit = fit_brakes([data], vehicle)
+    assert fit.values[0] == pytest.approx(torque, rel=5e-3)
+    np.testing.assert_allclose(fit.values[1:], (dead_time, time_constant), atol=1e-3)
+    seen = np.isfinite(fit.wheel_torque)
+    np.testing.assert_allclose(fit.wheel_torque[seen], torque, rtol=1e-2)
+
+
+def test_noise_shows_in_the_standard_errors() -> None:
+    truth = (800.0, 0.03, 0.04)
+    data, vehicle = stop(*truth, "unassisted", "maneuver.pedal=0.2")
+    fits = [fit_brakes([noisy(data, seed)], vehicle) for seed in range(8)]
+    wrong = np.array([(fit.values - truth) / fit.standard_errors for fit in fits])
+    assert np.all(np.abs(wrong) < 5.0)
+    assert np.all(np.sqrt(np.mean(wrong**2, axis=0)) > 0.2)  # nor are they padded
+    more = fit_brakes([noisy(data, seed) for seed in range(4)], vehicle)
+    assert np.all(more.standard_errors < fits[0].standard_errors)
+
+
+def test_most_hidden_brakes_are_within_two_standard_errors() -> None:
+    random = np.random.default_rng(1)
+    wrong = []
+    for seed in range(12):
+        torque, dead_time = random.uniform(300.0, 2000.0), random.uniform(0.005, 0.06)
+        truth = (torque, dead_time, random.uniform(0.01, 0.1))
+        lightly = f"maneuver.pedal={min(random.uniform(60.0, 300.0) / torque, 1.0)}"
+        kind = ("assisted",) if seed % 3 == 0 else ("unassisted", lightly)
+        data, vehicle = stop(*truth, *kind, f"maneuver.speed={random.uniform(4.0, 10.0)}")
+        fit = fit_brakes([noisy(data, seed)], vehicle)
+        wrong.append((fit.values - truth) / fit.standard_errors)
+    assert np.mean(np.abs(wrong) < 2.0) > 0.8
+
+
+def test_wheels_that_lock_at_once_say_so_little_that_the_fit_is_refused() -> None:
+    data, vehicle = stop(1500.0, 0.0, 0.0, "unassisted")
+    with pytest.raises(BrakeDataError, match="brake with less pedal"):
+        fit_brakes([data], vehicle)

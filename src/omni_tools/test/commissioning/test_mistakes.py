@@ -1,0 +1,225 @@
+"""A mistake in the description of a simulated vehicle is found, and none where there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omni_brake_assist.brake_assist import BrakeAssist
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import make_estimator, steps
+from omni_platform.configuration import ConfigurationError
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+from omni_sim.simulator import Simulator
+from omni_tools.commissioning.mistakes import find_mistakes
+from omni_tools.commissioning.signals import Motions, Signals, motions_of
+
+CONFIG = Path(__file__).parents[4] / "config"
+Wheels = dict[str, WheelMount]
+
+# Time, forward, left, turn, pedal: three motions with pauses, and a stop along the diagonal.
+TABLE = np.array(
+    [(0.0, 0.0, 0.0, 0.0, 0.0)]
+    + [
+        (start + at, *(value * np.array(direction)), 0.0)
+        for start, direction in ((0.5, (0.5, 0, 0)), (4.0, (0, 0.5, 0)), (7.5, (0, 0, 0.6)))
+        for at, value in ((0.0, 0.0), (0.5, 1.0), (2.0, 1.0), (2.5, 0.0))
+    ]
+    + [(11.0, 0.0, 0.0, 0.0, 0.0), (12.5, 2.0, 0.5, 0.0, 0.0), (13.0, 2.0, 0.5, 0.0, 0.0)]
+    + [(13.01, 0.0, 0.0, 0.0, 1.0), (16.0, 0.0, 0.0, 0.0, 1.0)]
+)
+
+
+def drive(vehicle: str) -> tuple[Wheels, Signals, tuple[float, float]]:
+    """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
+    columns = [f"[{', '.join(f'{value:g}' for value in column)}]" for column in TABLE.T]
+    names = ("time", "forward", "left", "turn", "pedal")
+    demands = [
+        f"maneuver.demands.{name}={column}" for name, column in zip(names, columns, strict=True)
+    ]
+    plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    configuration = ExperimentLibrary(CONFIG).load(
+        "straight_line", "assisted", [f"vehicle={vehicle}", *plain, *demands]
+    )
+    rows = []
+    assist = BrakeAssist(configuration.brake_assist)
+    for moment in steps(Simulator(configuration), make_estimator(configuration), assist):
+        seen = moment.observation
+        rows.append(
+            (
+                np.array([seen.stamp_ns * 1e-9]),
+                seen.encoder_speed,
+                moment.feedback.value,
+                seen.imu,
+                np.array([seen.pedal]),
+                moment.decision.enable,
+                seen.pose,
+            )
+        )
+        if seen.stamp_ns >= 15_500_000_000:
+            break
+    time, speed, twist, imu, pedal, enable, pose = map(np.array, zip(*rows, strict=True))
+    signals = Signals(time[:, 0], speed, twist, imu, pedal[:, 0], enable)
+    before, between, after = (int(np.argmax(time[:, 0] > at)) for at in (0.4, 3.7, 10.7))
+    distance = float(np.hypot(*(pose[between, :2] - pose[before, :2])))
+    turned = float(pose[after, 2] - pose[between, 2])
+    return dict(configuration.vehicle.wheels), signals, (distance, turned)
+
+
+@pytest.fixture(scope="module")
+def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
+    return drive("mecanum_forklift")
+
+
+def found(wheels: Wheels, signals: Signals, known: tuple[float, float]) -> list[str]:
+    motions = motions_of(signals)
+    mistakes = find_mistakes(wheels, signals, motions, distance=known[0], angle=known[1])
+    return [mistake.name for mistake in mistakes]
+
+
+@pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
+def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
+    assert found(*drive(vehicle)) == []
+
+
+FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
+Change = Callable[[Wheels, Signals], tuple[Wheels, Signals]]
+
+
+def of_wheel(name: str, **factors: float) -> Change:
+    def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+        values = {key: factor * getattr(wheels[name], key) for key, factor in factors.items()}
+        return {**wheels, name: dataclasses.replace(wheels[name], **values)}, signals
+
+    return change
+
+
+def of_signal(field: str, change_of: Callable[[np.ndarray], np.ndarray]) -> Change:
+    def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+        values = change_of(getattr(signals, field).copy())
+        return wheels, dataclasses.replace(signals, **{field: values})
+
+    return change
+
+
+def exchanged(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[:, [one, other]] = values[:, [other, one]]
+        return values
+
+    return change
+
+
+def turned(angle: float) -> Callable[[np.ndarray], np.ndarray]:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return lambda twist: twist @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]]).T
+
+
+def scaled(*factors: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda values: values * np.array(factors)
+
+
+def delayed(seconds: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda enable: np.roll(enable, -round(seconds / 0.01), axis=0)
+
+
+def dead(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+    """Let the wheel that is braked most roll on as the twist says."""
+    speed, braking = signals.wheel_speed.copy(), signals.pedal > 0.0
+    column = int(np.argmax(np.mean(signals.enable[braking], axis=0)))
+    rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist)
+    coasting = (signals.time > 12.0) & ~braking
+    radius = np.median(speed[coasting, column] / rolling[coasting, column])
+    speed[braking, column] = radius * rolling[braking, column]
+    return wheels, dataclasses.replace(signals, wheel_speed=speed)
+
+
+def mistakes() -> Iterator[tuple[str, Change]]:
+    """Yield 43 mistakes: what must be in the name of what is found, and how it is made."""
+    for one, other in itertools.combinations(range(4), 2):
+        words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
+        yield words, of_signal("wheel_speed", exchanged(one, other))
+    for row, name in enumerate(FORKLIFT):
+        signs = [-1.0 if column == row else 1.0 for column in range(4)]
+        yield f"wheel {name} turns the other way", of_signal("wheel_speed", scaled(*signs))
+        yield f"roller of wheel {name}", of_wheel(name, roller_angle_deg=-1.0)
+        yield f"x of wheel {name}", of_wheel(name, x=-1.0)
+        yield f"y of wheel {name}", of_wheel(name, y=-1.0)
+        yield f"radius of wheel {name}", of_wheel(name, radius=1.12)
+    yield "all radii", of_signal("wheel_speed", scaled(1.1, 1.1, 1.1, 1.1))
+    yield "all wheels turn", of_signal("wheel_speed", scaled(-1, -1, -1, -1))
+    for degrees in (5.0, -90.0, 180.0):
+        yield f"mounted {degrees:.0f} deg off", of_signal("twist", turned(math.radians(degrees)))
+    yield "twist sensor: y has the wrong sign", of_signal("twist", scaled(1, -1, 1))
+    yield "twist sensor: x has the wrong sign", of_signal("twist", scaled(-1, 1, 1))
+    yield "twist sensor: yaw rate has the wrong", of_signal("twist", scaled(1, 1, -1))
+    yield "twist sensor: speed is 1.", of_signal("twist", scaled(1.2, 1.2, 1))
+    yield (
+        "twist sensor: measures at (0.",
+        of_signal("twist", lambda twist: twist + np.outer(twist[:, 2], (0.1, 0.3, 0.0))),
+    )
+    yield "gyro: yaw rate has the wrong sign", of_signal("imu", scaled(-1, 1, 1))
+    yield "gyro: yaw rate is 5", of_signal("imu", scaled(math.degrees(1.0), 1, 1))
+    yield "accelerometer: x has", of_signal("imu", scaled(1, -1, 1))
+    yield "accelerometer: y has", of_signal("imu", scaled(1, 1, -1))
+    yield "accelerometer: x and y", of_signal("imu", exchanged(1, 2))
+    yield "brakes front_left and front_right", of_signal("enable", exchanged(1, 2))
+    yield "does not act", dead
+    yield "dead time is about", of_signal("enable", delayed(0.06))
+
+
+MISTAKES = dict(mistakes())
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_single_mistake_is_named(
+    words: str, forklift: tuple[Wheels, Signals, tuple[float, float]]
+) -> None:
+    wheels, signals, known = forklift
+    wheels, signals = MISTAKES[words](wheels, signals)
+    names = found(wheels, signals, known)
+    assert any(words in name for name in names), names
+    assert len(names) == 1, names
+
+
+def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
+    random = np.random.default_rng(11)
+    for _ in range(40):
+        x, y, radius = (
+            random.uniform(0.2, 1.5),
+            random.uniform(0.15, 0.9),
+            random.uniform(0.04, 0.3),
+        )
+        wheels = {
+            f"{a}{b}": WheelMount(x=a * x, y=b * y, roller_angle_deg=-45 * a * b, radius=radius)
+            for a in (-1, 1)
+            for b in (-1, 1)
+        }
+        known = random.uniform(0.5, 3.0), random.uniform(0.5, 6.0)
+        motion = np.diag([known[0], known[0], known[1]])
+        angle = PlatformKinematics.of(wheels).wheel_speeds(motion)
+        angle *= 1.0 + random.normal(0.0, 0.01, angle.shape)
+        twist = motion + random.normal(0.0, 0.005, (3, 3))
+        force = np.diag([1.0, 1.0, 0.0])[:, :2] * 0.3 + random.normal(0.0, 0.03, (3, 2))
+        gyro = np.array([0.0, 0.0, known[1] * 1.01])
+        motions = Motions(angle, twist, gyro, force, slice(0, 0))
+        nothing = np.full((2, 4), math.nan)
+        signals = Signals(np.array([0.0, 0.01]), nothing, nothing, nothing, nothing[:, 0], nothing)
+        found = find_mistakes(wheels, signals, motions, distance=known[0], angle=known[1])
+        assert found == []
+
+
+def test_a_drive_that_is_not_the_expected_one_is_refused(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    _, signals, _ = forklift
+    short = dataclasses.replace(signals, pedal=np.zeros_like(signals.pedal))
+    with pytest.raises(ConfigurationError, match="drive forward, left, counter-clockwise"):
+        motions_of(short)

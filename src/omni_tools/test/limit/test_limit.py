@@ -1,0 +1,225 @@
+"""No stop is shorter than its bound: closed forms, random forces, and runs of every law."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.geometry import cross
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.ground.friction import FrictionPatch
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
+from omni_sim.vehicle.suspension import SuspensionConfiguration
+from omni_tools.limit.bounds import Maneuver, any_heading_bound, maneuver_of, straight_bound
+from omni_tools.limit.forces import Case, LimitVehicle, farthest
+from omni_tools.limit.share import limit_share
+
+ROOT = Path(__file__).parents[4]
+FLAT = GroundConfiguration()
+
+
+def _moving(speed: float, direction: float = 0.0) -> Maneuver:
+    angle = math.radians(direction)
+    return Maneuver(np.zeros(3), np.array([speed * math.cos(angle), speed * math.sin(angle), 0.0]))
+
+
+@pytest.fixture(scope="module")
+def library() -> ExperimentLibrary:
+    return ExperimentLibrary(ROOT / "config")
+
+
+@pytest.fixture(scope="module")
+def forklift(library: ExperimentLibrary) -> VehicleConfiguration:
+    return library.vehicle("mecanum_forklift")
+
+
+@pytest.fixture(scope="module")
+def symmetric(forklift: VehicleConfiguration) -> VehicleConfiguration:
+    body = MassConfiguration(mass=1200.0, height=0.4, yaw_inertia=400.0)
+    return dataclasses.replace(forklift, body=body, load=MassConfiguration(mass=0.0, height=0.0))
+
+
+def test_a_symmetric_vehicle_stops_as_two_axles_do(symmetric: VehicleConfiguration) -> None:
+    limit = LimitVehicle(symmetric)
+    mass, height, half = 1200.0, 0.4, 0.65
+
+    def missing(a: float) -> float:
+        shift = mass * a * height / (4.0 * half)
+        loads = mass * GRAVITY / 4.0 + np.array([shift, -shift])
+        return 2.0 * math.sqrt(0.5) * float(np.sum(limit.peak(loads))) / mass - a
+
+    rate = brentq(missing, 1.0, 9.0)
+    bound = straight_bound(symmetric, FLAT, _moving(8.0))
+    assert bound.distance == pytest.approx(8.0**2 / (2.0 * rate), rel=1e-4)
+    assert bound.distance <= 8.0**2 / (2.0 * rate)
+
+
+def test_a_sprung_chassis_has_no_bound_and_says_why(forklift: VehicleConfiguration) -> None:
+    springs = SuspensionConfiguration(stiffness=2.0e5)
+    sprung = dataclasses.replace(forklift, suspension=springs)
+    for bound_of in (straight_bound, any_heading_bound):
+        bound = bound_of(sprung, FLAT, _moving(10.0))
+        assert math.isnan(bound.distance)
+        assert "sprung" in bound.reason
+
+
+def test_straight_line_has_the_known_bound(forklift: VehicleConfiguration) -> None:
+    bound = straight_bound(forklift, FLAT, _moving(10.0))
+    assert bound.distance == pytest.approx(8.65, abs=0.005)
+    assert 0.0 <= bound.gap < 1e-3
+    assert any_heading_bound(forklift, FLAT, _moving(10.0)).distance < bound.distance
+
+
+@pytest.mark.parametrize("direction", [0.0, 20.0, 90.0, 135.0])
+def test_no_random_forces_slow_a_straight_stop_down_faster(
+    forklift: VehicleConfiguration, direction: float
+) -> None:
+    limit = LimitVehicle(forklift)
+    e = np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction))])
+    found = limit.strongest(e, Case(np.ones(4), straight=True))
+    assert found is not None
+    masses = MassProperties.of(forklift.body, forklift.load)
+    plane = load_plane(limit.position - masses.centre)
+    wrench = np.vstack((limit.active.T, limit.lever))
+    wanted = np.linalg.lstsq(wrench, np.append(-e, 0.0), rcond=None)[0]
+    null = np.linalg.svd(wrench)[2][-1]
+    random = np.random.default_rng(1)
+    strongest = 0.0
+    for share in random.uniform(-1.0, 1.0, 400):
+        unit = wanted + share * null
+        low, high = 0.0, 3e4  # how far these forces can be scaled until friction ends
+        for _ in range(40):
+            scale = 0.5 * (low + high)
+            z = -masses.height / GRAVITY * limit.active.T @ (scale * unit) / masses.mass
+            loads = masses.mass * GRAVITY * plane @ np.array([1.0, *z])
+            inside = np.min(loads) >= 0 and np.all(np.abs(scale * unit) <= limit.peak(loads))
+            low, high = (scale, high) if inside else (low, scale)
+        if np.all(limit.active @ e * unit <= 1e-9):
+            strongest = max(strongest, low / masses.mass)
+    assert strongest <= found.bound
+    assert strongest > 0.9 * found.bound  # the bound is near what there is
+
+
+def test_a_bound_over_headings_is_above_every_heading(forklift: VehicleConfiguration) -> None:
+    limit, case = LimitVehicle(forklift), Case(np.ones(4), straight=False)
+    largest = limit.largest(case, 1e-3)
+    angles = np.random.default_rng(3).uniform(-math.pi, math.pi, 12)
+    for angle in angles:
+        found = limit.strongest(np.array([math.cos(angle), math.sin(angle)]), case)
+        assert found is not None
+        assert found.bound <= largest
+
+
+def test_the_farthest_corner_of_a_polygon_is_found() -> None:
+    corners = np.array([[2.0, 1.0], [-1.0, 1.5], [-0.5, -2.0]])
+    bound = farthest(lambda t: max(corners @ [math.cos(t), math.sin(t)]), 1e-4)
+    assert math.sqrt(5.0) * (1.0 - 1e-12) <= bound <= math.sqrt(5.0) * 1.0001
+
+
+def test_a_kiwi_along_a_passive_direction_has_no_straight_stop(library: ExperimentLibrary) -> None:
+    robot = library.vehicle("three_wheel_robot")
+    bound = straight_bound(robot, FLAT, _moving(4.0, 90.0))
+    assert math.isnan(bound.distance)
+    assert "turning it" in bound.reason
+    assert any_heading_bound(robot, FLAT, _moving(4.0, 90.0)).distance > 0.0
+
+
+def test_ice_all_along_the_way_is_a_ground_of_ice(forklift: VehicleConfiguration) -> None:
+    patch = FrictionPatch(x=5.0, y=0.0, length=100.0, width=50.0, friction=0.3)
+    icy = dataclasses.replace(FLAT, patches={"ice": patch})
+    same = straight_bound(forklift, dataclasses.replace(FLAT, friction=0.3), _moving(5.0))
+    over = straight_bound(forklift, icy, _moving(5.0))
+    assert over.distance == pytest.approx(same.distance, rel=0.01)
+    far = dataclasses.replace(icy.patches["ice"], x=80.0)
+    beyond = straight_bound(forklift, dataclasses.replace(FLAT, patches={"ice": far}), _moving(5.0))
+    assert beyond.distance == pytest.approx(
+        straight_bound(forklift, FLAT, _moving(5.0)).distance, rel=0.01
+    )
+
+
+def test_weak_and_late_brakes_take_longer(forklift: VehicleConfiguration) -> None:
+    weak = dataclasses.replace(
+        forklift, brake=dataclasses.replace(forklift.brake, max_torque=200.0)
+    )
+    late = dataclasses.replace(
+        forklift, brake=dataclasses.replace(forklift.brake, dead_time=0.1, time_constant=0.05)
+    )
+    free = straight_bound(forklift, FLAT, _moving(10.0)).distance
+    assert straight_bound(weak, FLAT, _moving(10.0)).distance > 1.5 * free
+    # The dead time passes at full speed.
+    assert straight_bound(late, FLAT, _moving(10.0)).distance > free + 0.1 * 10.0 - 0.05
+
+
+def test_a_slope_has_no_bound(library: ExperimentLibrary) -> None:
+    ramp = library.load("straight_line", "assisted", ["ground=cork_ramp"]).ground
+    bound = straight_bound(library.vehicle("mecanum_forklift"), ramp, _moving(10.0))
+    assert math.isnan(bound.distance)
+    assert "level" in bound.reason
+
+
+@pytest.mark.parametrize("direction", [0.0, 31.0, 45.0, 117.0])
+@pytest.mark.parametrize("variant", ["unassisted", "assisted"])
+def test_no_run_is_below_its_bounds(
+    library: ExperimentLibrary, direction: float, variant: str
+) -> None:
+    settings = ["feedback=velocity_sensor", f"maneuver.direction_deg={direction}"]
+    experiment = library.load("straight_line", variant, settings)
+    run = run_fast_loop(experiment)
+    maneuver = maneuver_of(experiment.maneuver)
+    any_bound = any_heading_bound(experiment.vehicle, experiment.ground, maneuver)
+    centre = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).centre
+    yaw = run.pose[run.brake_start :, 2]
+    turned = np.column_stack(
+        (
+            np.cos(yaw) * centre[0] - np.sin(yaw) * centre[1],
+            np.sin(yaw) * centre[0] + np.cos(yaw) * centre[1],
+        )
+    )
+    path = np.diff(run.pose[run.brake_start :, :2] + turned, axis=0)
+    assert np.sum(np.hypot(*path.T)) >= any_bound.distance - any_bound.tolerance
+    straight = straight_bound(experiment.vehicle, experiment.ground, maneuver)
+    if run.orientation_change <= 0.5:
+        assert run.stopping_distance >= straight.distance - straight.tolerance
+
+
+def test_a_maneuver_that_turns_is_where_the_drive_takes_it(library: ExperimentLibrary) -> None:
+    experiment = library.load("turn_while_translate", "unassisted", ["feedback=velocity_sensor"])
+    run = run_fast_loop(experiment)
+    maneuver = maneuver_of(experiment.maneuver)
+    assert maneuver.pose == pytest.approx(run.pose[run.brake_start], abs=0.02)
+    assert maneuver.twist == pytest.approx(run.twist[run.brake_start], abs=0.05)
+
+
+def test_forces_of_the_bound_neither_turn_nor_push(forklift: VehicleConfiguration) -> None:
+    limit = LimitVehicle(forklift)
+    found = limit.strongest(np.array([1.0, 0.0]), Case(np.ones(4), straight=True))
+    assert found is not None
+    assert found.force @ limit.active[:, 1] == pytest.approx(0.0, abs=1e-6)
+    arm = limit.position - limit.masses.centre
+    assert np.sum(cross(arm, found.force[:, None] * limit.active)) == pytest.approx(0.0, abs=1e-6)
+    assert np.sum(found.load) == pytest.approx(limit.masses.mass * GRAVITY)
+
+
+def test_a_run_says_how_near_it_comes_to_the_limit(library: ExperimentLibrary) -> None:
+    shares = {}
+    for variant in ("unassisted", "allocation"):
+        experiment = library.load("straight_line", variant, ["feedback=velocity_sensor"])
+        run = run_fast_loop(experiment)
+        shares[variant] = limit_share(run.history(), experiment, run.stopping_distance)
+        assert not shares[variant].note
+    assert shares["unassisted"].value < 0.9
+    assert 0.97 < shares["allocation"].value < 1.02
+
+
+def test_a_turn_is_held_against_stops_with_any_heading(library: ExperimentLibrary) -> None:
+    experiment = library.load("turn_while_translate", "k7")
+    run = run_fast_loop(experiment)
+    share = limit_share(run.history(), experiment, run.stopping_distance)
+    assert "any heading" in share.note
+    assert 0.3 < share.value < 1.0

@@ -1,0 +1,23 @@
+"""Recordings are compared with the values in which their configurations differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from omni_tools.report.recording import differing_values
+
+
+def test_values_that_are_not_the_same_are_named(tmp_path: Path) -> None:
+    texts = {
+        "a": "seed: 1\nground: {friction: 1.0, texture: {kind: cork}}",
+        "b": "seed: 1\nground: {friction: 0.5, texture: {kind: cork}}\nimu: {enabled: true}",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "configuration.yaml").write_text(text)
+    found = differing_values([tmp_path / name for name in texts])
+    assert found == {"ground.friction": ["1.0", "0.5"], "imu.enabled": ["", "true"]}
+    assert differing_values([tmp_path / "a", tmp_path / "a"]) == {}
+    assert set(differing_values([tmp_path / "a", tmp_path])) == {
+        *("seed", "ground.friction", "ground.texture.kind")
+    }

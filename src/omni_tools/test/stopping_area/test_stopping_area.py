@@ -1,0 +1,186 @@
+"""Stopping areas: their geometry, what they promise, and that Nav2's rule finds them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from omni_bringup.cli import main
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.configuration import ConfigurationError
+from omni_tools.stopping_area.area import (
+    DIRECTIONS,
+    StopCampaign,
+    Sweep,
+    areas,
+    calibration_stops,
+    corners,
+    footprint,
+    inside,
+    make_cells,
+    support,
+)
+
+CONFIG = Path(__file__).resolve().parents[4] / "config"
+STOP = [
+    *("feedback=velocity_sensor", "simulation.render_lines=false"),
+    *("maneuver.speed=2", "maneuver.brake_time=0.4", "maneuver.direction_deg=30"),
+    *("maneuver.yaw_rate_deg=40", "maneuver.heading_deg=70", "brake_assist.enabled=false"),
+]
+
+
+def _experiment(*changes: str) -> ExperimentConfiguration:
+    return ExperimentLibrary(CONFIG).load("straight_line", "assisted", [*STOP, *changes])
+
+
+def _is_inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return by the crossing rule, as Nav2 does, which points (P, 2) a polygon (C, 2) holds."""
+    odd = np.zeros(len(points), bool)
+    x, y = points.T
+    for (x_1, y_1), (x_2, y_2) in zip(polygon, np.roll(polygon, 1, axis=0), strict=True):
+        crosses = (y_1 > y) != (y_2 > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            odd ^= crosses & (x < (x_2 - x_1) * (y - y_1) / (y_2 - y_1) + x_1)
+    return odd
+
+
+def _swept(configuration: ExperimentConfiguration, start: float) -> NDArray[np.float64]:
+    """Return the footprint at every stamp in the frame of the alarm, one stamp after the other."""
+    run = run_fast_loop(configuration)
+    chassis = footprint(configuration.vehicle)
+    pose = run.pose[round(start * 100) :]
+    points = []
+    for x, y, yaw in pose:
+        in_odom = [
+            complex(x, y) + complex(*point) * complex(math.cos(yaw), math.sin(yaw))
+            for point in chassis
+        ]
+        origin, turn = complex(*pose[0, :2]), complex(math.cos(pose[0, 2]), -math.sin(pose[0, 2]))
+        points += [(point - origin) * turn for point in in_odom]
+    return np.array([(point.real, point.imag) for point in points])
+
+
+def test_an_area_touches_what_is_swept_and_holds_all_of_it() -> None:
+    configuration = _experiment()
+    limits = support(run_fast_loop(configuration), footprint(configuration.vehicle), 0.2)
+    swept = _swept(configuration, 0.2)
+    angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
+    expected = np.max(swept @ np.array([np.cos(angles), np.sin(angles)]), axis=0)
+    assert limits == pytest.approx(expected, abs=1e-9)
+    assert np.all(_is_inside(swept, corners(limits + 1e-6)))
+    assert not np.all(_is_inside(swept, corners(limits - 1e-3)))
+
+
+def test_the_place_and_heading_of_a_stop_do_not_matter() -> None:
+    here, there = (
+        support(run_fast_loop(configuration), footprint(configuration.vehicle), 0.2)
+        for configuration in (
+            _experiment(),
+            _experiment("maneuver.x=7", "maneuver.y=-3", "maneuver.heading_deg=-160"),
+        )
+    )
+    assert here == pytest.approx(there, abs=1e-6)
+
+
+def test_the_corners_of_a_rectangle_are_its_corners() -> None:
+    angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
+    box = np.abs(2.0 * np.cos(angles)) + np.abs(1.0 * np.sin(angles))
+    found = {(round(float(x), 9), round(float(y), 9)) for x, y in corners(box)}
+    assert found == {(2.0, 1.0), (-2.0, 1.0), (-2.0, -1.0), (2.0, -1.0)}
+
+
+@pytest.mark.parametrize(
+    ("coverage", "confidence", "stops"), [(0.99, 0.95, 299), (0.95, 0.95, 59), (0.9, 0.9, 22)]
+)
+def test_the_stops_that_a_promise_takes_are_those_of_wilks(
+    coverage: float, confidence: float, stops: int
+) -> None:
+    assert calibration_stops(coverage, confidence) == stops
+
+
+def test_every_motion_has_an_area() -> None:
+    cells = make_cells(2.0, 3, 0.5, 3)
+    random = np.random.default_rng(3)
+    for speed, angle, turn in random.uniform((0, -math.pi, -0.5), (2, math.pi, 0.5), (500, 3)):
+        twist = np.array([speed * math.cos(angle), speed * math.sin(angle), turn])
+        assert sum(cell.holds(twist) for cell in cells) == 1
+    assert len({cell.name for cell in cells}) == len(cells) == 3 * 8 * 3
+
+
+def test_growth_is_that_of_the_stop_that_needs_most() -> None:
+    campaign = StopCampaign(_experiment(), make_cells(1.0, 1, 0.1, 1), (1.0, 1.0), 0.0, 62, 1)
+    sweeps = []
+    for number in range(campaign.fitted):
+        support_of = [1.0] * DIRECTIONS
+        support_of[3] += 0.5 if number >= 61 * 8 and number % 8 == 2 else 0.0
+        sweeps.append(Sweep(number, " ".join(map(str, support_of))))
+    limits = areas(campaign, sweeps)
+    assert limits[2] == pytest.approx(1.5)
+    assert limits[[0, 1, 3, 4, 5, 6, 7]] == pytest.approx(1.0)
+    farther = Sweep(campaign.fitted + 2, " ".join(["1.0"] * 15 + ["1.6"]))
+    nearer = Sweep(campaign.fitted + 2, " ".join(["1.0"] * 15 + ["1.4"]))
+    assert inside(campaign, limits, [farther, nearer]).tolist() == [False, True]
+
+
+def test_a_vehicle_that_does_not_stop_is_refused() -> None:
+    ice = _experiment("simulation.duration_limit=1")
+    campaign = StopCampaign(ice, make_cells(5.0, 1, 0.1, 1), (0.05, 0.05), 0.0, 62, 1)
+    fast = next(n for n in range(40) if campaign.configuration(n).maneuver.speed > 3.0)
+    with pytest.raises(ConfigurationError, match=r"not at rest after 1 s.*friction of 0\.05"):
+        campaign.stop(fast)
+
+
+def test_stops_of_others_stay_within_the_polygons_of_the_file(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = ["nav2-polygons", "--vehicle", "three_wheel_robot", "--speed", "1.5", "--bands", "1"]
+    words += ["--turns", "1", "--coverage", "0.9", "--confidence", "0.9"]
+    words += ["--held-out", "96", "--workers", "1"]
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--json", "--out", str(tmp_path)])
+    assert ended.value.code == 0
+    metrics = yaml.safe_load(capfd.readouterr().out)["metrics"]
+    assert metrics["outside_share.all"]["value"] <= 0.1
+    assert metrics["held_out_stops.all"]["value"] == 96
+    parameters = yaml.safe_load((tmp_path / "collision_monitor.yaml").read_text())
+    polygon = parameters["collision_monitor"]["ros__parameters"]["VelocityPolygonStop"]
+    assert polygon["type"] == "velocity_polygon"
+    assert polygon["holonomic"] is True
+    assert len(polygon["velocity_polygons"]) == 8
+    # A user's own stops, by the letter of Nav2's rule for those that count v_x and those that do
+    # not, and by its test for points.
+    random = np.random.default_rng(5)
+    outside = 0
+    stops = 40
+    for _ in range(stops):
+        speed, angle, turn = random.uniform((0.0, -math.pi, -0.5), (1.5, math.pi, 0.5))
+        areas_of = [
+            polygon[name]
+            for name in polygon["velocity_polygons"]
+            if polygon[name]["theta_min"] <= turn <= polygon[name]["theta_max"]
+            and polygon[name]["linear_min"] <= speed <= polygon[name]["linear_max"]
+            and polygon[name]["linear_min"] <= speed * math.cos(angle)
+            and _between(
+                angle, polygon[name]["direction_start_angle"], polygon[name]["direction_end_angle"]
+            )
+        ]
+        assert areas_of, "the motion has no polygon"
+        stop = _experiment(
+            *("vehicle=three_wheel_robot", f"maneuver.speed={speed}", "brake_assist.enabled=true"),
+            f"maneuver.direction_deg={math.degrees(angle)}",
+            f"maneuver.yaw_rate_deg={math.degrees(turn)}",
+            f"ground.friction={random.uniform(0.6, 1.0)}",
+        )
+        points = np.array(yaml.safe_load(areas_of[0]["points"]))
+        outside += not np.all(_is_inside(_swept(stop, 0.2), points))
+    assert outside <= 4
+
+
+def _between(angle: float, start: float, end: float) -> bool:
+    return start <= angle <= end if start <= end else angle >= start or angle <= end

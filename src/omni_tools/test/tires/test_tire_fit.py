@@ -1,0 +1,171 @@
+"""Fitting tires: parameters and standard errors come back, poor data are refused with reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omni_platform.configuration import from_mapping
+from omni_platform.quantities import FloatArray
+from omni_sim.tire.tire import Tire, TireConfiguration
+from omni_tools.tires.data import TireData, TireDataError, read_tire_data
+from omni_tools.tires.fit import fit_tire
+from omni_tools.tires.fit_figure import fit_figure
+
+MODELS = ("linear", "magic_formula", "tmeasy")
+LOADS = (1500.0, 3000.0, 4500.0, 6000.0)
+NOISE = 40.0  # [N]
+
+
+def measure(
+    tire: TireConfiguration,
+    seed: int = 1,
+    *,
+    rows: int = 400,
+    noise: float = NOISE,
+    slips: tuple[float, float] = (-0.8, 0.8),
+    loads: tuple[float, ...] = LOADS,
+) -> TireData:
+    random = np.random.default_rng(seed)
+    slip, load = random.uniform(*slips, rows), random.choice(loads, rows)
+    return TireData(slip, load, Tire(tire).force(slip, load) + random.normal(0.0, noise, rows))
+
+
+def truth(tire: TireConfiguration, keys: tuple[str, ...]) -> FloatArray:
+    values = []
+    for key in keys:
+        value: Any = tire.model_parameters
+        for part in key.split("."):
+            value = getattr(value, part)
+        values.append(float(value))
+    return np.array(values)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_parameters_come_back_and_standard_errors_cover_them(model: str) -> None:
+    tire = TireConfiguration(model=model)
+    off, sizes = [], []
+    for seed in range(40):
+        fit = fit_tire(measure(tire, seed), model)
+        assert not fit.at_bound.any()
+        true = truth(tire, fit.keys)
+        off.append((fit.values - true) / fit.standard_errors)
+        sizes.append(fit.residual)
+    share = np.mean(np.abs(off) < 1.96)  # of all parameters and draws; 0.95 in theory
+    assert 0.91 < share < 0.99
+    assert np.std(off) == pytest.approx(1.0, abs=0.2)
+    assert np.mean(sizes) == pytest.approx(NOISE, rel=0.02)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_exact_data_give_the_exact_tire(model: str) -> None:
+    tire = TireConfiguration(model=model)
+    fit = fit_tire(measure(tire, noise=0.0), model)
+    np.testing.assert_allclose(fit.values, truth(tire, fit.keys), rtol=1e-4)
+    again = from_mapping(TireConfiguration, fit.mapping)
+    assert again == fit.tire
+    data = measure(tire, 2, noise=0.0)
+    np.testing.assert_allclose(Tire(again).force(data.slip, data.load), data.force, atol=1.0)
+
+
+def test_slip_of_one_sign_and_loads_in_between_suffice() -> None:
+    tire = TireConfiguration()
+    random = np.random.default_rng(4)
+    slip, load = random.uniform(0.0, 1.0, 500), random.uniform(2000.0, 6000.0, 500)
+    force = Tire(tire).force(slip, load) + random.normal(0.0, 20.0, 500)
+    fit = fit_tire(TireData(slip, load, force), "tmeasy")
+    at = np.linspace(0.0, 1.0, 50)
+    for heavy in (2500.0, 5500.0):
+        np.testing.assert_allclose(
+            Tire(fit.tire).force(at, heavy), Tire(tire).force(at, heavy), atol=40.0
+        )
+
+
+def test_a_curve_that_never_falls_puts_the_shape_on_its_bound() -> None:
+    data = measure(TireConfiguration(), rows=800, slips=(-4.0, 4.0))
+    noise = np.random.default_rng(3).normal(0.0, 20.0, 800)
+    # The Magic Formula with C = 1, which is below what a tire with a peak has.
+    force = 0.9 * data.load * np.sin(np.arctan(15.0 / 0.9 * data.slip)) + noise
+    fit = fit_tire(TireData(data.slip, data.load, force), "magic_formula")
+    assert [key for key, at in zip(fit.keys, fit.at_bound, strict=True) if at] == ["shape"]
+    assert fit.standard_errors[fit.keys.index("shape")] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("reason", "model", "changes"),
+    [
+        ("too few", "tmeasy", {"rows": 19}),
+        ("too alike", "tmeasy", {"loads": (3000.0, 3100.0)}),
+        ("too alike", "magic_formula", {"loads": (3000.0,)}),
+        ("beyond the peak|do not determine", "tmeasy", {"slips": (-0.05, 0.05)}),
+        ("do not determine .*slide", "tmeasy", {"slips": (-0.2, 0.2)}),
+        ("beyond the peak|do not determine", "magic_formula", {"slips": (-0.04, 0.04)}),
+        ("beyond the peak|do not determine", "linear", {"slips": (-0.03, 0.03)}),
+        ("do not determine|beyond the peak", "tmeasy", {"slips": (0.5, 0.9)}),
+        ("does not describe", "linear", {"noise": 9000.0}),
+    ],
+)
+def test_too_little_excitation_is_refused_with_the_reason(
+    reason: str, model: str, changes: dict[str, Any]
+) -> None:
+    with pytest.raises(TireDataError, match=reason):
+        fit_tire(measure(TireConfiguration(model=model), **changes), model)
+
+
+def test_force_against_the_slip_is_refused() -> None:
+    data = measure(TireConfiguration())
+    with pytest.raises(TireDataError, match="sign of the slip"):
+        fit_tire(TireData(data.slip, data.load, -data.force), "tmeasy")
+
+
+@pytest.mark.parametrize(
+    ("reason", "text"),
+    [
+        ("empty", ""),
+        ("empty", "# only a comment\n\n"),
+        ("no column 'load'", "slip,force\n0.1,100\n"),
+        ("no column 'slip' and no column 'force'", "a,load,b\n1,2,3\n"),
+        ("no column 'load'", "slip,load_kN,force\n0.1,3,100\n"),
+        ("2 times", "slip,load,load_N,force\n0.1,3000,3000,100\n"),
+        ("line 3: the force 'nan' is not finite", "slip,load,force\n0.1,3000,1\n0.1,3000,nan\n"),
+        ("line 2: the slip 'inf' is not finite", "slip,load,force\ninf,3000,1\n"),
+        ("line 4: there is no force", "# c\nslip,load,force\n0.1,3000,1\n0.1,3000,\n"),
+        ("line 2: there is no load", "slip,load,force\n0.1\n"),
+        ("line 2: the load 'x' is not a number", "slip,load,force\n0.1,x,1\n"),
+        ("line 2: the load -3 N must be above 0", "slip,load,force\n0.1,-3,1\n"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_with_the_reason(
+    reason: str, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    with pytest.raises(TireDataError, match=reason):
+        read_tire_data(path)
+
+
+def test_what_is_no_file_or_no_text_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TireDataError, match="cannot read"):
+        read_tire_data(tmp_path / "missing.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(TireDataError, match="not a text file"):
+        read_tire_data(tmp_path / "binary.csv")
+
+
+def test_columns_may_come_in_any_order_with_others_beside_them(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text("# rig 3\nForce_N, speed ,SLIP,load\n900,20,0.02,3000\n\n-900,20,-0.02,2500\n")
+    data = read_tire_data(path)
+    np.testing.assert_array_equal(data.slip, [0.02, -0.02])
+    np.testing.assert_array_equal(data.load, [3000.0, 2500.0])
+    np.testing.assert_array_equal(data.force, [900.0, -900.0])
+
+
+def test_figure_shows_every_row() -> None:
+    data = measure(TireConfiguration(), rows=200)
+    upper = fit_figure(data, fit_tire(data, "tmeasy"), "title").axes[0]
+    dots = [line for line in upper.lines if line.get_linestyle() == "None"]
+    assert sum(len(np.asarray(line.get_xdata())) for line in dots) == 200

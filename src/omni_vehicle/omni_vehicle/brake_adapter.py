@@ -1,0 +1,166 @@
+"""Commands of brakes and drives from the brake enables of the wheels.
+
+An enable is the share of the braking demand that passes to a wheel [0, 1]. What a controller is
+commanded depends on the brake:
+
+- ``spring``: a spring-applied brake that a coil releases; command 1 energizes the coil,
+- ``proportional``: a brake that follows a demand of 0 to 1,
+- ``torque``: a drive with a torque command [N m], which must never drive the wheel,
+- ``velocity``: a drive with a speed command [rad/s], which follows the ramp set here.
+
+Everything that is missing or not a number counts as full braking.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
+
+SPRING, PROPORTIONAL, TORQUE, VELOCITY = KINDS = ("spring", "proportional", "torque", "velocity")
+_HALF = 0.5  # enable from which on an on-off brake is applied
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrakeAdapterConfiguration(Configuration):
+    """Brakes of a vehicle and the timing of their commands."""
+
+    wheels: tuple[str, ...] = parameter(
+        description="Names of the wheels in the order of the controller's joints"
+    )
+    kind: str = parameter(SPRING, choices=KINDS, description="Kind of the brakes")
+    max_torque: float = parameter(
+        10.0,
+        description="Braking torque of a wheel at full demand, for torque drives",
+        unit="N m",
+        above=0.0,
+        maximum=1.0e6,
+    )
+    standstill_speed: float = parameter(
+        0.5,
+        description="Wheel speed below which a torque command fades out, so that it never drives",
+        unit="rad/s",
+        above=0.0,
+        maximum=100.0,
+    )
+    ramp: float = parameter(
+        50.0,
+        description="Deceleration of a braked wheel's speed command, for velocity drives",
+        unit="rad/s^2",
+        above=0.0,
+        maximum=1.0e5,
+    )
+    minimum_dwell_time: float = parameter(
+        0.0,
+        description="Shortest time between a brake's application and its next release, for "
+        "spring-applied brakes",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    enable_timeout: float = parameter(
+        0.05,
+        description="Silence or age of the enables after which all brakes are on",
+        unit="s",
+        above=0.0,
+        maximum=1.0,
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse wheels that are missing or named twice."""
+        if not self.wheels or len(set(self.wheels)) != len(self.wheels):
+            raise ConfigurationError("wheels", "must name every wheel once")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WheelDemand:
+    """Inputs of a step, N wheels.
+
+    Attributes:
+        pedal: braking demand, 0 to 1; NaN where it is unknown.
+        enable: share of the demand that passes to each wheel, NaN where unknown, shape (N,).
+        speed: of the wheels [rad/s], NaN where unknown, shape (N,).
+        drive: command of the vehicle's own drive, passed on while the pedal is released [N m] or
+            [rad/s], shape (N,).
+    """
+
+    pedal: float
+    enable: FloatArray
+    speed: FloatArray
+    drive: FloatArray
+
+
+class BrakeAdapter:
+    """Turns enables into the commands of one kind of brake."""
+
+    def __init__(self, configuration: BrakeAdapterConfiguration) -> None:
+        self.configuration = configuration
+        wheels = len(configuration.wheels)
+        self._applied_for = np.full(wheels, math.inf)  # time since each application [s]
+        self._applied = np.ones(wheels, np.bool_)
+        self._command = np.zeros(wheels)  # of the speed while braking
+
+    def step(self, demand: WheelDemand, dt: float) -> FloatArray:
+        """Return the command of each wheel, shape (N,).
+
+        Args:
+            demand: of the driver and of the assistant.
+            dt: time since the step before [s].
+        """
+        pedal = demand.pedal if 0.0 <= demand.pedal <= 1.0 else 1.0
+        # False for what is not a number: such a wheel brakes fully.
+        valid = (demand.enable >= 0.0) & (demand.enable <= 1.0)
+        share = pedal * np.where(valid, demand.enable, 1.0)
+        return {
+            SPRING: self._spring,
+            PROPORTIONAL: self._proportional,
+            TORQUE: self._torque,
+            VELOCITY: self._velocity,
+        }[self.configuration.kind](demand, pedal, share, dt)
+
+    def _spring(
+        self, _demand: WheelDemand, _pedal: float, share: FloatArray, dt: float
+    ) -> FloatArray:
+        self._applied_for += dt
+        dwelt = self._applied_for >= self.configuration.minimum_dwell_time
+        wanted = share >= _HALF
+        applied = wanted | (self._applied & ~dwelt)
+        self._applied_for[applied & ~self._applied] = 0.0
+        self._applied = applied
+        return np.where(applied, 0.0, 1.0)
+
+    def _proportional(
+        self, _demand: WheelDemand, _pedal: float, share: FloatArray, _dt: float
+    ) -> FloatArray:
+        return share
+
+    def _torque(
+        self, demand: WheelDemand, pedal: float, share: FloatArray, _dt: float
+    ) -> FloatArray:
+        if pedal == 0.0:
+            return _finite(demand.drive)
+        # Without a speed the sign is unknown, and a torque of the wrong sign would drive.
+        fade = np.clip(_finite(demand.speed) / self.configuration.standstill_speed, -1.0, 1.0)
+        return -fade * share * self.configuration.max_torque
+
+    def _velocity(
+        self, demand: WheelDemand, pedal: float, share: FloatArray, dt: float
+    ) -> FloatArray:
+        speed = _finite(demand.speed)
+        if pedal == 0.0:
+            self._command = speed
+            return _finite(demand.drive)
+        # A released wheel is commanded the speed at which it turns: the drive then adds no torque.
+        falling = np.sign(self._command) * np.maximum(
+            np.abs(self._command) - share * self.configuration.ramp * dt, 0.0
+        )
+        self._command = np.where(share > 0.0, falling, speed)
+        return self._command
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, 0.0)

@@ -1,0 +1,207 @@
+"""The brake adapter as a ROS node: enables in, commands of brakes or drives out.
+
+The contract (topics, types, parameters, timeouts) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, Float64MultiArray
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
+from omni_ros.messages import joint_state, to_nanoseconds
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import run_process, spin_until_stopped
+from omni_ros.qos import RECENT, advertise, listen
+from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_vehicle.brake_adapter import (
+    TORQUE,
+    BrakeAdapter,
+    BrakeAdapterConfiguration,
+    WheelDemand,
+)
+
+_PEDALS = {"joint_state": JointState, "bool": Bool, "float": Float64, "twist": Twist}
+_OK, _ERROR = 0, 2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TopicsConfiguration(Configuration):
+    """Types of the vehicle's own topics."""
+
+    joints: tuple[str, ...] = parameter(
+        (), description="Joints on joint_states, in the order of the wheels; default: their names"
+    )
+    output: str = parameter(
+        "array",
+        choices=("array", "joint_state"),
+        description="Float64MultiArray for a forward_command_controller, or JointState.effort",
+    )
+    pedal: str = parameter(
+        "joint_state",
+        choices=tuple(_PEDALS),
+        description="Type of the demand: 'joint_state' is brake/pedal of another node; 'bool' and "
+        "'float' on pedal_input, 'twist' on cmd_vel (zero brakes) are published as brake/pedal",
+    )
+    estop: bool = parameter(
+        False, description="Whether Bool messages on estop are required, true for full braking"
+    )
+    pedal_timeout: float = parameter(
+        0.1,
+        description="Silence of the demand, or of the emergency stop, that counts as full braking",
+        unit="s",
+        above=0.0,
+        maximum=2.0,
+    )
+    period: float = parameter(
+        0.01, description="Time between two commands", unit="s", minimum=0.001, maximum=0.05
+    )
+
+
+class BrakeAdapterNode(Node):
+    """Commands the brakes of a vehicle at a fixed rate, whatever arrives."""
+
+    def __init__(self) -> None:
+        super().__init__("brake_adapter")
+        self._configuration = declare_configuration(self, BrakeAdapterConfiguration)
+        self._topics = topics = declare_configuration(self, TopicsConfiguration)
+        wheels = self._configuration.wheels
+        if topics.joints and len(topics.joints) != len(wheels):
+            raise ConfigurationError("joints", f"must be as many as the {len(wheels)} wheels")
+        self._joints = topics.joints or wheels
+        self._adapter = BrakeAdapter(self._configuration)
+        self._enable, self._speed, self._drive = (np.full(len(wheels), math.nan) for _ in "123")
+        self._pedal = self._estop = math.nan
+        self._received: dict[str, float] = {}
+        self._enable_age = math.inf
+        array = topics.output == "array"
+        self._command = advertise(self, Float64MultiArray if array else JointState, "commands")
+        self._wheel_states = advertise(self, JointState, "wheel_states")
+        if topics.pedal != "joint_state":
+            self._pedal_output = advertise(self, JointState, "brake/pedal")
+        topic = {"joint_state": "brake/pedal", "twist": "cmd_vel"}.get(topics.pedal, "pedal_input")
+        listen(self, JointState, "brake/enable", self._on_enable, RECENT)
+        listen(self, JointState, "joint_states", self._on_joints, RECENT)
+        listen(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
+        listen(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
+        if topics.estop:
+            listen(self, Bool, "estop", self._on_estop, RECENT)
+        self._status = StatusReporter(
+            self,
+            declare_configuration(self, StatusConfiguration).diagnostics_period,
+            Status(_ERROR, "no enables yet: all brakes on"),
+        )
+        self._stepped = time.monotonic()
+        self.create_timer(topics.period, self._step, clock=steady_clock())
+
+    def _on_enable(self, message: JointState) -> None:
+        given = dict(zip(message.name, message.effort, strict=False))
+        self._enable = np.array([given.get(w, math.nan) for w in self._configuration.wheels])
+        now_ns = self.get_clock().now().nanoseconds
+        self._enable_age = 1e-9 * (now_ns - to_nanoseconds(message.header.stamp))
+        self._received["enable"] = time.monotonic()
+
+    def _on_joints(self, message: JointState) -> None:
+        found = {name: row for row, name in enumerate(message.name)}
+        if not set(self._joints) <= found.keys():
+            return
+
+        def column(values: Any) -> FloatArray:
+            rows = [found[name] for name in self._joints]
+            return np.array([values[row] if row < len(values) else math.nan for row in rows])
+
+        self._speed = column(message.velocity)
+        self._received["joints"] = time.monotonic()
+        states = joint_state(
+            to_nanoseconds(message.header.stamp),
+            self._configuration.wheels,
+            position=column(message.position),
+            velocity=self._speed,
+            effort=column(message.effort),
+        )
+        self._wheel_states.publish(states)
+
+    def _on_drive(self, message: Float64MultiArray) -> None:
+        if len(message.data) == len(self._drive):
+            self._drive = np.array(message.data)
+            self._received["drive"] = time.monotonic()
+
+    def _on_pedal(self, message: Any) -> None:
+        if isinstance(message, JointState):
+            self._pedal = float(message.position[0]) if message.position else math.nan
+        elif isinstance(message, Twist):
+            speeds = (message.linear.x, message.linear.y, message.angular.z)
+            self._pedal = float(not any(speeds))
+        else:
+            self._pedal = float(message.data)
+        self._received["pedal"] = time.monotonic()
+
+    def _on_estop(self, message: Bool) -> None:
+        self._estop = float(message.data)
+        self._received["estop"] = time.monotonic()
+
+    def _silent(self, name: str, timeout: float) -> bool:
+        return time.monotonic() - self._received.get(name, -math.inf) > timeout
+
+    def _demand(self) -> tuple[WheelDemand, str]:
+        """Return the inputs, full braking where they are missing, and what is wrong."""
+        timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
+        problems = []
+        pedal, enable = self._pedal, self._enable
+        if self._silent("pedal", timeout):
+            pedal = 1.0
+            problems.append("no braking demand")
+        pedal = pedal if 0.0 <= pedal <= 1.0 else 1.0
+        if self._topics.estop:
+            silent = self._silent("estop", timeout)
+            pedal = 1.0 if silent else max(pedal, self._estop)  # who brakes wins
+            problems += ["no emergency stop signal"] if silent else []
+        if self._topics.pedal != "joint_state":
+            stamp_ns = self.get_clock().now().nanoseconds
+            names = ("brake_pedal",)
+            self._pedal_output.publish(joint_state(stamp_ns, names, position=np.array([pedal])))
+        late = not -enable_timeout <= self._enable_age <= enable_timeout
+        if self._silent("enable", enable_timeout) or late:
+            enable = np.ones(len(enable))
+            problems.append("enables are late" if late else "no enables")
+            # Without the assistant nobody releases a brake, and no demand is not no braking.
+            pedal = 1.0
+        elif not np.all((enable >= 0.0) & (enable <= 1.0)):
+            problems.append("an enable is missing or outside [0, 1]")
+        speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
+        if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
+            problems.append("no wheel speeds: the drives cannot brake")
+        drive = np.zeros(len(enable)) if self._silent("drive", timeout) else self._drive
+        return WheelDemand(pedal, enable, speed, drive), "; ".join(problems)
+
+    def _step(self) -> None:
+        now = time.monotonic()
+        demand, problem = self._demand()
+        command = self._adapter.step(demand, now - self._stepped)
+        self._stepped = now
+        stamp_ns = self.get_clock().now().nanoseconds
+        if self._topics.output == "array":
+            self._command.publish(Float64MultiArray(data=command.tolist()))
+        else:
+            self._command.publish(joint_state(stamp_ns, self._joints, effort=command))
+        words = f"{problem}: brakes on" if problem else "follows the enables"
+        self._status.update(stamp_ns, problem, Status(_ERROR if problem else _OK, words))
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    sys.exit(run_process(BrakeAdapterNode, spin_until_stopped))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""Optical-flow chips through their makers' libraries: velocities of the ground with a covariance.
+
+- PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
+- the SparkFun OTOS (I2C) filters a PAA5160 with an IMU and reports velocities of its own frame of
+  tracking, with standard deviations.
+
+A reading is taken at a time that the caller passes; nothing here reads a clock. The libraries are
+imported when a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gpiodevice``, and
+``qwiic_otos`` needs ``qwiic_i2c``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+import struct
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.quantities import FloatArray
+
+PMW3901, PAA5100, OTOS = CHIPS = ("pmw3901", "paa5100", "otos")
+_COUNT_DEVIATION = 1.0 / math.sqrt(12.0)  # of rounding to whole counts
+_ORIENTATION_REGISTER = 0x5B
+_MOTION_REGISTER = 0x16
+_PRODUCT = 0x49  # of both chips
+_DARK = 0x1F  # upper byte of the longest exposure
+_MOVED = 0x80  # bit of the motion register
+_OTOS_FAULTS = 0xC0  # status bits: the optical chip or the IMU has failed
+_OTOS_WARNINGS = 0x03  # likewise: tilted, or the optical tracking is poor
+
+
+class FlowChipError(Exception):
+    """A chip does not answer, or is not the one that was expected; the message says why."""
+
+
+class FlowSample(NamedTuple):
+    """A reading.
+
+    Attributes:
+        velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], in the chip's
+            frame; NaN where it is not measured, shape (3,).
+        deviation: standard deviations, shape (3,).
+        problem: why nothing was measured; empty if it was.
+    """
+
+    velocity: FloatArray
+    deviation: FloatArray
+    problem: str
+
+    @classmethod
+    def unmeasured(cls, problem: str) -> FlowSample:
+        """Return a reading without a measurement."""
+        return cls(np.full(3, math.nan), np.full(3, math.nan), problem)
+
+
+class FlowChip(Protocol):
+    """A chip that is open."""
+
+    def read(self, time: float) -> FlowSample:
+        """Return the reading at a time [s].
+
+        Raises:
+            FlowChipError: the chip does not answer any more.
+        """
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowChipConfiguration(Configuration):
+    """A chip, its bus and its calibration."""
+
+    chip: str = parameter(choices=CHIPS, description="Which chip it is")
+    bus: int = parameter(0, description="Number of the SPI port", minimum=0, maximum=9)
+    chip_select: int = parameter(1, description="Chip select of the SPI port", minimum=0, maximum=9)
+    counts_per_metre: float = parameter(
+        0.0,
+        description="Counts of a PMW3901 or PAA5100 per metre at its mounting height: move it by "
+        "one metre and read 'counts' on /diagnostics",
+        unit="1/m",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    invert_x: bool = parameter(False, description="Whether the chip negates its x counts")
+    invert_y: bool = parameter(False, description="Whether the chip negates its y counts")
+    swap_xy: bool = parameter(False, description="Whether the chip exchanges x and y first")
+    minimum_quality: int = parameter(
+        25, description="Surface quality (SQUAL) that a reading needs", minimum=0, maximum=255
+    )
+    maximum_speed: float = parameter(
+        0.0,
+        description="Speed that the chip can follow at its height (0: any); faster readings are "
+        "not measurements",
+        unit="m/s",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    relative_deviation: float = parameter(
+        0.03, description="Standard deviation per speed, of height and scale", minimum=0.0
+    )
+    linear_scalar: float = parameter(
+        1.0, description="OTOS: factor of its distances", minimum=0.872, maximum=1.127
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse a chip without the calibration that it needs."""
+        if self.chip != OTOS and self.counts_per_metre == 0.0:
+            raise ConfigurationError(
+                "counts_per_metre",
+                "is needed: move the sensor by one metre and divide the change of 'counts' on "
+                "/diagnostics by it; 1 publishes counts per second",
+            )
+
+
+def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
+    """Open and initialize a chip.
+
+    Raises:
+        FlowChipError: it does not answer.
+        ConfigurationError: its library is not installed.
+    """
+    kind = OtosChip if configuration.chip == OTOS else CountingChip
+    try:
+        return kind(configuration)
+    except ImportError as error:
+        package = "sparkfun-qwiic-otos" if configuration.chip == OTOS else "pmw3901"
+        raise ConfigurationError(
+            "chip", f"{configuration.chip} needs the package {package} ({error})"
+        ) from None
+    except (OSError, RuntimeError, TimeoutError) as error:
+        raise FlowChipError(f"{configuration.chip} does not answer: {error}") from None
+
+
+class CountingChip:
+    """A PMW3901 or PAA5100JE.
+
+    Attributes:
+        counts: sums of the counts since it was opened.
+    """
+
+    def __init__(self, configuration: FlowChipConfiguration) -> None:
+        self._configuration = configuration
+        library = importlib.import_module("pmw3901")
+        kind = library.PMW3901 if configuration.chip == PMW3901 else library.PAA5100
+        self._chip: Any = kind(configuration.bus, configuration.chip_select)
+        self._chip.set_orientation(
+            invert_x=configuration.invert_x,
+            invert_y=configuration.invert_y,
+            swap_xy=configuration.swap_xy,
+        )
+        self._orientation = self._register(_ORIENTATION_REGISTER)
+        self._time: float | None = None
+        self.counts = [0, 0]
+
+    def read(self, time: float) -> FlowSample:
+        """Return the mean velocity since the reading before."""
+        try:
+            # In one transfer, which the chip answers consistently; it then starts from zero.
+            burst = self._chip.spi_dev.xfer2([_MOTION_REGISTER] + [0] * 12)
+            product, orientation = self._register(0), self._register(_ORIENTATION_REGISTER)
+        except OSError as error:
+            raise FlowChipError(f"the bus failed: {error}") from None
+        if product != _PRODUCT or orientation != self._orientation:
+            raise FlowChipError("the chip was lost or has been reset")
+        _, motion, _, x, y, quality, *_, shutter, _ = struct.unpack("<BBBhhBBBBBB", bytes(burst))
+        before, self._time = self._time, time
+        if before is None or time <= before:
+            return FlowSample.unmeasured("first reading")
+        limits, elapsed = self._configuration, time - before
+        if quality < limits.minimum_quality or shutter == _DARK:
+            return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
+        moved = np.array([x, y] if motion & _MOVED else [0, 0])
+        self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
+        velocity = moved / (limits.counts_per_metre * elapsed)
+        speed = math.hypot(*velocity)
+        if speed > limits.maximum_speed > 0.0:
+            return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
+        rounding = _COUNT_DEVIATION / (limits.counts_per_metre * elapsed)
+        deviation = math.hypot(rounding, limits.relative_deviation * speed)
+        return FlowSample(
+            np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""
+        )
+
+    def _register(self, address: int) -> int:
+        return int(self._chip.spi_dev.xfer2([address, 0])[1])
+
+
+class OtosChip:
+    """A SparkFun Optical Tracking Odometry Sensor."""
+
+    def __init__(self, configuration: FlowChipConfiguration, bus: Any = None) -> None:
+        self._configuration = configuration
+        library = importlib.import_module("qwiic_otos")
+        self._chip: Any = library.QwiicOTOS(i2c_driver=bus)
+        if getattr(self._chip, "_i2c", None) is None or not self._chip.begin():
+            raise FlowChipError("no OTOS answers on the I2C bus")
+        self._chip.setLinearUnit(self._chip.kLinearUnitMeters)
+        self._chip.setAngularUnit(self._chip.kAngularUnitRadians)
+        self._chip.setLinearScalar(configuration.linear_scalar)
+        self._chip.resetTracking()
+
+    def read(self, time: float) -> FlowSample:
+        """Return the velocity at this moment, turned into the chip's own axes."""
+        del time
+        try:
+            status = int(self._chip.getStatus())
+            position, velocity, _, _, deviation, _ = self._chip.getPosVelAccAndStdDev()
+        except OSError as error:
+            raise FlowChipError(f"the bus failed: {error}") from None
+        if status == 0xFF or status & _OTOS_FAULTS:
+            raise FlowChipError(f"the board reports a failure, status {status:#04x}")
+        if status & _OTOS_WARNINGS:
+            return FlowSample.unmeasured(f"tilted or poor tracking, status {status:#04x}")
+        # The velocity is that in the frame in which the board tracks its pose.
+        cos, sin = math.cos(position.h), math.sin(position.h)
+        x, y = cos * velocity.x + sin * velocity.y, cos * velocity.y - sin * velocity.x
+        speed = math.hypot(x, y)
+        if speed > self._configuration.maximum_speed > 0.0:
+            return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
+        stated = math.hypot(deviation.x, deviation.y)
+        floor = max(self._configuration.relative_deviation * speed, 1e-3)
+        linear = math.hypot(stated, floor)
+        values = np.array([x, y, velocity.h])
+        return FlowSample(values, np.array([linear, linear, max(deviation.h, 1e-3)]), "")

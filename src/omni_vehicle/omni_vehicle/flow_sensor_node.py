@@ -1,0 +1,106 @@
+"""An optical-flow chip as a ROS node: readings of its registers in, twists out.
+
+The contract (topics, types, parameters, timeouts) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+
+import numpy as np
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from rclpy.node import Node
+
+from omni_platform.configuration import Configuration, parameter
+from omni_ros.messages import UNMEASURED_VARIANCE, header
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import run_process, spin_until_stopped
+from omni_ros.qos import advertise
+from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_vehicle.flow_chips import (
+    CountingChip,
+    FlowChip,
+    FlowChipConfiguration,
+    FlowChipError,
+    FlowSample,
+    open_chip,
+)
+
+_OK, _WARN, _ERROR = 0, 1, 2
+_RETRY = 1.0  # [s] between two attempts to open a chip
+_PLACES = (0, 1, 5)  # of v_x, v_y and yaw rate in a twist of six components
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowNodeConfiguration(Configuration):
+    """Name and rate of the sensor."""
+
+    sensor: str = parameter("flow", description="Name of the sensor, as under flow_sensors")
+    period: float = parameter(
+        0.01, description="Time between two readings", unit="s", minimum=0.002, maximum=0.5
+    )
+
+
+class FlowSensorNode(Node):
+    """Reads a chip at a rate, opens it again after it was lost, and publishes what it measured."""
+
+    def __init__(self) -> None:
+        super().__init__("flow_sensor")
+        self._configuration = declare_configuration(self, FlowChipConfiguration)
+        node = declare_configuration(self, FlowNodeConfiguration)
+        self._frame = node.sensor
+        self._chip: FlowChip | None = None
+        self._attempted = -_RETRY
+        self._twist = advertise(self, TwistWithCovarianceStamped, f"flow/{node.sensor}/twist")
+        self._status = StatusReporter(
+            self,
+            declare_configuration(self, StatusConfiguration).diagnostics_period,
+            Status(_ERROR, "no reading yet"),
+        )
+        self.create_timer(node.period, self._step, clock=steady_clock())
+
+    def _step(self) -> None:
+        now = time.monotonic()
+        stamp_ns = self.get_clock().now().nanoseconds
+        try:
+            if self._chip is None:
+                if now - self._attempted < _RETRY:
+                    return
+                self._attempted = now
+                self._chip = open_chip(self._configuration)
+            sample = self._chip.read(time.monotonic())
+        except FlowChipError as error:
+            # Silence: who listens brakes all wheels after its timeout.
+            self._chip = None
+            self._status.update(stamp_ns, "lost", Status(_ERROR, f"{error}; trying again"))
+            return
+        self._twist.publish(_message(stamp_ns, self._frame, sample))
+        values = {"sensor": self._frame}
+        if isinstance(self._chip, CountingChip):
+            values["counts"] = " ".join(map(str, self._chip.counts))
+        words = sample.problem or "measures"
+        level = _WARN if sample.problem else _OK
+        self._status.update(stamp_ns, bool(sample.problem), Status(level, words, values))
+
+
+def _message(stamp_ns: int, frame: str, sample: FlowSample) -> TwistWithCovarianceStamped:
+    message = TwistWithCovarianceStamped(header=header(stamp_ns, frame))
+    measured = np.isfinite(sample.velocity) & np.isfinite(sample.deviation)
+    values = np.where(measured, sample.velocity, 0.0)
+    twist = message.twist.twist
+    twist.linear.x, twist.linear.y, twist.angular.z = map(float, values)
+    variance = np.full(6, UNMEASURED_VARIANCE)
+    variance[list(_PLACES)] = np.where(measured, sample.deviation**2, UNMEASURED_VARIANCE)
+    message.twist.covariance = np.diag(variance).ravel()
+    return message
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    sys.exit(run_process(FlowSensorNode, spin_until_stopped))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,8 @@
+"""Starts the process of the flow sensor; light, so that a signal finds a handler at once."""
+
+from omni_ros.start import start_node
+
+
+def main() -> None:
+    """Run the node until its end, SIGINT or SIGTERM."""
+    start_node("omni_vehicle.flow_sensor_node")

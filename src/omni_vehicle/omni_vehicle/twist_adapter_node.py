@@ -1,0 +1,101 @@
+"""Any source of a body twist as the assistant takes it: stamped, with a covariance.
+
+The contract (topics, types, parameters) is in the README of this package.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_nanoseconds
+from omni_ros.parameters import declare_configuration
+from omni_ros.process import run_process, spin_until_stopped
+from omni_ros.qos import BEST_EFFORT, advertise, listen
+from omni_ros.status import Status, StatusConfiguration, StatusReporter
+
+_TYPES = {
+    "odometry": Odometry,
+    "twist_stamped": TwistStamped,
+    "twist_with_covariance": TwistWithCovarianceStamped,
+}
+_OK, _ERROR = 0, 2
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TwistAdapterConfiguration(Configuration):
+    """A source of the body twist."""
+
+    input_type: str = parameter(choices=tuple(_TYPES), description="Type of the topic 'input'")
+    deviation: tuple[float, ...] = parameter(
+        (),
+        description="Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], in place of the "
+        "covariance of the source; needed where that has none",
+    )
+    base_frame: str = parameter(
+        "base_link", description="Frame in which a twist must be given; empty for any"
+    )
+
+    def check_consistency(self) -> None:
+        """Refuse deviations that are none."""
+        if self.deviation and (len(self.deviation) != 3 or min(self.deviation) <= 0.0):
+            raise ConfigurationError("deviation", "must be three numbers above 0")
+        if self.input_type == "twist_stamped" and not self.deviation:
+            raise ConfigurationError("deviation", "is needed: a TwistStamped has no covariance")
+
+
+class TwistAdapterNode(Node):
+    """Passes on a body twist with a covariance."""
+
+    def __init__(self) -> None:
+        super().__init__("twist_adapter")
+        self._configuration = declare_configuration(self, TwistAdapterConfiguration)
+        self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
+        # A publisher of either reliability is received.
+        kind = _TYPES[self._configuration.input_type]
+        listen(self, kind, "input", self._on_input, BEST_EFFORT)
+        self._status = StatusReporter(
+            self,
+            declare_configuration(self, StatusConfiguration).diagnostics_period,
+            Status(_ERROR, "no twist yet"),
+        )
+
+    def _on_input(self, message: Any) -> None:
+        stamp_ns = to_nanoseconds(message.header.stamp)
+        frame = message.child_frame_id if isinstance(message, Odometry) else message.header.frame_id
+        problem = ""
+        if isinstance(message, TwistStamped):
+            given = message.twist
+            twist = np.array([given.linear.x, given.linear.y, given.angular.z])
+            covariance = np.zeros((3, 3))
+        else:
+            twist, covariance = planar_twist_of(message)
+        if self._configuration.deviation:
+            covariance = np.diag(np.square(self._configuration.deviation))
+        expected = self._configuration.base_frame
+        if expected and frame != expected:
+            problem = f"the twist is given in {frame!r}, not in {expected!r}"
+        elif not (np.isfinite(twist).all() and np.isfinite(covariance).all()):
+            problem = "twist or covariance is not finite"
+        elif np.linalg.eigvalsh(covariance)[0] <= 0.0:
+            problem = "the source has no covariance; set deviation"
+        if not problem:
+            self._twist.publish(planar_twist_with_covariance(stamp_ns, twist, covariance))
+        words = Status(_ERROR if problem else _OK, problem or "passes the twist on")
+        self._status.update(stamp_ns, problem, words)
+
+
+def main() -> None:
+    """Run the node until SIGINT or SIGTERM."""
+    sys.exit(run_process(TwistAdapterNode, spin_until_stopped))
+
+
+if __name__ == "__main__":
+    main()

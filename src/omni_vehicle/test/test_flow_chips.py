@@ -1,0 +1,247 @@
+"""Flow chips by their makers' libraries, against models of the registers behind the bus."""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omni_platform.configuration import ConfigurationError
+from omni_vehicle import flow_chips
+from omni_vehicle.flow_chips import (
+    FlowChipConfiguration,
+    FlowChipError,
+    OtosChip,
+    open_chip,
+)
+
+PERIOD = 0.01
+COUNTS_PER_METRE = 4000.0
+
+
+class SpiFlowChip:
+    """Registers of a PMW3901 or PAA5100 on SPI: identity, orientation, motion burst.
+
+    Attributes:
+        velocity: of the ground under the chip, in its own axes [m/s].
+    """
+
+    board: SpiFlowChip
+    plugged = True
+
+    def __init__(self) -> None:
+        type(self).board = self
+        self.velocity, self.quality, self.shutter = (0.0, 0.0), 80, 0x02
+        self._moved = [0.0, 0.0]
+        self.power_up()
+
+    def power_up(self) -> None:
+        self.registers = {0x00: 0x49, 0x01: 0x00}
+
+    def open(self, port: int, select: int) -> None:
+        del port, select
+
+    def pass_time(self, seconds: float) -> None:
+        for axis in (0, 1):
+            self._moved[axis] += COUNTS_PER_METRE * self.velocity[axis] * seconds
+
+    def xfer2(self, words: list[int]) -> list[int]:
+        if not self.plugged:
+            return [0xFF] * len(words)  # the line is pulled up
+        address = words[0]
+        if address & 0x80:
+            self.registers[address & 0x7F] = words[1]
+            return [0, 0]
+        if address == 0x16 and len(words) == 13:
+            return self._burst()
+        return [0, self.registers.get(address, 0)]
+
+    def _burst(self) -> list[int]:
+        orientation = self.registers.get(0x5B, 0)
+        x, y = (int(moved) for moved in self._moved)
+        self._moved = [self._moved[0] - x, self._moved[1] - y]
+        if orientation & 0x80:
+            x, y = y, x
+        x, y = x * (-1) ** (orientation >> 5 & 1), y * (-1) ** (orientation >> 6 & 1)
+        motion = 0x80 if x or y else 0x00
+        fields = (0, motion, 0, x, y, self.quality, 0, 0, 0, self.shutter, 0)
+        return list(struct.pack("<BBBhhBBBBBB", *fields))
+
+
+class I2cOtos:
+    """Registers of an OTOS board on I2C; values are set in SI units."""
+
+    def __init__(self) -> None:
+        self.plugged, self.status = True, 0
+        self.heading, self.velocity = 0.0, (0.0, 0.0, 0.0)
+        self.written: dict[int, int] = {}
+
+    def isDeviceConnected(self, address: int) -> bool:  # noqa: N802 (the library's name)
+        return self.plugged and address == 0x17
+
+    def read_byte(self, _address: int, register: int) -> int:
+        self._answer()
+        return {0x00: 0x5F, 0x1F: self.status}.get(register, self.written.get(register, 0))
+
+    readByte = read_byte  # noqa: N815
+
+    def write_byte(self, _address: int, register: int, value: int) -> None:
+        self._answer()
+        self.written[register] = value
+
+    def read_block(self, _address: int, register: int, length: int) -> list[int]:
+        self._answer()
+        assert register == 0x20
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        x, y, rate = self.velocity
+        world = (cos * x - sin * y, sin * x + cos * y)
+        scale = (32768 / 5.0, 32768 / math.radians(2000.0))  # 5 m/s, 2000 deg/s full scale
+        words = [0, 0, round(self.heading * 32768 / math.pi)]
+        words += [round(world[0] * scale[0]), round(world[1] * scale[0]), round(rate * scale[1])]
+        words += [0] * 6 + [0] * 3 + [0] * 3
+        return list(struct.pack("<18h", *words))[:length]
+
+    def _answer(self) -> None:
+        if not self.plugged:
+            raise OSError(121, "Remote I/O error")
+
+
+@pytest.fixture
+def spi(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put the model in the place of the kernel's SPI bus."""
+
+    class Direction(enum.Enum):
+        OUTPUT = 1
+
+    class Value(enum.Enum):
+        INACTIVE, ACTIVE = 0, 1
+
+    modules = {
+        "spidev": SimpleNamespace(SpiDev=SpiFlowChip),
+        "gpiod": SimpleNamespace(LineSettings=lambda **_: None),
+        "gpiod.line": SimpleNamespace(Direction=Direction, Value=Value),
+        "gpiodevice": SimpleNamespace(),
+    }
+    for name, contents in modules.items():
+        module = ModuleType(name)
+        module.__dict__.update(vars(contents))
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.delitem(sys.modules, "pmw3901", raising=False)
+    pytest.importorskip("pmw3901", reason="requirements/flow.lock is not installed")
+
+
+class Bench:
+    """A chip that is read at a rate over a ground that moves."""
+
+    def __init__(self, **changes: Any) -> None:
+        given: dict[str, Any] = {"chip": "pmw3901", "counts_per_metre": COUNTS_PER_METRE} | changes
+        self.configuration = FlowChipConfiguration(**given)
+        self.chip = open_chip(self.configuration)
+        self.board, self.time = SpiFlowChip.board, 0.0
+        self.chip.read(self.time)
+
+    def read(self) -> flow_chips.FlowSample:
+        self.board.pass_time(PERIOD)
+        self.time += PERIOD
+        return self.chip.read(self.time)
+
+
+@pytest.mark.usefixtures("spi")
+@pytest.mark.parametrize("chip", ["pmw3901", "paa5100"])
+def test_counts_become_a_velocity_within_its_stated_deviation(chip: str) -> None:
+    bench = Bench(chip=chip, relative_deviation=0.0)
+    bench.board.velocity = (0.613, -0.277)
+    samples = [bench.read() for _ in range(200)]
+    values = np.array([sample.velocity[:2] for sample in samples])
+    np.testing.assert_allclose(values.mean(axis=0), bench.board.velocity, atol=1e-3)
+    stated = samples[-1].deviation[0]
+    assert stated == pytest.approx(1.0 / (COUNTS_PER_METRE * PERIOD * math.sqrt(12.0)))
+    # Counts cut off what the next reading makes up for: two roundings, each within the stated one.
+    assert np.all(values.std(axis=0) < 2.0 * stated)
+    assert np.isnan(samples[-1].velocity[2])  # one chip measures no yaw rate
+
+
+@pytest.mark.usefixtures("spi")
+def test_rest_is_measured_and_a_dark_or_plain_ground_is_not() -> None:
+    bench = Bench()
+    at_rest = bench.read()
+    assert at_rest.problem == ""
+    np.testing.assert_array_equal(at_rest.velocity[:2], 0.0)
+    bench.board.quality = 10
+    assert "quality 10" in bench.read().problem
+    bench.board.quality, bench.board.shutter = 80, 0x1F
+    sample = bench.read()
+    assert "exposure" in sample.problem
+    assert np.all(np.isnan(sample.velocity))
+
+
+@pytest.mark.usefixtures("spi")
+def test_what_is_faster_than_the_chip_is_no_measurement() -> None:
+    bench = Bench(maximum_speed=1.0)
+    bench.board.velocity = (1.5, 0.0)
+    assert "faster" in bench.read().problem
+
+
+@pytest.mark.usefixtures("spi")
+def test_axes_are_set_in_the_chip() -> None:
+    bench = Bench(swap_xy=True, invert_y=True)
+    bench.board.velocity = (0.5, 0.25)
+    np.testing.assert_allclose(bench.read().velocity[:2], (0.25, -0.5), atol=0.03)
+
+
+@pytest.mark.usefixtures("spi")
+def test_an_unplugged_chip_is_noticed_at_once_and_opened_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench()
+    monkeypatch.setattr(SpiFlowChip, "plugged", False)
+    with pytest.raises(FlowChipError, match="lost"):
+        bench.read()
+    with pytest.raises(FlowChipError, match="does not answer"):
+        open_chip(bench.configuration)
+    monkeypatch.setattr(SpiFlowChip, "plugged", True)
+    # Power came back within a period: the chip answers, without the settings that were written.
+    again = Bench(invert_x=True)
+    again.board.power_up()
+    with pytest.raises(FlowChipError, match="reset"):
+        again.read()
+
+
+@pytest.mark.usefixtures("spi")
+def test_the_scale_must_be_measured() -> None:
+    with pytest.raises(ConfigurationError, match="counts_per_metre"):
+        FlowChipConfiguration(chip="paa5100")
+
+
+def otos(board: I2cOtos) -> OtosChip:
+    pytest.importorskip("qwiic_otos", reason="requirements/flow.lock is not installed")
+    return OtosChip(FlowChipConfiguration(chip="otos"), board)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, -2.5])
+def test_an_otos_reports_in_its_own_axes_whatever_its_heading(heading: float) -> None:
+    board = I2cOtos()
+    chip = otos(board)
+    board.heading, board.velocity = heading, (1.2, -0.4, 0.8)
+    sample = chip.read(0.0)
+    np.testing.assert_allclose(sample.velocity, board.velocity, atol=2e-3)
+    assert np.all(sample.deviation > 0.0)
+
+
+def test_an_otos_that_warns_or_fails_measures_nothing() -> None:
+    board = I2cOtos()
+    chip = otos(board)
+    board.status = 0x02
+    assert "poor tracking" in chip.read(0.0).problem
+    board.status = 0x80
+    with pytest.raises(FlowChipError, match="failure"):
+        chip.read(0.0)
+    board.plugged = False
+    with pytest.raises(FlowChipError, match="bus failed"):
+        chip.read(0.0)

@@ -1,0 +1,77 @@
+"""Histories made from closed forms, for the tests of several packages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omni_loop.history import RunHistory
+
+PERIOD_NS = 10_000_000
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+def straight_stop(  # one argument for each property of the run that some test varies
+    *,
+    speed: float = 10.0,
+    deceleration: float = 5.0,
+    brakes_at: float = 0.5,
+    heading: float = 0.0,
+    turn: float = 0.0,
+    wheel_names: tuple[str, ...] = WHEELS,
+    rest: float = 0.5,
+    **replaced: Any,
+) -> RunHistory:
+    """Return a vehicle that drives straight, then stops at a constant deceleration.
+
+    Args:
+        speed: before braking [m/s].
+        deceleration: [m/s^2].
+        brakes_at: time at which the pedal goes down [s].
+        heading: of the motion in `odom` [rad].
+        turn: yaw from the start of braking to rest, at a constant rate [rad].
+        wheel_names: of the vehicle.
+        rest: time shown after the stop [s].
+        **replaced: arguments of `RunHistory.from_samples` to use instead.
+    """
+    braking = speed / deceleration
+    stamp_ns = np.arange(round((brakes_at + braking + rest) * 100) + 1) * PERIOD_NS
+    time = stamp_ns * 1e-9
+    tau = np.clip(time - brakes_at, 0.0, braking)
+    distance = speed * np.minimum(time, brakes_at) + speed * tau - deceleration * tau**2 / 2.0
+    yaw = heading + turn * tau / braking
+    moving = (time > brakes_at - 1e-9) & (time < brakes_at + braking - 1e-9)
+    velocity = speed - deceleration * tau
+    twist = np.column_stack(
+        (
+            velocity * np.cos(heading - yaw),
+            velocity * np.sin(heading - yaw),
+            np.where(moving, turn / braking, 0.0),
+        )
+    )
+    shape = len(time), len(wheel_names)
+    values: dict[str, Any] = {
+        "wheel_names": wheel_names,
+        "stamp_ns": stamp_ns,
+        "pose": np.column_stack((distance * math.cos(heading), distance * math.sin(heading), yaw)),
+        "twist": twist,
+        "wheel_angle": np.outer(time, np.arange(1, shape[1] + 1)),
+        "wheel_speed": np.outer(velocity, np.arange(1, shape[1] + 1)) / 3.0,
+        "brake_torque": np.full(shape, 100.0),
+        "enable": np.ones(shape),
+        "error": np.outer(velocity, np.sin(np.arange(shape[1]) + 1.0)),
+        "pedal": (time >= brakes_at - 1e-9).astype(float),
+        "estimate": twist + 0.01,
+        "estimate_variance": np.full((len(time), 3), 1e-4),
+    }
+    return RunHistory.from_samples(**{**values, **replaced})
+
+
+@pytest.fixture
+def make_history() -> Callable[..., RunHistory]:
+    """Return `straight_stop`."""
+    return straight_stop

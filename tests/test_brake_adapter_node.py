@@ -1,0 +1,126 @@
+"""The brake adapter between an assistant and a `forward_command_controller`'s messages."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import numpy as np
+from bystander import Bystander
+from geometry_msgs.msg import Twist
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64MultiArray
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_ros.environment import node_environment
+from omni_ros.messages import joint_state
+from omni_ros.qos import RELIABLE
+
+WHEELS = ("left", "right")
+JOINTS = ("left_joint", "right_joint")
+
+
+class Controllers(Bystander):
+    """The rest of a vehicle: its assistant, joint states, drive and a controller that obeys."""
+
+    def __init__(self, domain: int, array: bool) -> None:
+        super().__init__("controllers", domain)
+        create = self.node.create_publisher
+        self.enable = create(JointState, "brake/enable", RELIABLE)
+        self.joints = create(JointState, "joint_states", RELIABLE)
+        self.drive = create(Float64MultiArray, "drive_commands", RELIABLE)
+        self.twist = create(Twist, "cmd_vel", RELIABLE)
+        self.estop = create(Bool, "estop", RELIABLE)
+        kind = Float64MultiArray if array else JointState
+        self.commands: list[list[float]] = []
+        self.states: list[JointState] = []
+        self.pedals: list[float] = []
+        listen = self.node.create_subscription
+        listen(kind, "commands", self._obey, RELIABLE)
+        listen(JointState, "wheel_states", self.states.append, RELIABLE)
+        listen(JointState, "brake/pedal", lambda m: self.pedals.append(m.position[0]), RELIABLE)
+        self.enables: tuple[float, ...] | None = (1.0, 1.0)
+        self.speed, self.commanded, self.pressed = (5.0, -5.0), 0.5, False
+        self.node.create_timer(0.01, self._step)
+
+    def _obey(self, message: Float64MultiArray | JointState) -> None:
+        values = message.data if isinstance(message, Float64MultiArray) else message.effort
+        self.commands.append(list(values))
+
+    def _step(self) -> None:
+        now_ns = self.node.get_clock().now().nanoseconds
+        order = [1, 0, 2]  # as a broadcaster may have it
+        speed = np.array([*self.speed, 9.0])[order]
+        names = [(*JOINTS, "arm_joint")[row] for row in order]
+        self.joints.publish(joint_state(now_ns, names, position=np.zeros(3), velocity=speed))
+        self.drive.publish(Float64MultiArray(data=[3.0, -3.0]))
+        message = Twist()
+        message.linear.x = self.commanded
+        self.twist.publish(message)
+        self.estop.publish(Bool(data=self.pressed))
+        if self.enables is not None:
+            self.enable.publish(joint_state(now_ns, WHEELS, effort=np.array(self.enables)))
+
+    def heard(self) -> str:
+        return f"commands {self.commands[-3:]}, pedals {self.pedals[-3:]}"
+
+    def until(self, *command: float) -> None:
+        self.commands.clear()
+        self.wait(lambda: self.commands and np.allclose(self.commands[-1], command, atol=1e-9))
+
+
+@contextmanager
+def vehicle(array: bool, **parameters: object) -> Iterator[Controllers]:
+    given = {"wheels": list(WHEELS), "joints": list(JOINTS), "pedal": "twist", "estop": True}
+    given |= {"output": "array" if array else "joint_state", **parameters}
+    words = [word for key, value in given.items() for word in ("-p", f"{key}:={_yaml(value)}")]
+    with reserved_domain() as domain:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "omni_vehicle.brake_adapter_node", "--ros-args", *words],
+            env=node_environment(domain),
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            with closing(Controllers(domain, array)) as controllers:
+                yield controllers
+        finally:
+            process.terminate()
+            assert process.wait(20.0) == 0
+
+
+def _yaml(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value).replace("'", '"')
+
+
+def test_torque_drives_brake_by_sign_and_drive_again() -> None:
+    with vehicle(True, kind="torque", max_torque=8.0) as rest:
+        rest.until(3.0, -3.0)  # the drive's own command passes
+        rest.wait(lambda: rest.states)
+        assert list(rest.states[-1].name) == list(WHEELS)
+        assert list(rest.states[-1].velocity) == [5.0, -5.0]
+        rest.commanded = 0.0
+        rest.enables = (1.0, 0.0)
+        rest.until(-8.0, 0.0)
+        assert rest.pedals[-1] == 1.0
+        rest.commanded, rest.enables = 0.5, (1.0, 1.0)
+        rest.until(3.0, -3.0)
+        rest.enables = None  # the assistant has died
+        rest.until(-8.0, 8.0)
+
+
+def test_spring_brakes_are_released_by_those_who_agree_alone() -> None:
+    with vehicle(False, kind="spring") as rest:
+        rest.until(1.0, 1.0)
+        rest.pressed = True  # the driver goes on, the emergency stop brakes
+        rest.until(0.0, 0.0)
+        rest.enables = (0.0, 1.0)
+        rest.until(1.0, 0.0)
+        rest.enables = (float("nan"), 1.0)
+        rest.until(0.0, 0.0)
+        rest.pressed, rest.enables = False, (1.0, 1.0)
+        rest.until(1.0, 1.0)
+        rest.node.destroy_publisher(rest.estop)
+        rest.estop = rest.node.create_publisher(Bool, "unheard", RELIABLE)
+        rest.until(0.0, 0.0)

@@ -1,0 +1,73 @@
+"""Any source of a twist arrives as the assistant takes it, or not at all."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import closing
+
+import numpy as np
+from bystander import Bystander
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_ros.environment import node_environment
+from omni_ros.messages import planar_odometry, planar_twist_of
+from omni_ros.qos import BEST_EFFORT, RELIABLE
+
+TWIST = np.array([1.2, -0.3, 0.5])
+
+
+class Vehicle(Bystander):
+    """An odometry of best effort, and the assistant's side."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("vehicle", domain)
+        self.source = self.node.create_publisher(Odometry, "input", BEST_EFFORT)
+        self.twists: list[TwistWithCovarianceStamped] = []
+        self.status = ""
+        listen = self.node.create_subscription
+        listen(TwistWithCovarianceStamped, "odometry/twist", self.twists.append, RELIABLE)
+        listen(DiagnosticArray, "/diagnostics", self._read, RELIABLE)
+        self.frame, self.value = "base_link", TWIST
+        self.node.create_timer(0.01, self._step)
+
+    def _read(self, message: DiagnosticArray) -> None:
+        self.status = message.status[0].message
+
+    def _step(self) -> None:
+        now_ns = self.node.get_clock().now().nanoseconds
+        zeros = np.zeros((3, 3))
+        message = planar_odometry(now_ns, np.zeros(3), zeros, self.value, zeros)
+        message.child_frame_id = self.frame
+        self.source.publish(message)
+
+    def heard(self) -> str:
+        return f"{len(self.twists)} twists, {self.status}"
+
+
+def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> None:
+    words = ["-p", "input_type:=odometry", "-p", "deviation:=[0.1, 0.1, 0.2]"]
+    with reserved_domain() as domain:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "omni_vehicle.twist_adapter_node", "--ros-args", *words],
+            env=node_environment(domain),
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            with closing(Vehicle(domain)) as vehicle:
+                vehicle.wait(lambda: vehicle.twists)
+                twist, covariance = planar_twist_of(vehicle.twists[-1])
+                np.testing.assert_array_equal(twist, TWIST)
+                np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
+                vehicle.frame = "camera_link"
+                vehicle.wait(lambda: "'camera_link', not in 'base_link'" in vehicle.status)
+                vehicle.catch_up()
+                vehicle.twists.clear()
+                vehicle.catch_up()
+                assert not vehicle.twists
+        finally:
+            process.terminate()
+            assert process.wait(20.0) == 0
