@@ -38,7 +38,7 @@ OTHERS = {"a": replace(EYE, y=0.5), "b": replace(EYE, x=0.6, heading_deg=90.0)}
 BATCHES = 3  # of which the last one counts
 PIXELS, FRAMES = 64, 7
 FRAME_RATE = EYE.pixels * EYE.line_rate / PIXELS**2
-NOISE = 1.0  # grey levels
+NOISE = 1.0  # gray levels
 _FINE = 8  # samples of the ground to a pixel of the patch, each way
 _SMOOTH, _ROUNDS = 0.8, 5  # of Lucas and Kanade: Gaussian [px], iterations
 _SPANNED = 24.0  # px of the patch from the first to the last frame, up to which they are compared
@@ -101,9 +101,9 @@ def patch(cv2: Any, texture: GroundTexture, pose: Any, generator: np.random.Gene
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = (pose[0] + c * along - s * across) / texture.texel - 0.5
     y = (pose[1] + s * along + c * across) / texture.texel - 0.5
-    n = len(texture.grey)
+    n = len(texture.gray)
     seen = cv2.remap(
-        texture.grey, (x % n).astype(np.float32), (y % n).astype(np.float32), cv2.INTER_LINEAR,
+        texture.gray, (x % n).astype(np.float32), (y % n).astype(np.float32), cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_WRAP,
     )  # fmt: skip
     mean = seen.reshape(PIXELS, _FINE, PIXELS, _FINE).mean(axis=(1, 3))

@@ -42,7 +42,7 @@ THREE_GENERIC = {
     "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0),
 }
 LEAST_RATE = {"generic": 15e3, "s3901": 100e3}  # lines/s
-GREATEST_ERROR = 0.15  # grey levels, of the same cameras
+GREATEST_ERROR = 0.15  # gray levels, of the same cameras
 FINE_DPI = 2400.0
 BATCH = 25
 PERIOD = 0.01
@@ -58,7 +58,7 @@ def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
 def throughput(
     sensor: LineSensor, texture: GroundTexture, heading: float, lines: int = 200
 ) -> tuple[float, float]:
-    """Return lines per second of CPU time, best of several runs, and rms error [grey levels]."""
+    """Return lines per second of CPU time, best of several runs, and rms error [gray levels]."""
     seed = np.random.SeedSequence(1)
     array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed)
     poses = path(lines, heading, 0.0)
@@ -71,11 +71,11 @@ def throughput(
     camera = array.cameras["one"]
     picked = poses[:: lines // 3]
     errors = [
-        grey
+        gray
         - integrate_exactly(
-            texture.grey, texture.size, tuple(centre), sensor.length, sensor.width, sensor.pixels
+            texture.gray, texture.size, tuple(center), sensor.length, sensor.width, sensor.pixels
         )
-        for grey, centre in zip(camera.greys(picked), camera.footprints(picked), strict=True)
+        for gray, center in zip(camera.grays(picked), camera.footprints(picked), strict=True)
     ]
     return lines / best, float(np.sqrt(np.mean(np.square(errors))))
 

@@ -6,7 +6,7 @@ Prints medians over repeated batches of 25 lines, on one core. The first row of 
 full search over +/- n/2 by Pearson's correlation, the second the search with sub-pixel refinement.
 Then follow the other metrics, the search in a window of +/- 32 px that follows the motion, and how
 many times faster the full search is than `scipy.spatial.distance.pdist` at every shift and than
-OpenCV's `matchTemplate` over the same shifts with the same normalisation, on one thread. These two
+OpenCV's `matchTemplate` over the same shifts with the same normalization, on one thread. These two
 take turns with the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985
 (LIS-770i) and 128 px at 15600 (S3901). OpenCV is needed for nothing else; without it that
 comparison is left out:
@@ -156,7 +156,7 @@ class MatchTemplateSearch:
     """The full search by Pearson's correlation with OpenCV, over shifts within +/- n/2.
 
     The older line lies between n/2 black pixels on either side, so that all shifts are covered;
-    `matchTemplate` gives the sum of products at each, and sums over the true overlaps normalise it.
+    `matchTemplate` gives the sum of products at each, and sums over the true overlaps normalize it.
     """
 
     def __init__(self, pixels: int, lines: int) -> None:

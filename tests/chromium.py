@@ -104,7 +104,7 @@ class Chromium:
             )
 
     def show(self, width: int, height: int, *, dark: bool = False, phone: bool = False) -> None:
-        """Set the size of the window [px] and the reader's choice of colours."""
+        """Set the size of the window [px] and the reader's choice of colors."""
         scale = 2 if phone else 1
         size = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": phone}
         self.call("Emulation.setDeviceMetricsOverride", **size)

@@ -107,9 +107,9 @@ def choose(browser: Chromium, kind: str, name: str) -> None:
     browser.wait("document.getElementById('banner').hidden === false && state?.pose")
 
 
-def brightness(colour: str) -> float:
+def brightness(color: str) -> float:
     """Return the mean of red, green and blue of ``rgb(...)``, 0..255."""
-    return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+    return sum(map(int, re.findall(r"\d+", color)[:3])) / 3
 
 
 def test_the_page_chooses_what_is_driven() -> None:

@@ -121,7 +121,7 @@ def test_every_python_package_has_a_key(package: Path) -> None:
             assert rules[key]["debian"] == rules[key]["ubuntu"]
 
 
-def test_all_packages_carry_one_version_and_a_licence() -> None:
+def test_all_packages_carry_one_version_and_a_license() -> None:
     roots = [ElementTree.parse(package / "package.xml").getroot() for package in PACKAGES]
     assert len({root.findtext("version") for root in roots}) == 1
     for root in roots:

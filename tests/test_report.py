@@ -255,9 +255,9 @@ def test_numbers_beyond_all_measure_do_not_stop_the_page(
     assert browser.complaints == []
 
 
-def luminance(colour: str) -> float:
+def luminance(color: str) -> float:
     """Return the relative luminance of ``#rrggbb``, as WCAG 2 defines it."""
-    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    parts = [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
     return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
 
@@ -269,11 +269,11 @@ def test_it_can_be_read_on_a_phone_by_day_and_night(
     browser.show(360, 740, dark=dark, phone=True)
     browser.open(page)
     assert browser.run("document.documentElement.scrollWidth") == 360
-    colours = browser.run("readColours()")
-    paper = luminance(colours["paper"])
+    colors = browser.run("readColors()")
+    paper = luminance(colors["paper"])
     assert (paper < 0.05) == dark
     for name, least in (("ink", 7.0), ("quiet", 4.5), ("braking", 3.0)):
-        low, high = sorted((paper, luminance(colours[name])))
+        low, high = sorted((paper, luminance(colors[name])))
         assert (high + 0.05) / (low + 0.05) > least, name
     heights = browser.run(
         "[...document.querySelectorAll('#player button, #player select, #player label')]"
@@ -311,22 +311,22 @@ def test_ten_seconds_are_small_and_open_at_once(
 
 
 def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) -> None:
-    # Newton: what the wheels exert together is mass times acceleration of the centre of gravity.
+    # Newton: what the wheels exert together is mass times acceleration of the center of gravity.
     assert sample.forces is not None
     assert sample.configuration is not None
     vehicle, history = sample.configuration.vehicle, sample.history
     masses = MassProperties.of(vehicle.body, vehicle.load)
     yaw = history.pose[:, 2]
-    centre = history.pose[:, :2] + np.column_stack(
+    center = history.pose[:, :2] + np.column_stack(
         (
-            np.cos(yaw) * masses.centre[0] - np.sin(yaw) * masses.centre[1],
-            np.sin(yaw) * masses.centre[0] + np.cos(yaw) * masses.centre[1],
+            np.cos(yaw) * masses.center[0] - np.sin(yaw) * masses.center[1],
+            np.sin(yaw) * masses.center[0] + np.cos(yaw) * masses.center[1],
         )
     )
     # A force is that of an instant: the acceleration about it, by the periods on both sides.
     rows = np.searchsorted(history.stamp_ns, sample.forces.stamp_ns)[1:]
-    rows = rows[rows < len(centre) - 1]  # the last instant has no period behind it
-    velocity = np.diff(centre, axis=0) / np.diff(history.time)[:, np.newaxis]
+    rows = rows[rows < len(center) - 1]  # the last instant has no period behind it
+    velocity = np.diff(center, axis=0) / np.diff(history.time)[:, np.newaxis]
     needed = masses.mass * (velocity[rows] - velocity[rows - 1])
     needed /= np.diff(history.time)[rows, np.newaxis]
     total = np.sum(sample.forces.force[1 : 1 + len(rows)], axis=1)[:, :2]

@@ -34,7 +34,7 @@ class Displacement(NamedTuple):
     Attributes:
         value: mean per line, along the camera's +axis [px].
         variance: of it [px^2].
-        correlation: coherence of neighbouring lines, or mean similarity of pairs, 1 is perfect.
+        correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
         share: of the pairs of lines that entered, 0..1.
     """
 
@@ -58,7 +58,7 @@ class SensorReading:
         still_time: for how long the view has not changed at all [s]; 0 if it has.
         remark: what is wrong with the lines although they can be used; empty if nothing is.
         lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
-        lasting: how alike they are, shifted, over how alike neighbouring lines are [1].
+        lasting: how alike they are, shifted, over how alike neighboring lines are [1].
         batch_time: between the ends of the batch, where all its lines were matched together [s].
         batch_lasting: how alike these are, likewise [1].
         batch_doubt: variance of the velocity if what lasts is grain [m^2/s^2].

@@ -26,11 +26,11 @@ from linescan_odometry.view.grain import Keyframe
 from omni_platform.aside import aside
 from omni_platform.sensors import LineSensor
 
-_FROZEN_PAIRS = 3  # identical neighbours that the noise of a live camera rules out
+_FROZEN_PAIRS = 3  # identical neighbors that the noise of a live camera rules out
 _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
 _STATIC_PAIRS = 4  # fewest that show that a view is static
 _STATIC_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
-_STATIC_TOLERANCE = 0.002  # of correlations, in addition to twice the loss between neighbours
+_STATIC_TOLERANCE = 0.002  # of correlations, in addition to twice the loss between neighbors
 _BACKGROUND = 16384  # pixels of a batch, from which a background thread is worth its hand-over
 
 
@@ -190,7 +190,7 @@ def _check(lines: Lines) -> None:
     """
     low = int(lines.min())
     if low == int(lines.max()):
-        raise Unmeasured(f"no contrast: every pixel is at grey level {low}")
+        raise Unmeasured(f"no contrast: every pixel is at gray level {low}")
     frozen: int = count_identical(lines, np.empty(len(lines) - 1, np.bool_))
     if frozen >= _FROZEN_PAIRS and 2 * frozen > len(lines) - 1:
         raise Unmeasured(f"frozen: {frozen} of {len(lines) - 1} line pairs are identical")

@@ -345,7 +345,7 @@ class LineScanOdometry:
 
 
 def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
-    """Return the file of a camera's references and learnt tables, None if it has none.
+    """Return the file of a camera's references and learned tables, None if it has none.
 
     Raises:
         ConfigurationError: the folder is none.

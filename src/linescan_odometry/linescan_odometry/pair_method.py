@@ -2,7 +2,7 @@
 
 Every line is compared with the one before it at all shifts up to the limit, by one of six metrics;
 the peak is refined to a fraction of a pixel. A displacement that the platform cannot have made, or
-that is far from the median of its neighbours (section 4.6), is left out, and the rest is averaged.
+that is far from the median of its neighbors (section 4.6), is left out, and the rest is averaged.
 """
 
 from __future__ import annotations

@@ -54,13 +54,13 @@ _SLOW = 0.6  # px per line, below which the mean of the lines so far is mostly g
 _PULLED = 2.0  # standard deviations
 _LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
 _MOVING_RANGE = 30000.0
-_FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbours
+_FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbors
 _MOVES = 0.5  # px per line, that what stands still is not taken for
 _OFF = 4.0  # standard deviations
 _DOUBTFUL = 2.0  # px per line, beyond which a deviation says nothing
 _OPPOSED = -0.4  # coherence at a displacement, below which it is another one
 _CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
-_STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighbouring lines
+_STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighboring lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _mean_of(
 
 
 def _stays(lines: Lines, mean: _Mean) -> bool:
-    """Return whether no new ground enters the view: lines far apart are as alike as neighbours."""
+    """Return whether no new ground enters the view: lines far apart are as alike as neighbors."""
     span, pixels = len(lines) - 1, lines.shape[1]
     apart = min(span, int(_FAR_SHARE * pixels / max(abs(mean.displacement), 1e-3)))
     if apart < 2:
@@ -529,7 +529,7 @@ class SensorOdometry:
         change = moving[-third:].mean(axis=0) - moving[:third].mean(axis=0)
         structure, square = structure_of(moving[-1] - moving[0])
         faint, faint_square = structure_of(change)
-        # Noise alone correlates neighbouring pixels by 1 / sqrt(n).
+        # Noise alone correlates neighboring pixels by 1 / sqrt(n).
         least = max(STRUCTURE, _NOISE_SIGMAS / math.sqrt(lines.shape[1]))
         if square == 0.0 or (structure < least * square and faint < least * faint_square):
             return mean
@@ -636,7 +636,7 @@ class SensorOdometry:
         """Say why the pairs of a batch gave no velocity."""
         low, high = int(lines.min()), int(lines.max())
         if low == high:
-            return f"no contrast: every pixel is at grey level {low}"
+            return f"no contrast: every pixel is at gray level {low}"
         if 2 * frozen > len(pairs.usable):
             return f"frozen: {frozen} of {len(pairs.usable)} line pairs are identical"
         matched = int(np.count_nonzero(pairs.usable)) + implausible

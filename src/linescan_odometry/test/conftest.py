@@ -28,7 +28,7 @@ def _integral(grain: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.
 def _profile(
     positions: Any, pixels: int, *, grain: float = 1.0, seed: int = 1, contrast: float = 30.0
 ) -> NDArray[np.float64]:
-    """Return noise-free grey levels of lines whose first pixel starts at `positions` [px].
+    """Return noise-free gray levels of lines whose first pixel starts at `positions` [px].
 
     The ground is white noise smoothed by a Gaussian of standard deviation `grain` [px]. The
     running sum, interpolated linearly, is its exact integral, so that a pixel's value is exact
@@ -51,7 +51,7 @@ def _expose(
     noise_seed: int = 2,
     dtype: Any = np.uint8,
 ) -> Any:
-    """Return the same as a camera would, with noise [grey levels of 8 bit] and quantisation."""
+    """Return the same as a camera would, with noise [gray levels of 8 bit] and quantization."""
     levels = _profile(positions, pixels, grain=grain, seed=seed)
     levels = levels + noise * np.random.default_rng(noise_seed).standard_normal(levels.shape)
     full = np.iinfo(dtype).max

@@ -168,7 +168,7 @@ def test_an_array_plays_its_pictures(tmp_path: Path) -> None:
 
 
 class Unplugged:
-    """What OpenCV makes of a device that delivers three grey frames and is then pulled out."""
+    """What OpenCV makes of a device that delivers three gray frames and is then pulled out."""
 
     CAP_V4L2, CAP_ANY = 200, 0
     CAP_PROP_FOURCC, CAP_PROP_CONVERT_RGB, CAP_PROP_FPS = 6, 16, 5
@@ -238,7 +238,7 @@ def test_a_video_gives_its_frames(tmp_path: Path) -> None:
     for frame in frames:
         read = source.read()
         assert read is not None
-        assert np.abs(read.picture.astype(int) - frame).max() <= 3  # colours and back
+        assert np.abs(read.picture.astype(int) - frame).max() <= 3  # colors and back
     assert source.read() is None
     assert source.ended
     source.close()

@@ -1,4 +1,4 @@
-"""A profile that stands still is learnt while the ground moves, and only then."""
+"""A profile that stands still is learned while the ground moves, and only then."""
 
 from __future__ import annotations
 
@@ -189,8 +189,8 @@ def test_rest_under_a_strong_pattern_is_not_sure_while_a_faint_ground_creeps(
         positions = 0.6 * (25 * i + np.arange(26))
         ground = expose(positions[1:] if i else positions, PIXELS, grain=6.0, noise=0.0)
         noise = np.random.default_rng(i).standard_normal(ground.shape)
-        grey = 120.0 + 0.05 * (ground.astype(np.float64) - 128.0) + pattern + noise
-        lines = np.rint(grey).clip(0, 255).astype(np.uint8)
+        gray = 120.0 + 0.05 * (ground.astype(np.float64) - 128.0) + pattern + noise
+        lines = np.rint(gray).clip(0, 255).astype(np.uint8)
         reading = sensor.update(LineBatch(round((25 * i + 25) * 1e9 / RATE), lines))
         if reading.measured:
             score.append((reading.velocity - 0.6 * PITCH * RATE) / reading.variance**0.5)

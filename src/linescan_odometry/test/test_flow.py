@@ -63,7 +63,7 @@ def test_the_covariance_is_that_of_the_errors(calibrated: bool) -> None:
     random, used = np.random.default_rng(3), (True,) * 4
     noise = np.kron(np.eye(4), SLANTED)
     root = np.kron(np.eye(4), np.linalg.cholesky(SLANTED))
-    normalised = []
+    normalized = []
     for _ in range(1500):
         velocity = matrix @ TWIST
         if calibrated:
@@ -74,8 +74,8 @@ def test_the_covariance_is_that_of_the_errors(calibrated: bool) -> None:
             velocity = (pairs * (1.0 + scale[:, None]) + turn[:, None] * across + lever).ravel()
         twist, covariance = solver.solve(velocity + root @ random.normal(size=8), noise, used)
         error = twist - TWIST
-        normalised.append(error @ np.linalg.solve(covariance, error))
-    assert np.mean(normalised) == pytest.approx(3.0, rel=0.1)  # of chi-square with three
+        normalized.append(error @ np.linalg.solve(covariance, error))
+    assert np.mean(normalized) == pytest.approx(3.0, rel=0.1)  # of chi-square with three
 
 
 def test_a_flow_sensor_of_independent_errors_is_two_cameras() -> None:

@@ -55,13 +55,13 @@ def persistent(generator: np.random.Generator) -> FloatArray:
     return np.array([stones[i : i + 10].sum(axis=0) for i in range(PAIRS)])
 
 
-def neighbouring(generator: np.random.Generator) -> FloatArray:
+def neighboring(generator: np.random.Generator) -> FloatArray:
     """Errors that reach over two blocks."""
     wide = persistent(generator)
     return wide + np.roll(wide, 1, axis=1)
 
 
-@pytest.mark.parametrize("errors", [white, cancelling, persistent, neighbouring])
+@pytest.mark.parametrize("errors", [white, cancelling, persistent, neighboring])
 @pytest.mark.parametrize("even", [True, False])
 def test_errors_squared_are_as_large_as_stated(
     errors: Callable[[np.random.Generator], FloatArray], even: bool

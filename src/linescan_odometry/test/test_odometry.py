@@ -165,7 +165,7 @@ def test_a_change_of_bit_depth_breaks_the_chain(expose: Expose) -> None:
 def test_dark_and_saturated_lines_are_not_measured(level: int, count: int) -> None:
     reading = one_sensor().update(batch(np.full((count, 256), level, np.uint8), count - 1))
     assert not reading.measured
-    assert f"grey level {level}" in reading.reason
+    assert f"gray level {level}" in reading.reason
     assert (reading.velocity, reading.variance) == (0.0, UNMEASURED_VARIANCE)
 
 

@@ -27,10 +27,10 @@ def seen(step: float, shadow_step: float) -> NDArray[np.uint8]:
     ground = gaussian_filter1d(generator.normal(0.0, 1.0, 3000), 1.5)
     ground *= 4.0 / ground.std()
     number, place = np.arange(LINES)[:, None], np.arange(PIXELS)
-    grey = 140.0 + np.interp(1000.0 + step * number + place, np.arange(3000), ground)
+    gray = 140.0 + np.interp(1000.0 + step * number + place, np.arange(3000), ground)
     edge = 250.0 - shadow_step * number
-    grey *= 1.0 - 0.6 * np.clip((place - edge) / 30.0 + 0.5, 0.0, 1.0)
-    noisy = np.rint(grey + generator.normal(0.0, 0.7, grey.shape))
+    gray *= 1.0 - 0.6 * np.clip((place - edge) / 30.0 + 0.5, 0.0, 1.0)
+    noisy = np.rint(gray + generator.normal(0.0, 0.7, gray.shape))
     lines: NDArray[np.uint8] = noisy.clip(0, 255).astype(np.uint8)
     return lines
 

@@ -19,8 +19,8 @@ def faint(expose: Expose, positions: Any, seed: int, pattern: Any = 0.0) -> Any:
     """Expose a coarse ground of weak contrast by pixels with a pattern of their own."""
     lines = expose(positions, PIXELS, grain=8.0, noise=0.0)
     noise = np.random.default_rng(seed).standard_normal(lines.shape)
-    grey = 120.0 + 0.15 * (lines.astype(np.float64) - 128.0) + pattern + noise
-    return np.rint(grey).clip(0, 255).astype(np.uint8)
+    gray = 120.0 + 0.15 * (lines.astype(np.float64) - 128.0) + pattern + noise
+    return np.rint(gray).clip(0, 255).astype(np.uint8)
 
 
 def test_the_mean_of_moving_lines_becomes_the_pattern(expose: Expose) -> None:
@@ -33,7 +33,7 @@ def test_the_mean_of_moving_lines_becomes_the_pattern(expose: Expose) -> None:
     assert np.corrcoef(rest.mean(axis=0), STEPS)[0, 1] < -0.8
 
 
-def test_nothing_is_learnt_at_rest(expose: Expose) -> None:
+def test_nothing_is_learned_at_rest(expose: Expose) -> None:
     still = StillView(PIXELS)
     for i in range(10):
         still.learn(faint(expose, np.zeros(25), i))

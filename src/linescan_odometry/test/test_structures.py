@@ -25,8 +25,8 @@ def lines_over(ground: NDArray[np.float64], step: float, noise: float = 1.0) -> 
     """Return lines that move over a ground that repeats itself, by a step [px] each."""
     generator = np.random.default_rng(5)
     place = np.arange(PIXELS) + step * np.arange(LINES)[:, None]
-    grey = np.interp(place % len(ground), np.arange(len(ground) + 1), [*ground, ground[0]])
-    noisy = np.rint(128.0 + grey + generator.normal(0.0, noise, grey.shape))
+    gray = np.interp(place % len(ground), np.arange(len(ground) + 1), [*ground, ground[0]])
+    noisy = np.rint(128.0 + gray + generator.normal(0.0, noise, gray.shape))
     lines: NDArray[np.uint8] = noisy.clip(0, 255).astype(np.uint8)
     return lines
 

@@ -27,7 +27,7 @@ def cramer_rao_bound(
     """Return the smallest variance of the displacement between two noisy lines [px^2].
 
     Both lines are noisy and the texture is unknown, so that the bound is twice that of a known
-    texture. The gradient is that of the noise-free line over the overlap; quantisation adds 1/12
+    texture. The gradient is that of the noise-free line over the overlap; quantization adds 1/12
     to the noise.
     """
     step = 0.01

@@ -28,9 +28,9 @@ def sideways(
     Args:
         along: displacement per line [px].
         seed: of the ground.
-        edge: grey levels of an edge that runs askew, by a pixel per line.
-        specks: deviation of what stands still in the view, in grey levels.
-        noise: of the camera, in grey levels.
+        edge: gray levels of an edge that runs askew, by a pixel per line.
+        specks: deviation of what stands still in the view, in gray levels.
+        noise: of the camera, in gray levels.
     """
     generator = np.random.default_rng(seed)
     rows, columns = STEP * LINES + WIDTH, PIXELS + abs(along) * LINES + 64

@@ -121,7 +121,7 @@ class Constants(NamedTuple):
         pedal_threshold: from which the driver brakes [1].
         minimum_reference_speed: below which there is no line to keep [m/s].
         maximum_time_step: over which the heading is carried on [s].
-        speed_threshold: of the fastest wheel centre, below which all brakes are on [m/s].
+        speed_threshold: of the fastest wheel center, below which all brakes are on [m/s].
         speed_hysteresis: above it, to resume assisting [m/s].
         dwell: shortest time between two switchings of a valve [ns].
     """
@@ -551,7 +551,7 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
 
 @lean
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
-    """Return whether the fastest wheel centre, Eq. (38), is below the threshold."""
+    """Return whether the fastest wheel center, Eq. (38), is below the threshold."""
     limit = constants.speed_threshold
     if step.slow:
         limit += constants.speed_hysteresis

@@ -6,7 +6,7 @@ brakes act at once
 
 - while the pedal is up (nothing is held back from a driver who does not brake),
 - if no error is negative, so that the vehicle never rolls unbraked,
-- once the fastest wheel centre is slower than the speed threshold, until the pedal is released or
+- once the fastest wheel center is slower than the speed threshold, until the pedal is released or
   the speed rises clearly above it (a slope that the brakes cannot hold),
 - whenever demand, wheels, time or feedback cannot be trusted: see `fail_safe`.
 

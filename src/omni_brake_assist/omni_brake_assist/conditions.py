@@ -172,7 +172,7 @@ CONDITIONS: tuple[Condition, ...] = (
         _S.CONTRADICTED_FEEDBACK, WARNING, "twist, IMU and wheel speeds give no valid estimate"
     ),
     Condition(
-        _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel centre fell below {limit:g} m/s"
+        _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel center fell below {limit:g} m/s"
     ),
     Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative"),
     Condition(

@@ -85,7 +85,7 @@ class BrakeAssistConfiguration(Configuration):
     )
     speed_threshold: float = parameter(
         0.3,
-        description="Speed of the fastest wheel centre below which all brakes are on",
+        description="Speed of the fastest wheel center below which all brakes are on",
         unit="m/s",
         minimum=0.0,
     )
@@ -164,10 +164,10 @@ class BrakeAssistConfiguration(Configuration):
         "by them where it is missing, and whether the effect of braking is watched",
     )
     imu_x: float = parameter(
-        0.0, description="Mounting of the IMU, forward of the platform centre", unit="m"
+        0.0, description="Mounting of the IMU, forward of the platform center", unit="m"
     )
     imu_y: float = parameter(
-        0.0, description="Mounting of the IMU, left of the platform centre", unit="m"
+        0.0, description="Mounting of the IMU, left of the platform center", unit="m"
     )
     feedback_delay: float = parameter(
         0.0,

@@ -86,7 +86,7 @@ class Limits(NamedTuple):
         yaw_rate_noise: [rad/s].
         frozen_time: [s], 0 for never.
         speed_threshold: [m/s].
-        reach: distance of the farthest wheel from the centre [m].
+        reach: distance of the farthest wheel from the center [m].
         recovery_count: good feedbacks until there is trust.
     """
 

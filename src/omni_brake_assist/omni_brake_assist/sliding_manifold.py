@@ -6,8 +6,8 @@ velocity across the original line of motion, the rotation, and the velocity alon
 a negative sum means that braking this wheel helps. Only kinematics enter: no mass, no load, no
 friction coefficient.
 
-Symbols, all in the body frame: ``v_c``, ``Omega`` velocity of the platform centre and yaw rate,
-``r_i`` wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centres,
+Symbols, all in the body frame: ``v_c``, ``Omega`` velocity of the platform center and yaw rate,
+``r_i`` wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers,
 ``f_hat_i`` unit friction forces, ``p`` unit vector across the velocity at the start of braking.
 
 Read otherwise than printed: (51) has the wheel's ``v_i`` where (49), from which it follows, has the
@@ -42,7 +42,7 @@ class Manifold(NamedTuple):
         r_y: likewise in y [m].
         n_x: active directions ``n_wi`` [1], shape (N,).
         n_y: likewise in y [1].
-        lever: ``cross(r_i, n_wi)``, of the active directions about the centre [m], shape (N,).
+        lever: ``cross(r_i, n_wi)``, of the active directions about the center [m], shape (N,).
         weighting: kind of the weighting, see `weighting.psi`.
         k: its tuning constant [1].
     """
@@ -96,7 +96,7 @@ def wheel_error(
 
 @lean
 def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
-    """Return the speed of the fastest wheel centre [m/s], Eq. (38); arguments as `wheel_error`."""
+    """Return the speed of the fastest wheel center [m/s], Eq. (38); arguments as `wheel_error`."""
     largest = 0.0
     for i in range(r_x.size):
         w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
@@ -178,7 +178,7 @@ class SlidingManifold:
         return directions
 
     def wheel_speed(self, twist: FloatArray) -> float:
-        """Return the speed of the fastest wheel centre [m/s], Eq. (38).
+        """Return the speed of the fastest wheel center [m/s], Eq. (38).
 
         It is zero only when the whole vehicle stands: a spinning one has ``v_c = 0``.
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from omni_brake_assist.assist_step import Memory
 from omni_brake_assist.conditions import CONDITIONS, GOOD
-from omni_brake_assist.observer.judgement import ALONE_GATE
+from omni_brake_assist.observer.judgment import ALONE_GATE
 from omni_brake_assist.observer.state import ALONE, NO_FORCE, NO_GYRO, NO_TWIST, NOBODY
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = (

@@ -65,7 +65,7 @@ def zero_weighting(delta: FloatArray) -> FloatArray:
 
 
 def cosine_weighting(delta: FloatArray) -> FloatArray:
-    """Return ``psi = cos(delta)``, which favours a short stop over orientation.
+    """Return ``psi = cos(delta)``, which favors a short stop over orientation.
 
     Args:
         delta: angles [rad], 0 to pi/2, any shape.

@@ -142,8 +142,8 @@ def test_releasing_the_pedal_ends_the_hysteresis(mecanum: Wheels) -> None:
     assert drive.step(1.0, (0.4, 0.0, 0.1)).state is AssistState.ASSISTING
 
 
-def test_threshold_compares_the_fastest_wheel_not_the_centre(mecanum: Wheels) -> None:
-    # 0.1 m/s at the centre, but 0.75 m * 1 rad/s at the wheels.
+def test_threshold_compares_the_fastest_wheel_not_the_center(mecanum: Wheels) -> None:
+    # 0.1 m/s at the center, but 0.75 m * 1 rad/s at the wheels.
     drive = Drive(mecanum, (0.1, 0.0, 1.0), speed_threshold=0.5)
     assert drive.step(1.0, (0.1, 0.0, 1.0)).state is AssistState.ASSISTING
 

@@ -32,7 +32,7 @@ BRAKING_FROM = 5  # period
 
 
 class Vehicle:
-    """State of the centre of gravity in the world frame: position, yaw, velocity, yaw rate."""
+    """State of the center of gravity in the world frame: position, yaw, velocity, yaw rate."""
 
     mass, friction, gravity = 800.0, 0.7, 9.81
     rubbing_speed = 0.05  # [m/s] over which friction builds up, so that it can end at rest
@@ -41,7 +41,7 @@ class Vehicle:
         self, wheels: Wheels, load: tuple[float, float], radius_of_gyration: float, v: FloatArray
     ) -> None:
         geometry = PlatformGeometry.from_wheels(wheels)
-        self.centre = np.array(load)
+        self.center = np.array(load)
         self.inertia = self.mass * radius_of_gyration**2
         balance = np.vstack((np.ones(len(geometry.names)), geometry.position.T))
         weight = self.mass * self.gravity
@@ -49,7 +49,7 @@ class Vehicle:
         assert np.all(wheel_load > 0.0)
         self.limit = self.friction * wheel_load
         self.active = geometry.active
-        self.lever = cross(geometry.position - self.centre, geometry.active)
+        self.lever = cross(geometry.position - self.center, geometry.active)
         self.velocity, self.yaw_rate = v.astype(np.float64), 0.0
         self.position, self.yaw = np.zeros(2), 0.0
 
@@ -64,9 +64,9 @@ class Vehicle:
         return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
 
     def twist(self) -> FloatArray:
-        """TwistSample of the geometric centre in the body frame [m/s, m/s, rad/s], shape (3,)."""
+        """TwistSample of the geometric center in the body frame [m/s, m/s, rad/s], shape (3,)."""
         v_x, v_y = self._in_body(self.velocity)
-        x, y = self.centre
+        x, y = self.center
         return np.array([v_x + self.yaw_rate * y, v_y - self.yaw_rate * x, self.yaw_rate])
 
     def step(self, enable: FloatArray, dt: float) -> None:
@@ -236,7 +236,7 @@ def test_mirrored_load_stops_in_the_mirror_image(mecanum: Wheels) -> None:
     ("settings", "share"), [(ZERO, 0.2), (ENHANCED, 0.1)], ids=["zero", "enhanced"]
 )
 def test_three_wheels_at_45_degrees(kiwi: Wheels, settings: dict[str, Any], share: float) -> None:
-    """The experiment of Figures 33-35: v_x = v_y, load off the centre, a short stop."""
+    """The experiment of Figures 33-35: v_x = v_y, load off the center, a short stop."""
     run = functools.partial(brake, kiwi, (3.0, 3.0), load=(0.05, 0.05), radius_of_gyration=0.3)
     unassisted, assisted = run(**OFF), run(**settings)
     assert abs(unassisted.orientation_change) > 45.0

@@ -253,8 +253,8 @@ def test_standstill_has_no_error(mecanum: Wheels, weighting: str) -> None:
 
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_wheel_whose_centre_rests_has_no_error(mecanum: Wheels, weighting: str) -> None:
-    # The instantaneous centre of rotation lies under the front left wheel at (0.6, 0.45).
+def test_wheel_whose_center_rests_has_no_error(mecanum: Wheels, weighting: str) -> None:
+    # The instantaneous center of rotation lies under the front left wheel at (0.6, 0.45).
     m = manifold(mecanum, weighting)
     twist = np.array([0.45, -0.6, 1.0])
     with np.errstate(all="raise"):
@@ -264,7 +264,7 @@ def test_wheel_whose_centre_rests_has_no_error(mecanum: Wheels, weighting: str) 
     assert np.all(error[[0, 2, 3]] != 0.0)
 
 
-def test_fastest_wheel_centre(mecanum: Wheels) -> None:
+def test_fastest_wheel_center(mecanum: Wheels) -> None:
     m = manifold(mecanum, "zero")
     assert m.wheel_speed(np.array([3.0, 4.0, 0.0])) == pytest.approx(5.0)
     assert m.wheel_speed(np.array([0.0, 0.0, 2.0])) == pytest.approx(2.0 * 0.75)

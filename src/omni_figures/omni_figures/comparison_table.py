@@ -16,7 +16,7 @@ from rich.text import Text
 
 from omni_loop.metrics import Metric
 
-_SMALL = 0.2  # [m] below which lengths are told in millimetres
+_SMALL = 0.2  # [m] below which lengths are told in millimeters
 _DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 _ANY_WIDTH = 10_000  # more than any table needs
@@ -109,7 +109,7 @@ def _table(
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit of a row and its entries in it: lengths of millimetres are told as such.
+    """Return the unit of a row and its entries in it: lengths of millimeters are told as such.
 
     Args:
         entries: of one quantity, None where a column lacks it.

@@ -43,12 +43,12 @@ def draw_run_figures(
 def scene_of(configuration: ExperimentConfiguration) -> Scene:
     """Return what the figures show of an experiment's vehicle and ground."""
     vehicle = configuration.vehicle
-    centre = MassProperties.of(vehicle.body, vehicle.load).centre
+    center = MassProperties.of(vehicle.body, vehicle.load).center
     return Scene(
         chassis_length=vehicle.chassis_length,
         chassis_width=vehicle.chassis_width,
         wheels=vehicle.wheels,
-        centre_of_gravity=(float(centre[0]), float(centre[1])),
+        center_of_gravity=(float(center[0]), float(center[1])),
         load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
         patches=tuple(
             (GroundPatch.ellipse if patch.shape == "ellipse" else GroundPatch.rectangle)(

@@ -31,7 +31,7 @@ class GroundPatch:
     def rectangle(
         cls, x: float, y: float, length: float, width: float, heading_deg: float, friction: float
     ) -> GroundPatch:
-        """Return a patch about its centre (x, y) [m], `length` [m] along its heading [deg]."""
+        """Return a patch about its center (x, y) [m], `length` [m] along its heading [deg]."""
         corners = placed(rectangle(length, width), (x, y, math.radians(heading_deg)))
         return cls(tuple((cx, cy) for cx, cy in corners.tolist()), friction)
 
@@ -54,7 +54,7 @@ class Scene:
         chassis_length: along x of the body [m].
         chassis_width: along y of the body [m].
         wheels: mounts by wheel name.
-        centre_of_gravity: of vehicle and load together, in the body frame [m], if known.
+        center_of_gravity: of vehicle and load together, in the body frame [m], if known.
         load: position of the load in the body frame [m], if there is one.
         patches: ground with a friction of its own.
     """
@@ -62,7 +62,7 @@ class Scene:
     chassis_length: float
     chassis_width: float
     wheels: Mapping[str, WheelMount]
-    centre_of_gravity: tuple[float, float] | None = None
+    center_of_gravity: tuple[float, float] | None = None
     load: tuple[float, float] | None = None
     patches: tuple[GroundPatch, ...] = ()
 
@@ -96,7 +96,7 @@ class Scene:
     def drawn_points(self) -> FloatArray:
         """Points in the body frame [m] between which all of the vehicle lies, shape (M, 2)."""
         points = [self.chassis, *self.wheel_outlines]
-        points += [np.array([p]) for p in (self.load, self.centre_of_gravity) if p is not None]
+        points += [np.array([p]) for p in (self.load, self.center_of_gravity) if p is not None]
         return np.concatenate(points)
 
 

@@ -1,4 +1,4 @@
-"""Which moments of a braking manoeuvre the top view shows, so that none hides another.
+"""Which moments of a braking maneuver the top view shows, so that none hides another.
 
 The first snapshot is the start of braking, the last one the final position. Those between them
 follow at about equal distances along the longest path of all variants, at round times, and as
@@ -48,7 +48,7 @@ class _Span:
         return float(self.history.braking_time[self.stop])
 
     @property
-    def travelled(self) -> FloatArray:
+    def traveled(self) -> FloatArray:
         """Distance along the path since the start [m], one value per stamp of the span."""
         steps = np.diff(self.history.pose[self.start : self.stop + 1, :2], axis=0)
         return np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
@@ -69,7 +69,7 @@ def choose_snapshots(
         arrow_scale: length of the velocity arrow over speed [m / (m/s)].
     """
     spans = {name: _span(history, rest) for name, history in histories.items()}
-    longest = max(spans.values(), key=lambda span: float(span.travelled[-1]))
+    longest = max(spans.values(), key=lambda span: float(span.traveled[-1]))
     step = next((s for s in _STEPS if 20.0 * s <= longest.duration), _STEPS[-1])
     choices = [
         _free_instants(scene, longest, _equal_distances(longest, count, step), step, arrow_scale)
@@ -136,9 +136,9 @@ def _span(history: RunHistory, rest: RestCriterion) -> _Span:
 
 def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
     """Return `count` times or fewer, multiples of `step` [s], about equally far along a path."""
-    travelled = span.travelled
-    wanted = travelled[-1] * np.arange(1, count + 1) / (count + 1)
-    stamps = span.start + np.searchsorted(travelled, wanted)
+    traveled = span.traveled
+    wanted = traveled[-1] * np.arange(1, count + 1) / (count + 1)
+    stamps = span.start + np.searchsorted(traveled, wanted)
     return sorted({round(round(t / step) * step, 3) for t in span.history.braking_time[stamps]})
 
 

@@ -1,6 +1,6 @@
-"""What the project's figures share: colours, sizes, and how they reach a file.
+"""What the project's figures share: colors, sizes, and how they reach a file.
 
-Colours are those of M. Okabe and K. Ito, which readers with any common colour vision tell apart.
+Colors are those of M. Okabe and K. Ito, which readers with any common color vision tell apart.
 Figures are made with matplotlib's objects, never with pyplot. Importing this module makes
 ``omni.mplstyle`` the look of all figures of the process.
 """
@@ -19,10 +19,10 @@ from omni_loop.history import RunHistory
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
-BLACK, GREY, PALE = "#222222", "#8A8A8A", "#DDDDDD"
+BLACK, GRAY, PALE = "#222222", "#8A8A8A", "#DDDDDD"
 
-# Neighbours differ in lightness too.
-WHEEL_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
+# Neighbors differ in lightness too.
+WHEEL_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 DOTS_PER_INCH = 100
 
@@ -33,9 +33,9 @@ matplotlib.rcParams.update(
 )
 
 
-def wheel_colour(index: int) -> str:
-    """Return the colour of a wheel by its place in the vehicle's order."""
-    return WHEEL_COLOURS[index % len(WHEEL_COLOURS)]
+def wheel_color(index: int) -> str:
+    """Return the color of a wheel by its place in the vehicle's order."""
+    return WHEEL_COLORS[index % len(WHEEL_COLORS)]
 
 
 def panels(
@@ -48,7 +48,7 @@ def panels(
     y: str = "",
     **kwargs: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure with a grid of axes, labelled along its lower and left edge.
+    """Return a figure with a grid of axes, labeled along its lower and left edge.
 
     Args:
         title: of the figure.

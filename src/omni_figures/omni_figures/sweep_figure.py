@@ -60,15 +60,15 @@ def _draw(
     place: dict[str, float],
     factor: float,
 ) -> None:
-    looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLOURS))
-    for (name, runs), (marker, colour) in zip(lines.items(), looks, strict=False):
+    looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLORS))
+    for (name, runs), (marker, color) in zip(lines.items(), looks, strict=False):
         points = sorted(
             (place[run.values[key]], factor * run.metrics[quantity].value) for run in runs
         )
         axes.plot(
             [x for x, _ in points],
             [y for _, y in points],
-            color=colour,
+            color=color,
             marker=marker,
             markersize=5,
             label=name,

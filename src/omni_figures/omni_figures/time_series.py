@@ -96,10 +96,10 @@ def _lay_out(
 
 
 def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
-    for row, component, colour in ((0, 0, _V_X), (0, 1, _V_Y), (1, 2, _YAW_RATE)):
+    for row, component, color in ((0, 0, _V_X), (0, 1, _V_Y), (1, 2, _YAW_RATE)):
         axes = panels[row]
-        axes.axhline(0.0, color=style.GREY, linewidth=0.8)
-        axes.plot(history.braking_time, history.twist[:, component], color=colour, linewidth=2.2)
+        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
+        axes.plot(history.braking_time, history.twist[:, component], color=color, linewidth=2.2)
         axes.plot(history.braking_time, history.estimate[:, component], **_ODOMETRY)
 
 
@@ -111,7 +111,7 @@ def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
 
 
 def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+    axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
     error = _while_braking(history, history.error)
     for column, name in enumerate(history.wheel_names):
         axes.plot(history.braking_time, error[:, column], **_wheel_line(wheels.index(name)))
@@ -137,7 +137,7 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
             row + 0.35 - 0.7 * share,
             where=drawn,
             step="post",
-            color=style.wheel_colour(row),
+            color=style.wheel_color(row),
             linewidth=0.0,
         )
 
@@ -227,7 +227,7 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
         [_truth(_V_X, "$v_x$"), _truth(_V_Y, "$v_y$"), odometry, pedal],
         [_truth(_YAW_RATE, "yaw rate"), odometry],
         [*by_wheel],
-        [Patch(facecolor=style.GREY, label="brake on")],
+        [Patch(facecolor=style.GRAY, label="brake on")],
     )
     for axes, handles in zip(panels, rows, strict=True):
         axes.legend(
@@ -240,11 +240,11 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
 
 
 def _wheel_line(row: int) -> dict[str, Any]:
-    """Return the look of a wheel's line: in grey, where colours pair up, dashes part the pairs."""
+    """Return the look of a wheel's line: in gray, where colors pair up, dashes part the pairs."""
     dashes = ("-", "-", (0, (4, 1)), (0, (4, 1)), (0, (1, 1)), (0, (1, 1)))
-    colour = style.wheel_colour(row)
-    return {"color": colour, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}
+    color = style.wheel_color(row)
+    return {"color": color, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}
 
 
-def _truth(colour: str, label: str) -> Line2D:
-    return Line2D([], [], color=colour, linewidth=2.2, label=label)
+def _truth(color: str, label: str) -> Line2D:
+    return Line2D([], [], color=color, linewidth=2.2, label=label)

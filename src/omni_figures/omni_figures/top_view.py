@@ -45,7 +45,7 @@ class _View:
     low: FloatArray  # [m]
     high: FloatArray  # [m]
     side_by_side: bool
-    inches_per_metre: float
+    inches_per_meter: float
 
 
 def top_view(
@@ -134,7 +134,7 @@ def _choose_view(
 
 def _lay_out(view: _View, count: int, entries: int, title: str) -> tuple[Figure, list[Axes]]:
     """Return a figure with equal panels, placed in inches so that nothing overlaps."""
-    width, height = (view.high - view.low) * view.inches_per_metre
+    width, height = (view.high - view.low) * view.inches_per_meter
     heading = 0.85 if view.side_by_side else 0.38
     top = 0.4 if title else 0.1
     bottom = _BOTTOM + 0.05 + _LEGEND_ROW * math.ceil(entries / _LEGEND_COLUMNS)
@@ -177,22 +177,22 @@ def _label_snapshots(
     axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
 ) -> None:
     """Write each label beside what its snapshot covers, where it hides nothing."""
-    line = _LABEL_POINTS / 72.0 / view.inches_per_metre  # [m]
+    line = _LABEL_POINTS / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
     for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
         label = labels[place]
         size = np.array([0.6 * line * (len(label) + 1), 1.4 * line])
-        for centre in _label_places(covered[place][0], size, view.side_by_side):
-            box = Bbox([centre - size / 2.0, centre + size / 2.0])
+        for center in _label_places(covered[place][0], size, view.side_by_side):
+            box = Bbox([center - size / 2.0, center + size / 2.0])
             on_page = np.all(box.min > view.low) and np.all(box.max < view.high)
-            corners = rectangle(*size.tolist()) + centre
+            corners = rectangle(*size.tolist()) + center
             crowded = any(overlap(corners, outline) for outline in outlines)
             if on_page and not crowded and not box.count_overlaps(taken):
                 taken.append(box)
                 axes.text(
-                    float(centre[0]),
-                    float(centre[1]),
+                    float(center[0]),
+                    float(center[1]),
                     label,
                     fontsize=_LABEL_POINTS,
                     ha="center",

@@ -18,11 +18,11 @@ from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry
 
 _CHASSIS = "#F2EBDD"
-_LOAD: dict[str, Any] = {"marker": "o", "color": style.GREY, "markeredgecolor": style.BLACK}
+_LOAD: dict[str, Any] = {"marker": "o", "color": style.GRAY, "markeredgecolor": style.BLACK}
 _LOAD_ARM: dict[str, Any] = {"color": style.BLACK, "linewidth": 2.5}
 _GRAVITY: dict[str, Any] = {"marker": "P", "color": "white", "markeredgecolor": style.BLACK}
 _TRAIL: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
-_FIRST_LINE: dict[str, Any] = {"color": style.GREY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
+_FIRST_LINE: dict[str, Any] = {"color": style.GRAY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
 
 
 def draw_ground(axes: Axes, scene: Scene) -> None:
@@ -70,7 +70,7 @@ def draw_snapshot(
         axes.plot(arm[:, 0], arm[:, 1], alpha=faint, zorder=layer + 0.25, **_LOAD_ARM)
     for point, look, size in (
         (scene.load, _LOAD, 10.0),
-        (scene.centre_of_gravity, _GRAVITY, 7.0),
+        (scene.center_of_gravity, _GRAVITY, 7.0),
     ):
         if point is not None:
             x, y = placed(np.array([point]), pose)[0]
@@ -95,16 +95,16 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels in their colours, as full as they brake, with the active direction across."""
+    """Draw wheels in their colors, as full as they brake, with the active direction across."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
-        colour = style.wheel_colour(row)
+        color = style.wheel_color(row)
         axes.add_patch(
             Polygon(
                 placed(outline, pose),
-                facecolor=_tinted(colour, _share(history, index, name)),
-                edgecolor=colour,
+                facecolor=_tinted(color, _share(history, index, name)),
+                edgecolor=color,
                 linewidth=1.4,
                 alpha=faint,
                 zorder=layer,
@@ -131,9 +131,9 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
     return 1.0 if math.isnan(share) else share
 
 
-def _tinted(colour: str, share: float) -> tuple[float, ...]:
-    """Return white with a share of a colour [1]."""
-    return tuple(1.0 - share * (1.0 - part) for part in to_rgb(colour))
+def _tinted(color: str, share: float) -> tuple[float, ...]:
+    """Return white with a share of a color [1]."""
+    return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
 def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
@@ -145,11 +145,11 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
         time_label: what the times beside the snapshots are.
     """
     handles: list[Line2D | Patch] = [
-        Patch(facecolor=style.wheel_colour(row), label=name.replace("_", " "))
+        Patch(facecolor=style.wheel_color(row), label=name.replace("_", " "))
         for row, name in enumerate(scene.wheels)
     ]
     handles += [
-        Patch(facecolor="white", edgecolor=style.GREY, label="brake released"),
+        Patch(facecolor="white", edgecolor=style.GRAY, label="brake released"),
         Line2D(
             [],
             [],
@@ -198,13 +198,13 @@ def patch_handles(scene: Scene) -> list[Patch]:
 
 
 def mass_handles(scene: Scene) -> list[Line2D | Patch]:
-    """Return the legend of the load and the centre of gravity, as far as there are any."""
+    """Return the legend of the load and the center of gravity, as far as there are any."""
     handles: list[Line2D | Patch] = []
     if scene.load is not None:
         handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
-    if scene.centre_of_gravity is not None:
+    if scene.center_of_gravity is not None:
         handles.append(
-            Line2D([], [], linestyle="", markersize=7, label="centre of gravity", **_GRAVITY)
+            Line2D([], [], linestyle="", markersize=7, label="center of gravity", **_GRAVITY)
         )
     return handles
 

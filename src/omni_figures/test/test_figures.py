@@ -236,10 +236,10 @@ def test_no_snapshot_label_or_arrow_hides_another_snapshot(
             np.testing.assert_allclose(np.mean(corners, axis=0), history.pose[index, :2], atol=1e-9)
         for a, b in itertools.permutations(snapshots, 2):
             assert covered_share(a, b) == 0.0
-        centres = np.mean(snapshots, axis=1)
+        centers = np.mean(snapshots, axis=1)
         for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):
             drawn = np.asarray(arrow.get_path().vertices)
-            own = int(np.argmin(np.hypot(*(centres - drawn[0]).T)))
+            own = int(np.argmin(np.hypot(*(centers - drawn[0]).T)))
             for corners in snapshots[:own] + snapshots[own + 1 :]:
                 assert not np.any(Path(corners[[0, 1, 2, 3, 0]]).contains_points(drawn))
         assert len(axes.texts) == len(snapshots)
@@ -276,10 +276,10 @@ def test_wheels_and_load_outside_the_chassis_lie_in_the_picture(
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     hubs = [(wheel.x, wheel.y) for wheel in wide.values()]
     for corners in (snapshots := drawn_chassis(axes)):
-        centre = np.mean(corners, axis=0)
+        center = np.mean(corners, axis=0)
         forward, left = (corners[0] - corners[1]) / 1.6, (corners[0] - corners[3]) / 1.2
         for x, y in (*hubs, load):
-            point = centre + x * forward + y * left
+            point = center + x * forward + y * left
             assert np.all(point > low + 0.1)
             assert np.all(point < high - 0.1)
     # Each snapshot ties its load to its chassis, here from the front edge.

@@ -376,7 +376,7 @@ def _listen(run: _Run, stamp: int) -> Inputs:
     state, sensors, loop, desk = run.state, run.sensors, run.loop, run.desk
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
-    base_motion(state.body[0], state.plant.centre, motion)
+    base_motion(state.body[0], state.plant.center, motion)
     velocity, held = sensors.velocity, sensors.held
     due = samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]

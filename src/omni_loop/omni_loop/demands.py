@@ -87,7 +87,7 @@ def _read_recording(path: Path) -> FloatArray:
 
 
 def _without_repeats(table: FloatArray) -> FloatArray:
-    """Leave out rows that equal both of their neighbours: standing still is two rows."""
+    """Leave out rows that equal both of their neighbors: standing still is two rows."""
     same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
     kept = np.ones(len(table), bool)
     kept[1:-1] = ~(same[:-1] & same[1:])

@@ -195,7 +195,7 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
     """Return (q_z, q_w) of a heading [rad]; the truth on a bag uses this formula to the bit.
 
-    `math` rather than numpy: numpy's vectorised sine may differ from it in the last bit.
+    `math` rather than numpy: numpy's vectorized sine may differ from it in the last bit.
     """
     return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 

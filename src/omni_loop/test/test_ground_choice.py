@@ -21,8 +21,8 @@ CACHE = TextureCache(Path("/nowhere"))  # pictures are not cached
 def scan(tmp_path: Path) -> Path:
     """A scan whose name would confuse a reader of YAML."""
     path = tmp_path / "our: yard, #1.png"
-    grey = np.random.default_rng(1).integers(0, 256, (600, 800), np.uint8)
-    Image.fromarray(grey).save(path)
+    gray = np.random.default_rng(1).integers(0, 256, (600, 800), np.uint8)
+    Image.fromarray(gray).save(path)
     return path
 
 

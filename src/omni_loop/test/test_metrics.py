@@ -48,8 +48,8 @@ def test_orientation_counts_full_turns_without_sign(make_history: MakeHistory, s
 def quarter_circle(make_history: MakeHistory, radius: float, direction: int) -> RunHistory:
     """Return a vehicle that brakes along a quarter of a circle, heading along its path."""
     straight = make_history(brakes_at=0.0)
-    travelled = straight.pose[:, 0]
-    angle = direction * math.pi / 2.0 * travelled / travelled[-1]
+    traveled = straight.pose[:, 0]
+    angle = direction * math.pi / 2.0 * traveled / traveled[-1]
     radius *= direction
     pose = np.column_stack((radius * np.sin(angle), radius * (1.0 - np.cos(angle)), angle))
     speed = abs(radius) * np.gradient(np.abs(angle), PERIOD)

@@ -21,7 +21,7 @@ def urdf(
 ) -> str:
     """Return a vehicle as a URDF.
 
-    `base_link` lies on the ground under the platform's centre. The joint of a wheel has the wheel's
+    `base_link` lies on the ground under the platform's center. The joint of a wheel has the wheel's
     name, so that `wheel_states` are its joint states; a camera's frame lies in its footprint, x
     along the measuring direction.
 

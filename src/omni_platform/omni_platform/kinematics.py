@@ -93,7 +93,7 @@ class PlatformKinematics:
         return wheel_speeds @ self._forward.T
 
     def wheel_velocities(self, twist: FloatArray) -> FloatArray:
-        """Return the velocities of the wheel centres, Eqs. (23), (38).
+        """Return the velocities of the wheel centers, Eqs. (23), (38).
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
@@ -149,5 +149,5 @@ def _require_rank_three(matrix: FloatArray, geometry: PlatformGeometry) -> None:
             "wheels",
             f"the kinematic matrix M of {len(geometry.names)} wheels has rank {rank} and must have "
             "rank 3: some motion of the platform turns no wheel; move wheels apart or mirror "
-            "the rollers of neighbouring wheels",
+            "the rollers of neighboring wheels",
         )

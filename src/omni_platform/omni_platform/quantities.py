@@ -20,5 +20,5 @@ SECOND_NS = 1_000_000_000
 """A second of stamps [ns]."""
 
 LARGEST_OFFSET = 100.0
-"""Largest distance of a part from the platform's centre, along x or y [m]: a slip of the keyboard
+"""Largest distance of a part from the platform's center, along x or y [m]: a slip of the keyboard
 beyond it."""

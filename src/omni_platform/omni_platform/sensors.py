@@ -23,13 +23,13 @@ class Mount(Configuration):
     """Where a sensor of the ground sits in the body frame, and how well that is known."""
 
     x: float = parameter(
-        description="Centre of the footprint, forward of base_link",
+        description="Center of the footprint, forward of base_link",
         unit="m",
         minimum=-LARGEST_OFFSET,
         maximum=LARGEST_OFFSET,
     )
     y: float = parameter(
-        description="Centre of the footprint, left of base_link",
+        description="Center of the footprint, left of base_link",
         unit="m",
         minimum=-LARGEST_OFFSET,
         maximum=LARGEST_OFFSET,

@@ -80,7 +80,7 @@ class ImuSample(NamedTuple):
 
 
 Lines = NDArray[np.uint8] | NDArray[np.uint16]
-"""Grey levels of consecutive lines, oldest first, shape (m, pixels)."""
+"""Gray levels of consecutive lines, oldest first, shape (m, pixels)."""
 
 
 class LineBatchError(ValueError):
@@ -93,7 +93,7 @@ class LineBatch:
 
     Attributes:
         stamp_ns: exposure of the newest line [ns].
-        lines: grey levels, uint8 or uint16, oldest line first, shape (m, pixels).
+        lines: gray levels, uint8 or uint16, oldest line first, shape (m, pixels).
         fault: why the lines cannot be used, such as a format that is none; empty if they can.
 
     Raises:

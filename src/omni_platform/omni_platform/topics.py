@@ -54,7 +54,7 @@ ENABLE = Topic("brake/enable", JOINT_STATE, "brake_assist")
 SLIDING = Topic("brake_assist/error", JOINT_STATE, "brake_assist")
 """The sliding variable of each wheel [m/s]."""
 TEST_RATIOS = Topic("brake_assist/test_ratios", JOINT_STATE, "brake_assist")
-"""Normalised innovations of fault detection over their gates [1]."""
+"""Normalized innovations of fault detection over their gates [1]."""
 
 
 def lines(sensor: str) -> Topic:

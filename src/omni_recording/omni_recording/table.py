@@ -86,8 +86,8 @@ def _elements(
         raise TooWideError(f"{path} holds more than {MOST_COLUMNS} values")
     kind, parts = element
     for index, value in enumerate(values):
-        labelled = labels is not None and len(labels) == len(values)
-        place = f"{path}.{labels[index]}" if labelled and labels else f"{path}[{index}]"
+        labeled = labels is not None and len(labels) == len(values)
+        place = f"{path}.{labels[index]}" if labeled and labels else f"{path}[{index}]"
         if kind == _BASE:
             yield place, parts[0], _plain(value)
         else:

@@ -202,7 +202,7 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     Args:
         stamp_ns: stamp of the newest line [ns].
         frame: frame of the sensor.
-        lines: grey values, shape (m, pixels), 8 or 16 bit.
+        lines: gray values, shape (m, pixels), 8 or 16 bit.
     """
     encoding = "mono8" if lines.dtype == np.uint8 else "mono16"
     little = np.ascontiguousarray(lines, dtype=_ENCODINGS[encoding])
@@ -249,7 +249,7 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
     """Return a line camera's size and scale.
 
     A line has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` that
-    across it (one pixel per width of the field of view), ``k[2]`` the centre [px].
+    across it (one pixel per width of the field of view), ``k[2]`` the center [px].
 
     Args:
         frame: of the sensor.
@@ -262,11 +262,11 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
     if length == 0.0:
         return info
     along, across = pixels / length, 1.0 / width if width > 0.0 else 0.0
-    centre = (pixels - 1) / 2.0
+    center = (pixels - 1) / 2.0
     info.distortion_model, info.d = "plumb_bob", [0.0] * 5
-    info.k = [along, 0.0, centre, 0.0, across, 0.0, 0.0, 0.0, 1.0]
+    info.k = [along, 0.0, center, 0.0, across, 0.0, 0.0, 0.0, 1.0]
     info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    info.p = [along, 0.0, centre, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    info.p = [along, 0.0, center, 0.0, 0.0, across, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     return info
 
 

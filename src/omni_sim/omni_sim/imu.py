@@ -33,8 +33,8 @@ class ImuConfiguration(Configuration):
     """Mounting and errors of the inertial measurement unit, those of a good MEMS one by default."""
 
     enabled: bool = parameter(True, description="Whether the vehicle has one")
-    x: float = parameter(0.0, description="Mounting, forward of the platform centre", unit="m")
-    y: float = parameter(0.0, description="Mounting, left of the platform centre", unit="m")
+    x: float = parameter(0.0, description="Mounting, forward of the platform center", unit="m")
+    y: float = parameter(0.0, description="Mounting, left of the platform center", unit="m")
     misalignment_deg: float = parameter(
         0.2,
         description="Error of the mounting angle",

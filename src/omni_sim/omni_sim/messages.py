@@ -20,14 +20,14 @@ from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation
 from omni_sim.vehicle.loads import GRAVITY
 
-# Colours that colour-blind readers can distinguish (Okabe and Ito).
+# Colors that color-blind readers can distinguish (Okabe and Ito).
 _BLUE = (0.0, 0.447, 0.698)
 _ORANGE = (0.902, 0.624, 0.0)
 _VERMILION = (0.835, 0.369, 0.0)
 _GREEN = (0.0, 0.620, 0.451)
 _SKY = (0.337, 0.706, 0.914)
-_GREY = (0.6, 0.6, 0.6)
-_METRES_PER_NEWTON = 1e-4
+_GRAY = (0.6, 0.6, 0.6)
+_METERS_PER_NEWTON = 1e-4
 _SECONDS_PER_ARROW = 0.1
 
 
@@ -90,7 +90,7 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
             (x, y, 0.3),
             yaw,
             (vehicle.chassis_length, vehicle.chassis_width, 0.2),
-            _GREY,
+            _GRAY,
         )
     ]
     load = origin + to_world @ np.array([vehicle.load.x, vehicle.load.y])
@@ -100,26 +100,26 @@ def scene_markers(configuration: SimulatorConfiguration, observation: Observatio
         locked = observation.brake_torque[index] != 0.0
         heading = yaw + math.radians(mount.heading_deg)
         size = (2.0 * mount.radius, 0.5 * mount.radius, 2.0 * mount.radius)
-        colour = _VERMILION if locked else _SKY
-        markers.append(_box(stamp_ns, "wheels", index, (*hub, mount.radius), heading, size, colour))
-        force = to_world @ observation.wheel_force_body[index] * _METRES_PER_NEWTON
+        color = _VERMILION if locked else _SKY
+        markers.append(_box(stamp_ns, "wheels", index, (*hub, mount.radius), heading, size, color))
+        force = to_world @ observation.wheel_force_body[index] * _METERS_PER_NEWTON
         markers.append(_arrow(stamp_ns, "wheel_forces", index, hub, force, _BLUE))
     velocity = to_world @ observation.twist[:2] * _SECONDS_PER_ARROW
     markers.append(_arrow(stamp_ns, "velocity", 0, origin, velocity, _ORANGE))
     for index, patch in enumerate(configuration.ground.patches.values()):
         heading = math.radians(patch.heading_deg)
-        centre = (patch.x, patch.y, -0.01)
+        center = (patch.x, patch.y, -0.01)
         size = (patch.length, patch.width, 0.01)
-        marker = _box(stamp_ns, "friction_patches", index, centre, heading, size, _SKY)
+        marker = _box(stamp_ns, "friction_patches", index, center, heading, size, _SKY)
         marker.type = Marker.CYLINDER if patch.shape == "ellipse" else Marker.CUBE
         markers.append(marker)
     return MarkerArray(markers=markers)
 
 
 def _marker(
-    stamp_ns: int, namespace: str, index: int, kind: int, colour: tuple[float, float, float]
+    stamp_ns: int, namespace: str, index: int, kind: int, color: tuple[float, float, float]
 ) -> Marker:
-    red, green, blue = colour
+    red, green, blue = color
     return Marker(
         header=header(stamp_ns, WORLD_FRAME),
         ns=namespace,
@@ -135,13 +135,13 @@ def _box(
     stamp_ns: int,
     namespace: str,
     index: int,
-    centre: tuple[float, float, float],
+    center: tuple[float, float, float],
     yaw: float,
     size: tuple[float, float, float],
-    colour: tuple[float, float, float],
+    color: tuple[float, float, float],
 ) -> Marker:
-    marker = _marker(stamp_ns, namespace, index, Marker.CUBE, colour)
-    marker.pose = Pose(position=_point(centre), orientation=_about_z(yaw))
+    marker = _marker(stamp_ns, namespace, index, Marker.CUBE, color)
+    marker.pose = Pose(position=_point(center), orientation=_about_z(yaw))
     marker.scale = Vector3(x=float(size[0]), y=float(size[1]), z=float(size[2]))
     return marker
 
@@ -149,12 +149,12 @@ def _box(
 def _sphere(
     stamp_ns: int,
     namespace: str,
-    centre: tuple[float, float, float],
+    center: tuple[float, float, float],
     diameter: float,
-    colour: tuple[float, float, float],
+    color: tuple[float, float, float],
 ) -> Marker:
-    marker = _marker(stamp_ns, namespace, 0, Marker.SPHERE, colour)
-    marker.pose = Pose(position=_point(centre), orientation=_about_z(0.0))
+    marker = _marker(stamp_ns, namespace, 0, Marker.SPHERE, color)
+    marker.pose = Pose(position=_point(center), orientation=_about_z(0.0))
     marker.scale = Vector3(x=diameter, y=diameter, z=diameter)
     return marker
 
@@ -165,9 +165,9 @@ def _arrow(
     index: int,
     tail: np.ndarray,
     vector: np.ndarray,
-    colour: tuple[float, float, float],
+    color: tuple[float, float, float],
 ) -> Marker:
-    marker = _marker(stamp_ns, namespace, index, Marker.ARROW, colour)
+    marker = _marker(stamp_ns, namespace, index, Marker.ARROW, color)
     height = 0.45
     marker.pose.orientation = _about_z(0.0)
     head = tail + vector

@@ -37,7 +37,7 @@ def camera(
 def exact(sharp: LineCamera, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, heading = sharp.footprints(pose[np.newaxis])[0]
     place = (float(x), float(y), float(heading))
-    return integrate_exactly(CORK.grey, SIZE, place, SENSOR.length, SENSOR.width, SENSOR.pixels)
+    return integrate_exactly(CORK.gray, SIZE, place, SENSOR.length, SENSOR.width, SENSOR.pixels)
 
 
 @pytest.mark.parametrize(
@@ -50,11 +50,11 @@ def test_a_moving_line_is_the_mean_over_its_exposure(
 ) -> None:
     blurred = camera(exposure_time=exposure_time)
     rates = np.array([velocity])
-    greys = blurred.greys(POSE, rates)[0]
+    grays = blurred.grays(POSE, rates)[0]
     times = ((np.arange(120) + 0.5) / 120 - 0.5) * exposure_time
     mean = np.mean([exact(blurred, POSE[0] + t * rates[0]) for t in times], axis=0)
-    sharp = camera().greys(POSE)[0]
-    assert np.sqrt(np.mean((greys - mean) ** 2)) < 0.25
+    sharp = camera().grays(POSE)[0]
+    assert np.sqrt(np.mean((grays - mean) ** 2)) < 0.25
     assert np.sqrt(np.mean((sharp - mean) ** 2)) > 1.0
 
 
@@ -72,30 +72,30 @@ def test_blurred_lines_do_not_depend_on_batches() -> None:
 def test_an_ordinary_lens_magnifies_with_its_height(height_error: float, scale: float) -> None:
     wider = dataclasses.replace(SENSOR, length=scale * SENSOR.length, width=scale * SENSOR.width)
     optics: dict[str, Any] = {"height_error": height_error, "working_distance": 0.1}
-    ordinary = camera(lens="ordinary", **optics).greys(POSE)
-    np.testing.assert_allclose(ordinary, camera(sensor=wider).greys(POSE), atol=0.05)
-    telecentric = camera(lens="telecentric", **optics).greys(POSE)
-    np.testing.assert_array_equal(telecentric, camera().greys(POSE))
+    ordinary = camera(lens="ordinary", **optics).grays(POSE)
+    np.testing.assert_allclose(ordinary, camera(sensor=wider).grays(POSE), atol=0.05)
+    telecentric = camera(lens="telecentric", **optics).grays(POSE)
+    np.testing.assert_array_equal(telecentric, camera().grays(POSE))
 
 
 def test_shading_falls_to_both_ends() -> None:
-    greys = camera(UNIFORM, shading=0.3).greys(POSE)[0]
+    grays = camera(UNIFORM, shading=0.3).grays(POSE)[0]
     place = np.linspace(-0.99, 0.99, 100)
-    np.testing.assert_allclose(greys, 200.0 * (1.0 - 0.3 * place**2), rtol=1e-5)
+    np.testing.assert_allclose(grays, 200.0 * (1.0 - 0.3 * place**2), rtol=1e-5)
 
 
 def test_dirt_stays_where_it_is_and_is_every_sensors_own() -> None:
     dirty: dict[str, Any] = {"dirt_spots": 3, "dirt_size": 0.0005, "dirt_opacity": 0.6}
     places = np.concatenate((POSE, POSE + 0.2))
-    one = camera(UNIFORM, **dirty).greys(places)
-    other = camera(UNIFORM, name="two", **dirty).greys(POSE)[0]
+    one = camera(UNIFORM, **dirty).grays(places)
+    other = camera(UNIFORM, name="two", **dirty).grays(POSE)[0]
     np.testing.assert_allclose(one[0], one[1], rtol=1e-5)
     assert not np.allclose(one[0], other)
-    for greys in (one[0], other):
-        assert greys.max() == pytest.approx(200.0)
-        assert 0.39**3 * 200.0 < greys.min() < 0.6 * 200.0
+    for grays in (one[0], other):
+        assert grays.max() == pytest.approx(200.0)
+        assert 0.39**3 * 200.0 < grays.min() < 0.6 * 200.0
         # Each shadow is as wide as 2.5 to 7.5 pixels.
-        assert 3 <= np.count_nonzero(greys < 199.9) <= 3 * 9
+        assert 3 <= np.count_nonzero(grays < 199.9) <= 3 * 9
 
 
 @pytest.mark.parametrize("decibel", [34.15, 48.13])

@@ -73,7 +73,7 @@ def test_lateral_slip_takes_longitudinal_force_away() -> None:
     side = np.linspace(0.0, 1.0, 50)
     force = combined_forces(TABLE_1, 0.1, side, 3000.0)
     assert np.all(np.diff(force[:, 0]) < 0.0)
-    # Full sliding: the force is along the normalised slip.
+    # Full sliding: the force is along the normalized slip.
     n_x, n_y = slip_norms(curve_of(TABLE_1, 3000.0), curve_of(TABLE_1, 3000.0, direction="y"))
     slid = combined_forces(TABLE_1, 3.0, 4.0, 3000.0)
     assert slid[1] / slid[0] == pytest.approx(4.0 / 3.0 * n_x / n_y, rel=1e-12)

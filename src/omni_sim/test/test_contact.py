@@ -54,7 +54,7 @@ def test_plane_of_a_plane_is_that_plane(
 
 
 @given(ANGLES)
-def test_normal_of_a_sphere_points_away_from_its_centre(heading: float) -> None:
+def test_normal_of_a_sphere_points_away_from_its_center(heading: float) -> None:
     radius = 10.0
     x, y = 3.0, -2.0
     plane = road_plane(
@@ -75,7 +75,7 @@ def test_contact_point_is_where_wheel_plane_and_road_meet_nearest_to_the_hub(
     along_x: float, along_y: float, heading: float, lean: float, height: float
 ) -> None:
     plane = road_plane(lambda x, y: along_x * x + along_y * y, 0.0, 0.0)
-    centre = np.array([0.0, 0.0, height])
+    center = np.array([0.0, 0.0, height])
     axis = np.array(
         [
             -math.sin(heading) * math.cos(lean),
@@ -83,8 +83,8 @@ def test_contact_point_is_where_wheel_plane_and_road_meet_nearest_to_the_hub(
             math.sin(lean),
         ]
     )
-    contact = wheel_contact(centre, axis, plane)
-    reach = centre - contact.point
+    contact = wheel_contact(center, axis, plane)
+    reach = center - contact.point
     assert reach @ axis == pytest.approx(0.0, abs=1e-12)
     assert (contact.point - plane.point) @ plane.normal == pytest.approx(0.0, abs=1e-12)
     assert contact.longitudinal @ axis == pytest.approx(0.0, abs=1e-12)
@@ -110,15 +110,15 @@ def test_wheel_that_lies_on_its_side_or_is_buried_is_refused() -> None:
 
 
 @given(st.floats(-0.1, 0.1), st.floats(0.02, 0.1), st.floats(0.006, 0.02))
-def test_static_contact_point_is_the_centre_of_pressure(
+def test_static_contact_point_is_the_center_of_pressure(
     camber: float, width: float, deflection: float
 ) -> None:
     # Springs side by side over the width; the one at s along the wheel axis reaches s sin(beta)
     # higher than the middle, so it is pressed in by s tan(beta) less along the wheel plane.
     s = (np.arange(4000) + 0.5) / 4000 * width - 0.5 * width
     pressure = deflection - s * math.tan(camber)
-    centre = float(pressure @ s / pressure.sum())
-    along_road = centre / math.cos(camber)
+    center = float(pressure @ s / pressure.sum())
+    along_road = center / math.cos(camber)
     assert static_contact_offset(camber, width, deflection) == pytest.approx(
         along_road, rel=1e-6, abs=1e-15
     )

@@ -21,7 +21,7 @@ def test_patch_counts_inside_and_the_base_outside() -> None:
     assert ground.at(5.0, -0.49) == 0.9
 
 
-def test_turned_patch_turns_about_its_centre() -> None:
+def test_turned_patch_turns_about_its_center() -> None:
     patch = FrictionPatch(x=1.0, y=2.0, length=4.0, width=0.2, heading_deg=30.0, friction=0.3)
     ground = FrictionMap(1.0, {"strip": patch})
     along = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))

@@ -17,8 +17,8 @@ from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import PICTURE, TextureConfiguration, generate_texture
 
 DPI = 520.0
-CORK = generate_texture(TextureConfiguration(size=0.05, texels=1024)).grey[:700, :900].copy()
-COLOUR = np.dstack([CORK, CORK, CORK])
+CORK = generate_texture(TextureConfiguration(size=0.05, texels=1024)).gray[:700, :900].copy()
+COLOR = np.dstack([CORK, CORK, CORK])
 DEEP = CORK.astype(np.uint16) * 257
 
 
@@ -27,9 +27,9 @@ def chunk(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content)) + kind + content + crc
 
 
-def deep_colour_png(path: Path) -> None:
-    """Write 16-bit colour, which Pillow reads but does not write."""
-    rows = (COLOUR.astype(np.uint16) * 257).astype(">u2")
+def deep_color_png(path: Path) -> None:
+    """Write 16-bit color, which Pillow reads but does not write."""
+    rows = (COLOR.astype(np.uint16) * 257).astype(">u2")
     content = b"".join(b"\0" + row.tobytes() for row in rows)
     header = struct.pack(">IIBBBBB", CORK.shape[1], CORK.shape[0], 16, 2, 0, 0, 0)
     parts = ((b"IHDR", header), (b"IDAT", zlib.compress(content, 1)), (b"IEND", b""))
@@ -41,30 +41,30 @@ def write(path: Path, pixels: NDArray[np.generic]) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize("pixels", [CORK, DEEP, COLOUR], ids=["grey", "16 bit", "colour"])
+@pytest.mark.parametrize("pixels", [CORK, DEEP, COLOR], ids=["gray", "16 bit", "color"])
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 def test_every_kind_of_file_shows_the_same_ground(
     tmp_path: Path, pixels: NDArray[np.generic], suffix: str
 ) -> None:
     texture = read_picture(write(tmp_path / f"scan{suffix}", pixels), DPI)
-    period = len(texture.grey)
+    period = len(texture.gray)
     assert texture.texel == pytest.approx(0.0254 / DPI)
     assert 0.9 * 700 < period < 700
     # Beyond the blended strips it is the square from the middle, texel for texel.
-    np.testing.assert_array_equal(texture.grey[60:, 60:], CORK[60:period, 100 + 60 : 100 + period])
+    np.testing.assert_array_equal(texture.gray[60:, 60:], CORK[60:period, 100 + 60 : 100 + period])
 
 
-def test_16_bit_colour_is_read(tmp_path: Path) -> None:
-    deep_colour_png(tmp_path / "deep.png")
+def test_16_bit_color_is_read(tmp_path: Path) -> None:
+    deep_color_png(tmp_path / "deep.png")
     plain = read_picture(write(tmp_path / "plain.png", CORK), DPI)
     deep = read_picture(str(tmp_path / "deep.png"), DPI)
-    np.testing.assert_array_equal(deep.grey, plain.grey)
+    np.testing.assert_array_equal(deep.gray, plain.gray)
 
 
 def test_the_seam_is_like_any_other_line(tmp_path: Path) -> None:
-    grey = read_picture(write(tmp_path / "scan.png", CORK), DPI).grey.astype(np.float64)
+    gray = read_picture(write(tmp_path / "scan.png", CORK), DPI).gray.astype(np.float64)
     for axis in (0, 1):
-        steps = np.abs(np.diff(grey, axis=axis, append=grey.take([0], axis=axis)))
+        steps = np.abs(np.diff(gray, axis=axis, append=gray.take([0], axis=axis)))
         by_line = steps.mean(axis=1 - axis)
         assert by_line[-1] < by_line.mean() + 5.0 * by_line.std()
 
@@ -73,7 +73,7 @@ def test_a_picture_comes_through_the_cache(tmp_path: Path) -> None:
     path = write(tmp_path / "scan.png", CORK)
     configuration = TextureConfiguration(kind=PICTURE, picture=path, dpi=DPI)
     texture = TextureCache(tmp_path / "cache").texture(configuration)
-    np.testing.assert_array_equal(texture.grey, read_picture(path, DPI).grey)
+    np.testing.assert_array_equal(texture.gray, read_picture(path, DPI).gray)
     with pytest.raises(ValueError, match="read"):
         generate_texture(configuration)
 

@@ -25,14 +25,14 @@ SIZE = 0.05
 
 def ground(kind: str, texels: int = 1024, seed: int = 1) -> NDArray[np.float64]:
     configuration = TextureConfiguration(kind=kind, size=SIZE, texels=texels, seed=seed)
-    return generate_texture(configuration).grey.astype(np.float64)
+    return generate_texture(configuration).gray.astype(np.float64)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_seam_is_like_any_other_line(kind: str) -> None:
-    grey = ground(kind)
+    gray = ground(kind)
     for axis in (0, 1):
-        steps = np.abs(np.diff(grey, axis=axis, append=grey.take([0], axis=axis)))
+        steps = np.abs(np.diff(gray, axis=axis, append=gray.take([0], axis=axis)))
         by_line = steps.mean(axis=1 - axis)
         assert by_line[-1] < by_line.mean() + 5.0 * by_line.std()
 
@@ -56,36 +56,36 @@ def test_the_seed_decides_everything(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_contrast_uses_the_range_without_clipping(kind: str) -> None:
-    grey = ground(kind)
+    gray = ground(kind)
     dark = {"grass": 90.0, "bark": 70.0}
-    assert dark.get(kind, 100.0) < grey.mean() < 155.0
+    assert dark.get(kind, 100.0) < gray.mean() < 155.0
     faint = kind in {"plastic", "metal"}
     least = {"worn_asphalt": 10.0, "concrete": 13.0}.get(kind, 15.0)
-    assert 1.0 < grey.std() < 6.0 if faint else grey.std() > least
+    assert 1.0 < gray.std() < 6.0 if faint else gray.std() > least
     clipped = {"dry_earth": 0.01, "bark": 0.01}.get(kind, 1e-3)
-    assert np.mean((grey == 0.0) | (grey == 255.0)) < clipped
+    assert np.mean((gray == 0.0) | (gray == 255.0)) < clipped
 
 
 @pytest.mark.parametrize("kind", ["cork", "asphalt", "stone"])
 def test_standard_grounds_stay_what_they_were(kind: str) -> None:
     # Recordings and figures of all versions rest on them.
-    grey = ground(kind).astype(np.uint8)
+    gray = ground(kind).astype(np.uint8)
     digest = {"cork": 0x965032A8, "asphalt": 0xC6AFA54F, "stone": 0x3CDC908C}
-    assert zlib.crc32(grey.data) == digest[kind]
+    assert zlib.crc32(gray.data) == digest[kind]
 
 
 def test_wood_is_a_bar_code() -> None:
     # Looked at by a camera 20 mm wide, the grain along x leaves nothing to see along x.
-    grey = ground("wood")
+    gray = ground("wood")
     wide = 1024 * 20 // 50
-    across_grain, along_grain = grey[:, :wide].mean(axis=1), grey[:wide].mean(axis=0)
+    across_grain, along_grain = gray[:, :wide].mean(axis=1), gray[:wide].mean(axis=0)
     assert across_grain.std() > 8.0
     assert np.diff(along_grain).std() < 0.03 * np.diff(across_grain).std()
 
 
 def test_a_walking_tile_repeats_every_20_mm() -> None:
-    grey = generate_texture(TextureConfiguration(kind="walking_tile", size=0.1, texels=1000)).grey
-    row = grey - grey.mean(axis=1, keepdims=True)
+    gray = generate_texture(TextureConfiguration(kind="walking_tile", size=0.1, texels=1000)).gray
+    row = gray - gray.mean(axis=1, keepdims=True)
     shifted = [float(np.mean(row * np.roll(row, shift, axis=1))) for shift in (0, 100, 200)]
     assert shifted[2] > 0.5 * shifted[0]
     assert shifted[1] < 0.0
@@ -108,8 +108,8 @@ def test_the_resolution_of_the_dissertation_fits() -> None:
 
 
 def test_structure_grows_from_cork_to_stone() -> None:
-    def correlation_length(grey: NDArray[np.float64]) -> int:
-        spectrum = np.abs(np.fft.fft2(grey - grey.mean())) ** 2
+    def correlation_length(gray: NDArray[np.float64]) -> int:
+        spectrum = np.abs(np.fft.fft2(gray - gray.mean())) ** 2
         along_x = np.fft.ifft2(spectrum).real[0]
         return int(np.argmax(along_x < 0.5 * along_x[0]))
 
@@ -150,7 +150,7 @@ def test_a_cached_texture_is_not_generated_again(
     made = TextureCache(tmp_path / "new").texture(CONFIGURATION)
     monkeypatch.setattr(texture_cache, "generate_texture", refuse)
     read = TextureCache(tmp_path / "new").texture(CONFIGURATION)
-    np.testing.assert_array_equal(read.grey, made.grey)
+    np.testing.assert_array_equal(read.gray, made.gray)
     assert read.size == SIZE
     with pytest.raises(AssertionError):
         TextureCache(tmp_path / "new").texture(TextureConfiguration(size=SIZE, texels=256, seed=2))
@@ -174,7 +174,7 @@ def test_a_damaged_file_is_replaced(tmp_path: Path, damage: str) -> None:
         "other": cache.path(other).read_bytes(),  # sound, but of another shape
     }
     path.write_bytes(damaged[damage])
-    np.testing.assert_array_equal(cache.texture(CONFIGURATION).grey, made.grey)
+    np.testing.assert_array_equal(cache.texture(CONFIGURATION).gray, made.gray)
     assert path.read_bytes() == sound
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
         cache.path(c).name for c in (CONFIGURATION, other)
@@ -185,4 +185,4 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path: Path) -> None
     blocked = tmp_path / "file"
     blocked.write_text("in the way", encoding="utf-8")
     texture = TextureCache(blocked / "below").texture(CONFIGURATION)
-    np.testing.assert_array_equal(texture.grey, generate_texture(CONFIGURATION).grey)
+    np.testing.assert_array_equal(texture.gray, generate_texture(CONFIGURATION).gray)

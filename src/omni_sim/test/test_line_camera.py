@@ -55,40 +55,40 @@ def test_a_camera_sees_the_ground_below_its_place_on_the_body() -> None:
         x = 1.7 + math.cos(0.9) * sensor.x - math.sin(0.9) * sensor.y
         y = -0.4 + math.sin(0.9) * sensor.x + math.cos(0.9) * sensor.y
         exact = integrate_exactly(
-            CORK.grey,
+            CORK.gray,
             SIZE,
             (x, y, 0.9 + math.radians(sensor.heading_deg)),
             sensor.length,
             sensor.width,
             sensor.pixels,
         )
-        error = cameras[name].greys(pose)[0] - exact
+        error = cameras[name].grays(pose)[0] - exact
         assert np.std(exact) > 3.0
         assert np.sqrt(np.mean(error**2)) < 0.2
 
 
 @pytest.mark.parametrize(("bit_depth", "scale", "kind"), [(8, 1, np.uint8), (16, 257, np.uint16)])
-def test_noiseless_pixels_are_rounded_greys(
+def test_noiseless_pixels_are_rounded_grays(
     bit_depth: int, scale: int, kind: type[np.generic]
 ) -> None:
     cameras = array(noise=0.0, bit_depth=bit_depth, gain=1.5, offset=-20.0)
     lines = cameras.render(dict.fromkeys(SENSORS, path(4)))
     for name, camera in cameras.cameras.items():
         assert lines[name].dtype == kind
-        wanted = np.clip((1.5 * camera.greys(path(4)) - 20.0) * scale, 0, 255 * scale)
+        wanted = np.clip((1.5 * camera.grays(path(4)) - 20.0) * scale, 0, 255 * scale)
         assert np.abs(lines[name] - wanted).max() <= 0.5 + 1e-3 * scale
 
 
-@pytest.mark.parametrize(("offset", "grey"), [(400.0, 1.0), (-400.0, 0.0)])
-def test_brightness_is_clipped_to_the_range(offset: float, grey: float) -> None:
+@pytest.mark.parametrize(("offset", "gray"), [(400.0, 1.0), (-400.0, 0.0)])
+def test_brightness_is_clipped_to_the_range(offset: float, gray: float) -> None:
     for bit_depth, white in ((8, 255), (16, 65535)):
         lines = array(offset=offset, bit_depth=bit_depth).render({"left": path(3)})["left"]
-        np.testing.assert_array_equal(lines, grey * white)
+        np.testing.assert_array_equal(lines, gray * white)
 
 
 @pytest.mark.parametrize("deviation", [0.5, 1.0, 5.0])
 def test_noise_is_white_and_normal(deviation: float) -> None:
-    # At 16 bits quantisation (1/257 grey levels) does not show.
+    # At 16 bits quantization (1/257 gray levels) does not show.
     cameras = array(UNIFORM, noise=deviation, bit_depth=16)
     noise = cameras.render({"right": path(4000)})["right"] / 257.0 - 100.0
     count = noise.size
@@ -142,9 +142,9 @@ def test_coarse_pixels_use_a_coarser_level_and_look_the_same() -> None:
     camera = array(fine, {"coarse": sensor}).cameras["coarse"]
     assert camera.texels < 2048
     for heading in (0.0, 0.4, 1.1, 2.5):
-        greys = camera.greys(np.array([[0.01, 0.02, heading]]))[0]
-        exact = integrate_exactly(fine.grey, SIZE, (0.01, 0.02, heading), 0.05, 0.0195, 64)
-        assert np.sqrt(np.mean((greys - exact) ** 2)) < 0.15
+        grays = camera.grays(np.array([[0.01, 0.02, heading]]))[0]
+        exact = integrate_exactly(fine.gray, SIZE, (0.01, 0.02, heading), 0.05, 0.0195, 64)
+        assert np.sqrt(np.mean((grays - exact) ** 2)) < 0.15
 
 
 def test_a_camera_takes_as_many_texels_on_a_ground_of_any_resolution() -> None:
@@ -163,9 +163,9 @@ from omni_sim.texture.texture import GroundTexture
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 
 texels = int(sys.argv[1])
-grey = np.full((texels, texels), 100, np.uint8)
-grey[::2] = 120
-texture = GroundTexture(grey, texels * 0.0254 / 2400.0)
+gray = np.full((texels, texels), 100, np.uint8)
+gray[::2] = 120
+texture = GroundTexture(gray, texels * 0.0254 / 2400.0)
 sensors = {
     "wide": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
     "narrow": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025),

@@ -35,7 +35,7 @@ def test_masses_combine_by_steiner() -> None:
     load = MassConfiguration(mass=100.0, x=1.0, y=0.5, height=1.4, yaw_inertia=5.0)
     together = MassProperties.of(body, load)
     assert together.mass == 1000.0
-    np.testing.assert_allclose(together.centre, [0.1, 0.05])
+    np.testing.assert_allclose(together.center, [0.1, 0.05])
     assert together.height == pytest.approx(0.5)
     # Two bodies: J = sum J_k + (m_1 m_2 / m) d^2
     assert together.yaw_inertia == pytest.approx(305.0 + 90.0 * 1.25)

@@ -44,14 +44,14 @@ def circle(speed: float, rate: float, count: int = 50) -> list[FloatArray]:
     return [np.array([0.0, 0.0, rate * PERIOD * k, speed, 0.0, rate]) for k in range(count)]
 
 
-def test_on_a_circle_the_force_points_to_its_centre() -> None:
+def test_on_a_circle_the_force_points_to_its_center() -> None:
     readings = read(circle(3.0, 0.8))
     assert readings[:, 0] == pytest.approx(0.8)
     assert readings[1:, 1] == pytest.approx(0.0, abs=1e-4)
     assert readings[1:, 2] == pytest.approx(3.0 * 0.8, rel=1e-5)
 
 
-def test_a_spinning_vehicle_is_felt_off_centre_only() -> None:
+def test_a_spinning_vehicle_is_felt_off_center_only() -> None:
     assert read(circle(0.0, 2.0), x=0.5)[1:, 1] == pytest.approx(-4.0 * 0.5, rel=1e-3)
     assert read(circle(0.0, 2.0))[1:, 1:] == pytest.approx(0.0, abs=1e-12)
 

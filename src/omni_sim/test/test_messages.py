@@ -37,7 +37,7 @@ def test_a_pixel_of_the_camera_is_found_on_the_ground() -> None:
     sensor = LineSensor(x=0.0, y=0.5, heading_deg=0.0, pixels=335, length=0.05, width=0.02)
     info = camera_info("left", sensor.pixels, sensor.length, sensor.width)
     projection = np.array(info.p).reshape(3, 4)
-    # One metre above it a pinhole camera of this scale sees the ends of the field of view
+    # One meter above it a pinhole camera of this scale sees the ends of the field of view
     # at the outer edges of the first and the last pixel.
     ends = [projection @ [x, 0.0, 1.0, 1.0] for x in (-0.025, 0.025)]
     assert [end[0] for end in ends] == pytest.approx([-0.5, 334.5])

@@ -126,7 +126,7 @@ def test_wheel_rate_of_equation_16_leaves_no_velocity_in_the_contact(
         assert turning[2] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_wheel_rate_under_the_centre_is_that_of_equation_28() -> None:
+def test_wheel_rate_under_the_center_is_that_of_equation_28() -> None:
     wheels = {
         "a": WheelMount(x=0.6, y=0.5, roller_angle_deg=-45.0),
         "b": WheelMount(x=0.6, y=-0.5, roller_angle_deg=45.0),
@@ -142,7 +142,7 @@ def test_wheel_rate_under_the_centre_is_that_of_equation_28() -> None:
             distance=0.15,
             radius=mount.radius,
             rollers=9,
-            centre=(mount.x, mount.y),
+            center=(mount.x, mount.y),
         )
         assert float(geometry.wheel_rate(0.0, twist)) == pytest.approx(rate)
 
@@ -163,12 +163,12 @@ def test_contact_jumps_from_edge_to_edge_at_every_change_of_rollers() -> None:
     np.testing.assert_allclose(gamma, angle - pitch * np.array(numbers), atol=1e-12)
 
 
-def test_roller_centres_are_those_of_equation_17() -> None:
+def test_roller_centers_are_those_of_equation_17() -> None:
     geometry = wheel(45.0, rollers=6)
-    centres = geometry.roller_centres
-    np.testing.assert_allclose(np.linalg.norm(centres, axis=1), geometry.distance)
-    np.testing.assert_allclose(centres[-1], [0.0, 0.0, geometry.distance], atol=1e-15)
-    np.testing.assert_allclose(centres[2], [0.0, 0.0, -geometry.distance], atol=1e-15)
+    centers = geometry.roller_centers
+    np.testing.assert_allclose(np.linalg.norm(centers, axis=1), geometry.distance)
+    np.testing.assert_allclose(centers[-1], [0.0, 0.0, geometry.distance], atol=1e-15)
+    np.testing.assert_allclose(centers[2], [0.0, 0.0, -geometry.distance], atol=1e-15)
 
 
 @pytest.mark.parametrize(

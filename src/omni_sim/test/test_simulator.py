@@ -189,7 +189,7 @@ def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
 
 
 def test_tipping_is_told_and_timed() -> None:
-    """Centre of gravity 5 m up, braking at about 6 m/s^2: the moment exceeds that of the weight."""
+    """Center of gravity 5 m up, braking at about 6 m/s^2: the moment exceeds that of the weight."""
     upright = configuration().vehicle
     high = dataclasses.replace(
         upright, load=dataclasses.replace(upright.load, mass=2000.0, height=5.0)

@@ -24,7 +24,7 @@ OFF, ON, STILL = np.zeros(4), np.ones(4), np.zeros(3)
 def sprung(
     vehicle: VehicleConfiguration, stiffness: float = STIFFNESS, damping_ratio: float = 0.3
 ) -> VehicleConfiguration:
-    """Return a vehicle on springs, its centre of gravity in the middle of its wheels."""
+    """Return a vehicle on springs, its center of gravity in the middle of its wheels."""
     parts = {
         name: dataclasses.replace(getattr(vehicle, name), x=0.0, y=0.0) for name in ("body", "load")
     }
@@ -66,7 +66,7 @@ def test_it_bounces_with_its_natural_frequency(
     assert peaks[1] / peaks[0] == pytest.approx(decay, rel=0.05, abs=0.01)
 
 
-def test_a_wheel_mounted_higher_hands_its_load_to_its_neighbours(
+def test_a_wheel_mounted_higher_hands_its_load_to_its_neighbors(
     forklift: VehicleConfiguration,
 ) -> None:
     """Of four wheels' heights only their warp is opposed: a quarter of c times the height each."""
@@ -86,7 +86,7 @@ def test_a_wheel_far_too_high_carries_nothing(forklift: VehicleConfiguration) ->
     index = list(vehicle.wheel_names).index("rear_left")
     assert loads[index] == 0.0
     assert loads.sum() == pytest.approx(vehicle.masses.mass * GRAVITY, rel=1e-3)
-    # The opposite wheel's neighbours carry half each: the centre of gravity is between them.
+    # The opposite wheel's neighbors carry half each: the center of gravity is between them.
     assert loads[list(vehicle.wheel_names).index("front_right")] == pytest.approx(0.0, abs=200.0)
 
 

@@ -53,7 +53,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> TextureCache:
 
 
 def test_a_view_follows_the_foot_of_the_line_of_sight() -> None:
-    """Rotate camera and axis about the centre of gravity, and meet the ground."""
+    """Rotate camera and axis about the center of gravity, and meet the ground."""
     height, tilt, yaw = 0.4, np.array((0.02, -0.03)), 0.8
     normal = np.array((-tilt[0], -tilt[1], 1.0)) / math.sqrt(1.0 + float(tilt @ tilt))
     # The shortest turn that takes the vertical to the normal.
@@ -108,7 +108,7 @@ def test_a_nose_dive_is_seen_as_a_motion_of_the_ground(
 def test_a_stiff_vehicle_sees_what_it_saw(
     forklift: VehicleConfiguration, cache: TextureCache
 ) -> None:
-    """On flat ground, whatever the lens, nothing of this changes a grey level."""
+    """On flat ground, whatever the lens, nothing of this changes a gray level."""
     lenses = [CameraConfiguration(lens=lens) for lens in ("telecentric", "ordinary")]
     subjects = [simulator(forklift, cache, camera=camera) for camera in lenses]
     for _ in range(5):

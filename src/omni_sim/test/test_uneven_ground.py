@@ -106,10 +106,10 @@ def test_vehicle_parked_on_an_incline_does_not_creep(
     settled = vehicle.pose
     vehicle.advance(120_000, 1.0, ON, NO_COMMAND)
     assert np.max(np.abs(vehicle.pose - settled)) < 1e-5
-    # Downhill wheels carry more: the weight acts at the height of the centre of gravity.
+    # Downhill wheels carry more: the weight acts at the height of the center of gravity.
     angle, masses = math.atan(0.05), vehicle.masses
     uphill = np.array([math.cos(math.radians(uphill_deg)), math.sin(math.radians(uphill_deg))])
-    lever = vehicle.kinematics.geometry.position - masses.centre
+    lever = vehicle.kinematics.geometry.position - masses.center
     moment = -masses.height * masses.mass * GRAVITY * math.sin(angle) * uphill
     np.testing.assert_allclose(vehicle.wheels["load"] @ lever, moment, atol=0.5)
 
@@ -179,10 +179,10 @@ def test_speed_on_the_crest_and_its_load_are_those_of_a_point_mass(
     mass = vehicle.masses.mass
     vehicle.advance(2, 1.0, OFF, NO_COMMAND)
     assert vehicle.wheels["load"].sum() == pytest.approx(mass * (GRAVITY + bend * 9.0**2), rel=0.01)
-    while vehicle.velocity_of_gravity_centre[0] > 0.0 and vehicle.pose[0] < 20.0 - 0.13:
+    while vehicle.velocity_of_gravity_center[0] > 0.0 and vehicle.pose[0] < 20.0 - 0.13:
         vehicle.advance(10, 1.0, OFF, NO_COMMAND)
     crest = math.sqrt(9.0**2 - 4.0 * GRAVITY)
-    assert vehicle.velocity_of_gravity_centre[0] == pytest.approx(crest, rel=0.004)
+    assert vehicle.velocity_of_gravity_center[0] == pytest.approx(crest, rel=0.004)
     assert vehicle.wheels["load"].sum() == pytest.approx(
         mass * (GRAVITY - bend * crest**2), rel=0.01
     )

@@ -111,7 +111,7 @@ def momentum_balance(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray
     masses = vehicle.masses
     yaw = log.trajectory[:, 2]
     rate = log.trajectory[:, 5]
-    lever = np.array([turned(masses.centre[0], masses.centre[1], angle) for angle in yaw])
+    lever = np.array([turned(masses.center[0], masses.center[1], angle) for angle in yaw])
     velocity = log.trajectory[:, 3:5] + rate[:, np.newaxis] * np.column_stack(
         (-lever[:, 1], lever[:, 0])
     )
@@ -125,7 +125,7 @@ def momentum_balance(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray
         for force, direction, contact in zip(
             forces, geometry.active, geometry.position, strict=True
         ):
-            arm = contact - masses.centre
+            arm = contact - masses.center
             push = turned(force * direction[0], force * direction[1], angle)
             impulse[:2] += push * vehicle.physics_step
             impulse[2] += (

@@ -26,9 +26,9 @@ def test_forklift_is_a_mecanum_platform_in_the_order_of_equation_35(
 
 
 def test_forklift_is_loaded_at_the_front_left(forklift: VehicleConfiguration) -> None:
-    centre = MassProperties.of(forklift.body, forklift.load).centre
-    assert np.all(centre >= 0.0999)
-    assert np.all(centre <= 0.15)
+    center = MassProperties.of(forklift.body, forklift.load).center
+    assert np.all(center >= 0.0999)
+    assert np.all(center <= 0.15)
 
 
 def test_robot_is_the_platform_of_equation_34(robot: VehicleConfiguration) -> None:
@@ -46,7 +46,7 @@ def test_both_stand_on_the_tire_of_table_1(
     assert robot.tire == TireConfiguration()
 
 
-def test_centre_of_gravity_beside_the_wheels_is_refused(forklift: VehicleConfiguration) -> None:
+def test_center_of_gravity_beside_the_wheels_is_refused(forklift: VehicleConfiguration) -> None:
     heavy = dataclasses.replace(forklift.load, mass=2000.0, x=1.2)
     with pytest.raises(ConfigurationError, match="falls over"):
         dataclasses.replace(forklift, load=heavy)

@@ -12,7 +12,7 @@ angle are those of weighted least squares whatever the variances.
 
 **The straight line between two instants.** On an arc about which the platform turns by phi,
 
-- displacements along the axes of the first instant fulfil (73)-(75) *exactly*: the y differ by
+- displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y differ by
   ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) take just this out;
 - a line camera measures along its own axis, which turns. Its displacements are the path in turning
   axes, and (73)-(75) are then off by the first order of the angle: the path is turned by phi / 2,

@@ -75,10 +75,10 @@ class FlowChipConfiguration(Configuration):
     chip: str = parameter(choices=CHIPS, description="Which chip it is")
     bus: int = parameter(0, description="Number of the SPI port", minimum=0, maximum=9)
     chip_select: int = parameter(1, description="Chip select of the SPI port", minimum=0, maximum=9)
-    counts_per_metre: float = parameter(
+    counts_per_meter: float = parameter(
         0.0,
-        description="Counts of a PMW3901 or PAA5100 per metre at its mounting height: move it by "
-        "one metre and read 'counts' on /diagnostics",
+        description="Counts of a PMW3901 or PAA5100 per meter at its mounting height: move it by "
+        "one meter and read 'counts' on /diagnostics",
         unit="1/m",
         minimum=0.0,
         maximum=1.0e6,
@@ -106,10 +106,10 @@ class FlowChipConfiguration(Configuration):
 
     def check_consistency(self) -> None:
         """Refuse a chip without the calibration that it needs."""
-        if self.chip != OTOS and self.counts_per_metre == 0.0:
+        if self.chip != OTOS and self.counts_per_meter == 0.0:
             raise ConfigurationError(
-                "counts_per_metre",
-                "is needed: move the sensor by one metre and divide the change of 'counts' on "
+                "counts_per_meter",
+                "is needed: move the sensor by one meter and divide the change of 'counts' on "
                 "/diagnostics by it; 1 publishes counts per second",
             )
 
@@ -173,11 +173,11 @@ class CountingChip:
             return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
         moved = np.array([x, y] if motion & _MOVED else [0, 0])
         self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
-        velocity = moved / (limits.counts_per_metre * elapsed)
+        velocity = moved / (limits.counts_per_meter * elapsed)
         speed = math.hypot(*velocity)
         if speed > limits.maximum_speed > 0.0:
             return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
-        rounding = _COUNT_DEVIATION / (limits.counts_per_metre * elapsed)
+        rounding = _COUNT_DEVIATION / (limits.counts_per_meter * elapsed)
         deviation = math.hypot(rounding, limits.relative_deviation * speed)
         return FlowSample(
             np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""

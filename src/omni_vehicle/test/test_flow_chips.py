@@ -22,7 +22,7 @@ from omni_vehicle.flow_chips import (
 )
 
 PERIOD = 0.01
-COUNTS_PER_METRE = 4000.0
+COUNTS_PER_METER = 4000.0
 
 
 class SpiFlowChip:
@@ -49,7 +49,7 @@ class SpiFlowChip:
 
     def pass_time(self, seconds: float) -> None:
         for axis in (0, 1):
-            self._moved[axis] += COUNTS_PER_METRE * self.velocity[axis] * seconds
+            self._moved[axis] += COUNTS_PER_METER * self.velocity[axis] * seconds
 
     def xfer2(self, words: list[int]) -> list[int]:
         if not self.plugged:
@@ -140,7 +140,7 @@ class Bench:
     """A chip that is read at a rate over a ground that moves."""
 
     def __init__(self, **changes: Any) -> None:
-        given: dict[str, Any] = {"chip": "pmw3901", "counts_per_metre": COUNTS_PER_METRE} | changes
+        given: dict[str, Any] = {"chip": "pmw3901", "counts_per_meter": COUNTS_PER_METER} | changes
         self.configuration = FlowChipConfiguration(**given)
         self.chip = open_chip(self.configuration)
         self.board, self.time = SpiFlowChip.board, 0.0
@@ -161,7 +161,7 @@ def test_counts_become_a_velocity_within_its_stated_deviation(chip: str) -> None
     values = np.array([sample.velocity[:2] for sample in samples])
     np.testing.assert_allclose(values.mean(axis=0), bench.board.velocity, atol=1e-3)
     stated = samples[-1].deviation[0]
-    assert stated == pytest.approx(1.0 / (COUNTS_PER_METRE * PERIOD * math.sqrt(12.0)))
+    assert stated == pytest.approx(1.0 / (COUNTS_PER_METER * PERIOD * math.sqrt(12.0)))
     # Counts cut off what the next reading makes up for: two roundings, each within the stated one.
     assert np.all(values.std(axis=0) < 2.0 * stated)
     assert np.isnan(samples[-1].velocity[2])  # one chip measures no yaw rate
@@ -215,7 +215,7 @@ def test_an_unplugged_chip_is_noticed_at_once_and_opened_again(
 
 @pytest.mark.usefixtures("spi")
 def test_the_scale_must_be_measured() -> None:
-    with pytest.raises(ConfigurationError, match="counts_per_metre"):
+    with pytest.raises(ConfigurationError, match="counts_per_meter"):
         FlowChipConfiguration(chip="paa5100")
 
 

@@ -39,7 +39,7 @@ class LineAssembler:
         """Take a frame and return the batches that are complete, oldest first.
 
         Args:
-            picture: grey levels, shape (height, width).
+            picture: gray levels, shape (height, width).
             arrival_ns: its stamp by the driver, or when it came [ns].
             number: by which the driver counts it; None where it does not.
 

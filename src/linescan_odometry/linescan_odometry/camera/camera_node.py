@@ -155,7 +155,7 @@ class CameraNode(Node):
             "lines per second": f"{self._assembler.line_rate:g}",
             "frames lost": f"{clock.lost}, and {self._overrun} for want of computing power",
             "time began anew": str(clock.anew),
-            "mean grey level": f"{frame.picture.mean():.1f}",
+            "mean gray level": f"{frame.picture.mean():.1f}",
         }
         words = []
         if lost > self._lost:

@@ -66,7 +66,7 @@ class CameraConfiguration(Configuration):
     )
     pixel_format: str = parameter(
         "",
-        description="Asked of a device: four characters of V4L2 (GREY, Y16, YUYV, MJPG) or a name "
+        description="Asked of a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a name "
         "of GenICam (Mono8, Mono12); empty as it is, Mono8 of GenICam",
     )
     exposure: float = parameter(

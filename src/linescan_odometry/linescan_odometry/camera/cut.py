@@ -34,7 +34,7 @@ class Cut:
         """Return the lines of a picture, 8 or 16 bit, shape (m, n).
 
         Raises:
-            FrameError: it has no such rows, or its values are no grey levels.
+            FrameError: it has no such rows, or its values are no gray levels.
         """
         if picture.ndim != 2:
             raise FrameError(f"has {picture.ndim} dimensions, a stack of lines has two")
@@ -70,12 +70,12 @@ def row_range(text: str, key: str) -> tuple[int, int] | None:
 
 
 def _whole(rows: NDArray[Any]) -> Lines:
-    """Return grey levels as 8 or 16 bit."""
+    """Return gray levels as 8 or 16 bit."""
     if rows.dtype in (np.uint8, np.uint16):
         return np.ascontiguousarray(rows)
     low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))
     if not (np.isfinite([low, high]).all() and low >= 0.0 and high <= 65535.0):
-        raise FrameError(f"has grey levels from {low:g} to {high:g}, not 0 to 65535")
+        raise FrameError(f"has gray levels from {low:g} to {high:g}, not 0 to 65535")
     wide = rows.dtype.kind not in "fb" and rows.dtype.itemsize > 1 and high > 255.0
     rounded = np.rint(rows)
     whole: Lines = rounded.astype(np.uint16 if wide or high > 255.0 else np.uint8)

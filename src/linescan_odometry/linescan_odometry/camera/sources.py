@@ -21,7 +21,7 @@ VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
 """How a library that set-up does not install comes into the environment."""
 
-_RAW = ("GREY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # of V4L2, which OpenCV must not turn into colours
+_RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # of V4L2, which OpenCV must not turn into colors
 _FETCH_TIMEOUT = 0.5  # [s] after which a silent GenICam camera is asked again
 _DEFAULT_FORMAT = "Mono8"
 _MANUAL = 1.0  # exposure of V4L2, which is given in units of 100 us
@@ -36,7 +36,7 @@ class Frame:
     """A picture of a camera.
 
     Attributes:
-        picture: grey levels, shape (height, width).
+        picture: gray levels, shape (height, width).
         number: by which its driver counts it; None where it does not.
         stamp_ns: of its driver, on the monotonic clock of the machine [ns]; None without.
     """
@@ -159,7 +159,7 @@ class VideoSource:
             capture.set(cv2.CAP_PROP_EXPOSURE, 1e4 * asked.exposure)
 
     def read(self) -> Frame | None:
-        """Return the next frame as grey levels."""
+        """Return the next frame as gray levels."""
         there, picture = self._capture.read()
         if not there:
             if self.played:
@@ -168,13 +168,13 @@ class VideoSource:
             raise CameraError(f"{self._name} delivers no more frames: unplugged, or reset")
         if picture.ndim == 3 and picture.shape[2] > 1:
             picture = self._cv2.cvtColor(picture, self._cv2.COLOR_BGR2GRAY)
-        grey = picture.reshape(picture.shape[:2])  # raw formats may keep a third dimension
+        gray = picture.reshape(picture.shape[:2])  # raw formats may keep a third dimension
         self._count += 1
         if self.played:
-            return Frame(grey, self._count)
+            return Frame(gray, self._count)
         # V4L2 stamps buffers on the monotonic clock; a backend that does not says 0.
         stamp_ms = float(self._capture.get(self._cv2.CAP_PROP_POS_MSEC))
-        return Frame(grey, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
+        return Frame(gray, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
 
     def close(self) -> None:
         """Let go of the device."""
@@ -245,7 +245,7 @@ class GenicamSource:
         with buffer:
             part = buffer.payload.components[0]
             if part.num_components_per_pixel != 1:
-                raise CameraError(f"pixels are {part.data_format}, not grey: set pixel_format")
+                raise CameraError(f"pixels are {part.data_format}, not gray: set pixel_format")
             picture = np.array(part.data).reshape(part.height, part.width)
             return Frame(picture, int(buffer.frame_id))
 

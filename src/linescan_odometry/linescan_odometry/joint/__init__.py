@@ -1,6 +1,6 @@
 """Maximum-likelihood displacement of a whole batch of lines, with the camera's fixed pattern.
 
-Line k of a batch of m lines is modelled as
+Line k of a batch of m lines is modeled as
 
     y_k(x) = b(x) + g_k(x + X_k) + e_k(x),    X_k = d kappa_k + a kappa_k^2 / 2,
 

@@ -53,7 +53,7 @@ class Estimate(NamedTuple):
         value: mean displacement per line [px].
         variance: of it [px^2].
         reason: why it is not valid, empty if it is.
-        coherence: of neighbouring lines [1].
+        coherence: of neighboring lines [1].
     """
 
     value: float
@@ -171,7 +171,7 @@ class JointEstimator:
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if told[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
-        # Neighbouring lines do not part slow displacements, lines farther apart do.
+        # Neighboring lines do not part slow displacements, lines farther apart do.
         near = (abs(found - found[best]) < _RESOLVED) & (told > _RATIO * told[best])
         far = min(farthest(c, layout) for c in found[near])
         spread = 0.5 / lags(layout.lines)[far]

@@ -45,7 +45,7 @@ class Fit(NamedTuple):
         change: of it from line to line [px].
         variance: of the displacement [px^2].
         features: effective number of independent places that the displacement rests on.
-        coherence: of neighbouring lines, weighted by power [1].
+        coherence: of neighboring lines, weighted by power [1].
     """
 
     found: bool
@@ -78,7 +78,7 @@ class _Cut(NamedTuple):
 
 @kernel
 def _cut(lines: Floats, paths: Doubles) -> _Cut:
-    """Cut lines into blocks of the same ground, neighbouring blocks with a line in common."""
+    """Cut lines into blocks of the same ground, neighboring blocks with a line in common."""
     m, n = lines.shape
     largest = 1e-6
     for k in range(m - 1):
@@ -247,7 +247,7 @@ def _places(
 
     The products of lines are summed in space, on a grid as coarse as the highest frequency allows.
     The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma, by products
-    of neighbouring lines, in which what does not move with the ground has no part.
+    of neighboring lines, in which what does not move with the ground has no part.
     """
     rows, count = cut.spectra.shape
     size = transform_size(2 * count)

@@ -82,7 +82,7 @@ def smoothed(values: Doubles) -> Doubles:
 
 
 def log_table(depth: int) -> Floats:
-    """Return the logarithm of every grey level of a depth [bit]; of black as of the next one."""
+    """Return the logarithm of every gray level of a depth [bit]; of black as of the next one."""
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
@@ -91,8 +91,8 @@ def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectru
     """Return the spectra of the logarithm of lines, to which gains add like offsets.
 
     Args:
-        lines: grey levels, shape (m, n).
-        table: logarithm of each grey level.
+        lines: gray levels, shape (m, n).
+        table: logarithm of each gray level.
         taper: of a line, shape (n,).
         size: to which the tapered lines are padded with zeros [px].
 
@@ -118,7 +118,7 @@ def without(lines: Lines, pattern: Spectrum, taper: Floats, size: int) -> Floats
     """Return lines divided by a pattern, shape (m, n).
 
     Args:
-        lines: grey levels, shape (m, n).
+        lines: gray levels, shape (m, n).
         pattern: spectrum of its logarithm, of a tapered line, shape (F,).
         taper: of a line, shape (n,).
         size: of the transform [px].
@@ -176,7 +176,7 @@ def covariance(
         least_noise: smallest noise power of each band; negative: as a share of its power.
 
     Returns:
-        Texture power S, coherence rho of neighbouring lines and noise power N, shape (3, B); the
+        Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
         power of each band and its covariance at a lag of one line, shape (2, B).
     """
     count = len(edges) - 1

@@ -18,7 +18,7 @@ unlike what section 4.3.2 says of all; neither does the cosine where contrast is
 
 Two pieces of section 4.6 use the displacement before: a **window** around it is searched alone as
 long as its peak is credible, and a **prior** multiplies the distance at shift s by
-``1 + weight |s - before| / limit`` so that small changes of velocity are favoured.
+``1 + weight |s - before| / limit`` so that small changes of velocity are favored.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class _Batch(NamedTuple):
     Attributes:
         kind: number of the distance.
         lines: one row per line.
-        codes: likewise, in place of grey levels their places among those that occur.
+        codes: likewise, in place of gray levels their places among those that occur.
         sums: of the first k pixels of each line and of their squares, see `_add_up`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
@@ -125,7 +125,7 @@ class DirectSearch:
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Replace grey levels by their places among those that occur; return also how many occur."""
+    """Replace gray levels by their places among those that occur; return also how many occur."""
     if lines.dtype == np.uint8:
         return lines, 256
     values, places = np.unique(lines, return_inverse=True)
@@ -281,7 +281,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Write twice the centred mean rank of each level; return their sum of squares."""
+    """Write twice the centered mean rank of each level; return their sum of squares."""
     count = part.shape[0]
     ranks[:] = 0
     for i in range(count):

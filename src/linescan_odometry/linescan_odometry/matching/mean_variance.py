@@ -3,7 +3,7 @@
 The errors of consecutive displacements are anything but independent. The noise of a line enters
 the displacement before it and, with the opposite sign, the one after it: nearly all of it cancels
 in the mean of a straight motion. Moving sideways, a strip of ground that enters the view spoils
-the match once, and once more when it leaves; neighbouring strips of the same stone spoil it alike,
+the match once, and once more when it leaves; neighboring strips of the same stone spoil it alike,
 over as many lines as the stone is wide. The variance of a mean of m displacements can so be 30
 times smaller than V / m or 10 times larger.
 
@@ -16,7 +16,7 @@ and ``w_i`` the weight of pair i in the mean,
     S_b = sum_i w_i (r_ib - P_ib / P_i sum_b r_ib) / P_i,    var = sum_b S_b^2
 
 Three corrections make it right for a handful of blocks. Errors may reach from one block into the
-next ones: products of neighbours enter with the weights of Bartlett (Newey and West 1987), over
+next ones: products of neighbors enter with the weights of Bartlett (Newey and West 1987), over
 a fifth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
 sum_i w_i P_ib / P_i``. The fit of each pair has taken its part of the errors, by the leverage
 of its blocks: the rest is divided by what it left. And as the variance is itself an estimate, with
@@ -71,7 +71,7 @@ class _Blocks(NamedTuple):
 _WINDOWS = 5.0  # that the effective number of blocks is divided into
 _FEWEST_FREEDOMS = 3.0
 _LARGEST_LEVERAGE = 0.75
-_LEAST_SHARE = 0.5  # of the variance without neighbours that negative products leave
+_LEAST_SHARE = 0.5  # of the variance without neighbors that negative products leave
 
 
 @njit(cache=True, error_model="numpy")
@@ -146,7 +146,7 @@ def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _smoothed_square(values: FloatArray, window: float) -> float:
-    """Return the sum of squares and of products of neighbours, with Bartlett's weights."""
+    """Return the sum of squares and of products of neighbors, with Bartlett's weights."""
     total = 0.0
     for lag in range(min(math.ceil(window), len(values))):
         product = 0.0

@@ -43,7 +43,7 @@ class _Ends(NamedTuple):
     Index 0 of the second axis is of the first pixels, 1 of the last ones.
 
     Attributes:
-        sums: of the pixels, centred, shape (lines, 2, shifts).
+        sums: of the pixels, centered, shape (lines, 2, shifts).
         scales: ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 where the pixels are all equal, likewise.
         norm: root of the sum of squares of the whole line, shape (lines,).
     """
@@ -113,7 +113,7 @@ def _match(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _prepare(lines: Lines, padded: NDArray[np.float32], ends: _Ends) -> None:
-    """Centre each line; sum and scale its first and last n - s pixels for every s."""
+    """Center each line; sum and scale its first and last n - s pixels for every s."""
     sums, scales, norm = ends
     rows, pixels = lines.shape
     shifts = sums.shape[2]

@@ -3,7 +3,7 @@
 Around the integer shift s the two lines are resampled by one FIR filter each that smooths with a
 Gaussian, shifts by half of the fraction f (the older line forwards, the newer one backwards) and,
 in its second form, differentiates. Both lines thus pass through the same filter, which is what
-keeps the estimate from being pulled towards whole pixels. Means and contrasts are equalised, so
+keeps the estimate from being pulled towards whole pixels. Means and contrasts are equalized, so
 that a change of brightness does not matter. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the
 filtered derivatives p of the new and q of the old line and ``g = (p + q) / 2 = de/df`` a step is
 
@@ -118,9 +118,9 @@ class SubpixelRefiner:
         if len(self._filters) < pairs:
             self._make_room(pairs)
         self._shift = shift.copy()
-        _centre(lines, self._centred)
+        _center(lines, self._centered)
         lost = _refine(
-            self._centred, self._shift, self._sigma, self._filters, self._sums, displacement,
+            self._centered, self._shift, self._sigma, self._filters, self._sums, displacement,
             variance,
         )  # fmt: skip
         if self._recovery == 0 or lost == 0:
@@ -132,7 +132,7 @@ class SubpixelRefiner:
                 self._shift[pair] = peak
                 one = slice(pair, pair + 1)
                 _refine(
-                    self._centred[pair : pair + 2], self._shift[one], self._sigma,
+                    self._centered[pair : pair + 2], self._shift[one], self._sigma,
                     self._filters[one], self._sums[one], displacement[one], variance[one],
                 )  # fmt: skip
 
@@ -147,24 +147,24 @@ class SubpixelRefiner:
         """
         square: float
         square, self.places = _weigh(
-            self._centred, self._shift, self._filters, self._sums, self._ground_block,
+            self._centered, self._shift, self._filters, self._sums, self._ground_block,
             displacement, weight,
         )  # fmt: skip
         return square
 
     def _make_room(self, pairs: int) -> None:
-        self._centred = np.empty((pairs + 1, self._pixels), np.float32)
+        self._centered = np.empty((pairs + 1, self._pixels), np.float32)
         self._filters = np.empty((pairs, 4, _TAPS), np.float32)
         parts = max(self._pixels // self._ground_block, 2 * _FEWEST_BLOCKS)
         self._sums = np.empty((pairs, parts + 2, 4))
 
 
 @njit(cache=True, error_model="numpy")
-def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
+def _center(lines: Lines, centered: NDArray[np.float32]) -> None:
     """Copy lines less their means, rounded down."""
     for row in range(lines.shape[0]):
         line = lines[row]
-        out = centred[row]
+        out = centered[row]
         total = np.int64(0)
         for i in range(line.shape[0]):
             total += np.int64(line[i])
@@ -175,7 +175,7 @@ def _centre(lines: Lines, centred: NDArray[np.float32]) -> None:
 
 @kernel
 def _refine(
-    centred: NDArray[np.float32],
+    centered: NDArray[np.float32],
     shift: NDArray[np.int64],
     sigma: float,
     filters: NDArray[np.float32],
@@ -186,7 +186,7 @@ def _refine(
     """Take the steps of consecutive pairs; return how many have left their peak.
 
     Args:
-        centred: lines, shape (m + 1, n) or more.
+        centered: lines, shape (m + 1, n) or more.
         shift: integer shifts [px], shape (m,).
         sigma: of the smoothing [px].
         filters: receives those of the last step, shape (m, 4, taps) or more.
@@ -194,7 +194,7 @@ def _refine(
         displacement: receives the shifts with their fractions [px], shape (m,).
         variance: receives theirs [px^2], shape (m,).
     """
-    pixels, pairs = centred.shape[1], len(shift)
+    pixels, pairs = centered.shape[1], len(shift)
     length, block = np.empty(pairs, np.int64), np.empty(pairs, np.int64)
     contrast = np.empty((pairs, 2))
     for pair in range(pairs):
@@ -203,14 +203,14 @@ def _refine(
         overlap = pixels - abs(s)
         length[pair] = overlap - 2 * _RADIUS
         x, y = max(0, -s), max(0, s)
-        contrast[pair, 0] = _contrast(centred[pair + 1, x : x + overlap])
-        contrast[pair, 1] = _contrast(centred[pair, y : y + overlap])
+        contrast[pair, 0] = _contrast(centered[pair + 1, x : x + overlap])
+        contrast[pair, 1] = _contrast(centered[pair, y : y + overlap])
     for step in range(_STEPS):
         final = step == _STEPS - 1  # only the variance needs the blocks
         for pair in range(pairs):
             block[pair] = _block_length(length[pair]) if final else length[pair]
         _make_filters(contrast, shift, displacement, sigma, filters)
-        _filter_and_sum(centred, shift, filters, block, block, sums)
+        _filter_and_sum(centered, shift, filters, block, block, sums)
         _step(length, block, shift, sums, final, displacement, variance)
     lost = 0
     for pair in range(pairs):
@@ -227,7 +227,7 @@ def _block_length(length: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _weigh(
-    centred: NDArray[np.float32],
+    centered: NDArray[np.float32],
     shift: NDArray[np.int64],
     filters: NDArray[np.float32],
     sums: NDArray[np.float64],
@@ -241,8 +241,8 @@ def _weigh(
         np.empty(pairs, np.int64), np.full(pairs, ground_block), np.empty(pairs, np.int64),
         np.empty(pairs, np.int64), np.empty(pairs, np.int64),
     )  # fmt: skip
-    _lay_out(centred.shape[1], shift, displacement, weight, cut)
-    _filter_and_sum(centred, shift, filters, cut.lead, cut.block, sums)
+    _lay_out(centered.shape[1], shift, displacement, weight, cut)
+    _filter_and_sum(centered, shift, filters, cut.lead, cut.block, sums)
     overlaps = Overlaps(sums, cut.length, cut.parts, cut.number)
     return mean_variance(overlaps, weight), effective_places(overlaps, weight)
 
@@ -282,7 +282,7 @@ def _lay_out(
 def _contrast(part: NDArray[np.float32]) -> float:
     """Return 1 over the standard deviation of part of a line, 0 where it has none.
 
-    The grey levels are whole numbers, so that the sums are exact and every order gives the same.
+    The gray levels are whole numbers, so that the sums are exact and every order gives the same.
     """
     total = np.int64(0)
     squares = np.int64(0)
@@ -304,7 +304,7 @@ def _make_filters(
 ) -> None:
     """Write the filters of each pair: smoothing and slope of the new line, then of the old one.
 
-    They hold the equalisation of contrast; `filters[pair, 0]` has the sign of its part in e.
+    They hold the equalization of contrast; `filters[pair, 0]` has the sign of its part in e.
     """
     for pair in range(shift.shape[0]):
         half = 0.5 * (displacement[pair] - shift[pair])
@@ -320,7 +320,7 @@ def _make_filters(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _filter_and_sum(
-    centred: NDArray[np.float32],
+    centered: NDArray[np.float32],
     shift: NDArray[np.int64],
     filters: NDArray[np.float32],
     lead: NDArray[np.int64],
@@ -331,7 +331,7 @@ def _filter_and_sum(
 
     The first part is `lead` long, the others `block`, the last one what is left [px].
     """
-    pixels = centred.shape[1]
+    pixels = centered.shape[1]
     for pair in range(shift.shape[0]):
         s = shift[pair]
         count = pixels - abs(s) - 2 * _RADIUS
@@ -344,8 +344,8 @@ def _filter_and_sum(
         z0, z1, z2, z3, z4, z5, z6, z7, z8 = filters[pair, 3]
         while first < count:
             n = end - first
-            x = centred[pair + 1, max(0, -s) + first :]
-            y = centred[pair, max(0, s) + first :]
+            x = centered[pair + 1, max(0, -s) + first :]
+            y = centered[pair, max(0, s) + first :]
             # Slices, because an index i + k would be checked for wrap-around at every access.
             x0, x1, x2, x3, x4 = x[0:n], x[1 : n + 1], x[2 : n + 2], x[3 : n + 3], x[4 : n + 4]
             x5, x6, x7, x8 = x[5 : n + 5], x[6 : n + 6], x[7 : n + 7], x[8 : n + 8]

@@ -493,7 +493,7 @@ def _as_student(leverage: float) -> float:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _smooth(values: Values) -> Values:
-    """Return means over neighbouring frequencies; none beyond the ends, which count as zero."""
+    """Return means over neighboring frequencies; none beyond the ends, which count as zero."""
     padded = np.zeros(len(values) + 2 * _SIDE)
     padded[_SIDE : _SIDE + len(values)] = values
     smooth = np.zeros(len(values))
@@ -598,7 +598,7 @@ def _fit(
         displacement += min(max(moved, -_LONGEST_STEP), _LONGEST_STEP)
     square, leverage, score, told = 0.0, 0.0, 0.0, 0.0
     for k in range(used):
-        # Sums over neighbouring frequencies, which know of each other.
+        # Sums over neighboring frequencies, which know of each other.
         if k % _BAND == 0:
             square += score * score
             leverage += told * told

@@ -13,10 +13,10 @@ The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward a
 velocity. So read, a wheel that rolls straight on would have an angle of 90 deg. The names are
 exchanged: v_par is what a camera parallel to the axis of rotation measures, the sideways velocity.
 
-v_f must be that of the wheel's centre over ground. The wheel's own omega R is that only while it
+v_f must be that of the wheel's center over ground. The wheel's own omega R is that only while it
 does not slip lengthwise: on a braked wheel it is smaller, and the angle comes out too large.
 
-A camera that is not at the wheel's centre, or not quite parallel to its axis, sees some of the yaw
+A camera that is not at the wheel's center, or not quite parallel to its axis, sees some of the yaw
 rate and of v_f too. Both are taken out: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos d``
 for the velocity u along the camera's axis a at the angle d from the rolling direction.
 """
@@ -122,7 +122,7 @@ class WheelSideslip:
 
         Args:
             reading: of the camera.
-            forward: velocity of the wheel's centre along its rolling direction [m/s].
+            forward: velocity of the wheel's center along its rolling direction [m/s].
             yaw_rate: of what camera and wheel are fixed to [rad/s].
             covariance: of (velocity along the camera's axis, forward, yaw rate), in the squares of
                 their units, shape (3, 3).

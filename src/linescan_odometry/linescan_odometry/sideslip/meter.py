@@ -65,9 +65,9 @@ class SideslipMeter:
 
         Args:
             batch: the lines.
-            forward_velocity: of the wheel's centre along its rolling direction, mean over the
+            forward_velocity: of the wheel's center along its rolling direction, mean over the
                 batch [m/s]: omega R where the wheel does not slip lengthwise.
-            yaw_rate: matters for a camera that is not at the wheel's centre [rad/s].
+            yaw_rate: matters for a camera that is not at the wheel's center [rad/s].
             forward_deviation: standard deviation of the forward velocity [m/s].
             yaw_rate_deviation: standard deviation of the yaw rate [rad/s].
         """

@@ -271,9 +271,9 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
     spread = float(np.sqrt(np.mean(np.sum((position - position.mean(axis=0)) ** 2, axis=1))))
     if lever < max(minimum_lever, _WEAKEST_LEVER * spread):
         # Axis i passes the point c at the distance cross(r_i, a_i) - cross(c, a_i).
-        centre_x, centre_y = (round(float(c), 2) + 0.0 for c in (velocity[1], -velocity[0]))
+        center_x, center_y = (round(float(c), 2) + 0.0 for c in (velocity[1], -velocity[0]))
         return (
-            f"the axes of {names} pass through one point, ({centre_x:.2f}, {centre_y:.2f}) m, "
+            f"the axes of {names} pass through one point, ({center_x:.2f}, {center_y:.2f}) m, "
             f"within {1e3 * lever:.0f} mm: turning about it cannot be measured; set them "
             "tangentially"
         )

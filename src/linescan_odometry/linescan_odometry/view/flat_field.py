@@ -8,16 +8,16 @@ mud, see no ground: they are filled from those beside them.
 Only places that share little with those before may enter, or the ground itself would be taken for
 a profile, at rest above all. Whether the view has moved on is told from the *difference* of two
 lines, in which nothing fixed is left: at rest it is noise, which no pixel shares with its
-neighbour, and else it has the structure of the ground.
+neighbor, and else it has the structure of the ground.
 
 A mean over N places still holds a share of ``1 / N`` of the energy of their texture. So the profile
 is used only where it is clearly more than that, in its levels or in its gradients (small
-differences between neighbouring pixels are faint, but weigh most in a sub-pixel match), and is
+differences between neighboring pixels are faint, but weigh most in a sub-pixel match), and is
 shrunk by the share of it that is likely texture. A camera without faults keeps its lines as they
 are.
 
 Dark and white references come first: lines less the dark signal, over the white one, are what is
-learnt from. They say nothing of dirt, shadows and mud, so that these are learnt as without them;
+learned from. They say nothing of dirt, shadows and mud, so that these are learned as without them;
 tables of an earlier drive are used from the first line on, and checked by this one's places.
 """
 
@@ -37,7 +37,7 @@ from omni_platform.quantities import FloatArray
 Floats = NDArray[np.float32]
 
 _REMEMBERED = 6  # places that a new one must differ from
-_NEIGHBOURS = 0.12  # correlation of neighbouring pixels of a difference that is not only noise
+_NEIGHBORS = 0.12  # correlation of neighboring pixels of a difference that is not only noise
 _SIGMAS = 3.5  # of that correlation where there is only noise
 _UNLIKE = 0.8  # energy of a difference over that of both lines, 1 if they share nothing
 _DECORRELATED = 0.35  # of the largest structure of a difference
@@ -60,14 +60,14 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 
 class _Tables(NamedTuple):
-    """What a camera has learnt of each of its n pixels, see `FlatField`, and working memory.
+    """What a camera has learned of each of its n pixels, see `FlatField`, and working memory.
 
     Attributes:
         seen: places of late, shape (r, n).
         mean: of the places, shape (n,).
         square: mean square, shape (n,).
-        step: mean square of the differences of neighbours, shape (n - 1,).
-        dark: dark signal of the references [grey levels], shape (n,).
+        step: mean square of the differences of neighbors, shape (n - 1,).
+        dark: dark signal of the references [gray levels], shape (n,).
         white: gain of the references [1], shape (n,).
         relative: working memory, shape (n,).
         difference: likewise.
@@ -83,7 +83,7 @@ class _Tables(NamedTuple):
     difference: Floats
 
 
-class _Learnt(NamedTuple):
+class _Learned(NamedTuple):
     """How far learning has come.
 
     Attributes:
@@ -122,12 +122,12 @@ class FlatField:
         self._structure = 0.0  # the largest of the differences of late
         self._mean = np.ones(pixels)
         self._square = np.ones(pixels)
-        self._step = np.zeros(pixels - 1)  # mean square of the differences of neighbours
+        self._step = np.zeros(pixels - 1)  # mean square of the differences of neighbors
         self._dark: FloatArray = np.zeros(pixels)
         self._white: FloatArray = np.ones(pixels)  # gain of each pixel, of the references
         self._dead: NDArray[np.bool_] = np.zeros(pixels, np.bool_)  # by the references
         self._referenced = False
-        self._own = 0  # places learnt since tables were loaded
+        self._own = 0  # places learned since tables were loaded
         self._gain: FloatArray | None = None
         self._whole_gain: FloatArray | None = None  # with that of the references, made when used
         self._blind: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
@@ -137,7 +137,7 @@ class FlatField:
 
     @property
     def places(self) -> int:
-        """Number of places learnt so far."""
+        """Number of places learned so far."""
         return self._count
 
     @property
@@ -162,7 +162,7 @@ class FlatField:
 
     @property
     def profile(self) -> FloatArray:
-        """Brightness of each pixel over the mean of the line, learnt so far [1], shape (n,)."""
+        """Brightness of each pixel over the mean of the line, learned so far [1], shape (n,)."""
         profile: FloatArray = self._mean / self._mean.mean()
         return profile
 
@@ -173,14 +173,14 @@ class FlatField:
 
     @property
     def references(self) -> tuple[FloatArray, FloatArray]:
-        """Dark signal [grey levels] and gain [1] of each pixel by the references."""
+        """Dark signal [gray levels] and gain [1] of each pixel by the references."""
         return self._dark, self._white
 
     def take_references(self, dark: Lines | None, white: Lines | None) -> None:
         """Take lines of a covered camera and of an even white surface as the tables.
 
         Args:
-            dark: lines without light, in grey levels, shape (m, n); None for no dark signal.
+            dark: lines without light, in gray levels, shape (m, n); None for no dark signal.
             white: lines of an evenly lit surface, shape (m, n); None for equal gains.
 
         Raises:
@@ -205,7 +205,7 @@ class FlatField:
         self._gain = self._whole_gain = None
 
     def save(self, path: Path) -> None:
-        """Write references and learnt tables to a file of numpy (.npz)."""
+        """Write references and learned tables to a file of numpy (.npz)."""
         np.savez(
             path, count=self._count, mean=self._mean, square=self._square, step=self._step,
             dark=self._dark, white=self._white, dead=self._dead, referenced=self._referenced,
@@ -260,10 +260,10 @@ class FlatField:
             self._seen, self._mean, self._square, self._step, self._dark, self._white,
             self._relative, self._difference,
         )  # fmt: skip
-        learnt: _Learnt = _learn(
-            lines, every, tables, _Learnt(self._count, self._own, self._structure), self._places
+        learned: _Learned = _learn(
+            lines, every, tables, _Learned(self._count, self._own, self._structure), self._places
         )
-        self._count, self._own, self._structure, anew, taken, undecided = learnt
+        self._count, self._own, self._structure, anew, taken, undecided = learned
         if anew:
             self._gain = self._whole_gain = None
             self._blind = np.zeros(self._pixels, np.bool_)
@@ -327,17 +327,17 @@ class FlatField:
 
 
 @njit(cache=True, error_model="numpy")
-def _learn(lines: Lines, every: int, tables: _Tables, learnt: _Learnt, places: int) -> _Learnt:
+def _learn(lines: Lines, every: int, tables: _Tables, learned: _Learned, places: int) -> _Learned:
     """Take those lines into the tables, oldest first, that show another place than those before.
 
     Args:
         lines: as the camera delivered them, shape (m, n).
         every: which lines are looked at, the newest among them.
         tables: written.
-        learnt: how far it has come.
+        learned: how far it has come.
         places: number of places that the tables are the mean over.
     """
-    count, own, largest = learnt.places, learnt.own, learnt.structure
+    count, own, largest = learned.places, learned.own, learned.structure
     anew, taken, undecided = False, False, False
     relative = tables.relative
     pixels = len(relative)
@@ -351,7 +351,7 @@ def _learn(lines: Lines, every: int, tables: _Tables, learnt: _Learnt, places: i
         )
         # Pixels of a ground finer than they are share nothing either, but no line is like another.
         unlike = known > 0 and energy > _UNLIKE
-        if known > 0 and not unlike and likeness < max(_NEIGHBOURS, _SIGMAS / math.sqrt(pixels)):
+        if known > 0 and not unlike and likeness < max(_NEIGHBORS, _SIGMAS / math.sqrt(pixels)):
             continue
         if greatest > _GROWN * largest:
             # The places so far were near each other: their mean holds the ground.
@@ -365,7 +365,7 @@ def _learn(lines: Lines, every: int, tables: _Tables, learnt: _Learnt, places: i
         _enter(relative, 1.0 / min(count, places), tables.mean, tables.square, tables.step)
         # A mean over many places changes little by one more.
         undecided |= count <= _QUICK_PLACES or count % _DECIDED_EVERY == 0
-    return _Learnt(count, own, largest, anew, taken, undecided)
+    return _Learned(count, own, largest, anew, taken, undecided)
 
 
 @njit(error_model="numpy", fastmath=_REORDER)
@@ -412,11 +412,11 @@ def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, flo
     """Compare a line with others by their differences, each of which `d` receives.
 
     Returns:
-        The least and the greatest structure, which is the mean product of neighbouring pixels of
+        The least and the greatest structure, which is the mean product of neighboring pixels of
         a difference; that product over their mean square in the difference of least structure;
         the least energy of a difference over that of the two lines.
     """
-    least, greatest, neighbours, energy = 1e30, 0.0, 1.0, 1.0
+    least, greatest, neighbors, energy = 1e30, 0.0, 1.0, 1.0
     pixels = line.shape[0]
     for row in range(seen.shape[0]):
         other = seen[row]
@@ -439,11 +439,11 @@ def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, flo
         product -= offset
         if product < least:
             least = product
-            neighbours = product / square if square > 0.0 else 0.0
+            neighbors = product / square if square > 0.0 else 0.0
         greatest = max(greatest, product)
         both = own_square + its_square - (own * own + its * its) / pixels
         energy = min(energy, square / both if both > 0.0 else 0.0)
-    return least / pixels, greatest / pixels, neighbours, energy
+    return least / pixels, greatest / pixels, neighbors, energy
 
 
 def _fill(light: FloatArray, blind: NDArray[np.bool_]) -> None:

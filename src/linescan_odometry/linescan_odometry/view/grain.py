@@ -77,7 +77,7 @@ class Keyframe:
 
         Returns:
             How old the remembered line is [s], and the correlation of their gradients at the
-            shift in between, over that of neighbouring lines.
+            shift in between, over that of neighboring lines.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -110,7 +110,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
-    """Write differences of neighbouring sums of `step` pixels, which are whole numbers."""
+    """Write differences of neighboring sums of `step` pixels, which are whole numbers."""
     ahead, behind = np.int32(0), np.int32(0)
     for i in range(step):
         behind += np.int32(line[i])

@@ -5,7 +5,7 @@ towards a displacement of zero: on a faint ground by half a pixel a line, at any
 all lines so far holds them, and a share of the ground that goes down with the way. It is taken off,
 and the lines are matched once more: if that tells another displacement, the first one was drawn.
 
-Single defective pixels need no such learning: they stand out from their neighbours in the mean of a
+Single defective pixels need no such learning: they stand out from their neighbors in the mean of a
 batch, where a grain of the ground that moves is spread, and in every line of it. They are
 interpolated. At rest some grains may be taken for them, which does no harm.
 """
@@ -22,7 +22,7 @@ from omni_platform.quantities import FloatArray
 Floats = NDArray[np.float32]
 
 STRUCTURE = 0.12
-"""Correlation of neighbouring pixels of a difference that is not only noise."""
+"""Correlation of neighboring pixels of a difference that is not only noise."""
 
 _REMEMBERED = 200.0  # batches that show all new ground
 _RANGE = 30000.0  # of 16 bit to either side
@@ -37,7 +37,7 @@ _MOST_DEFECTIVE = 0.03  # share of a line
 
 @njit(cache=True, error_model="numpy")
 def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
-    """Return how much neighbouring pixels of a difference have in common, and its square.
+    """Return how much neighboring pixels of a difference have in common, and its square.
 
     Args:
         change: of a line, shape (n,).
@@ -146,7 +146,7 @@ def _stand_out(mean: Floats, out: Floats) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _defects(lines: Lines) -> NDArray[np.int64]:
-    """Return the pixels that stand out from their neighbours, in the mean and in every line."""
+    """Return the pixels that stand out from their neighbors, in the mean and in every line."""
     pixels = lines.shape[1]
     none = np.empty(0, np.int64)
     out = np.empty(pixels, np.float32)

@@ -2,7 +2,7 @@
 
 Moving across its axis, a camera sees every slanted edge also shift along it. Over many structures
 these pulls cancel; over the few stones of a cobbled road, or the ridges of bark, they do not. As
-neighbouring pixels of one stone err alike, the residuals of the match do not show it. The number
+neighboring pixels of one stone err alike, the residuals of the match do not show it. The number
 of structures is that of independent values in the part of the lines that moves: the width of its
 power spectrum ``2 (sum P)^2 / sum P^2``, with P from the products of consecutive lines, in which
 noise has no part. Weighted by the frequency, between levels, where shading rules, and slopes, which

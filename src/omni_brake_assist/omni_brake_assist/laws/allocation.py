@@ -3,9 +3,9 @@
 A wheel's speed tells its friction, ``f = (T + I dw/dt) / g``, and true ground speed tells its slip,
 so a single slide shows what a wheel can bear: no mass, load or tire need be known. At every step
 
-1. the forces of the last period are observed, and capacities of wheels near the peak learnt,
+1. the forces of the last period are observed, and capacities of wheels near the peak learned,
 2. what the forces do not explain of yaw and lateral acceleration is taken for a disturbance (a
-   centre of gravity off the centre, a slope, wheels that stand and hold against a push),
+   center of gravity off the center, a slope, wheels that stand and hold against a push),
 3. bounded least squares find the forces with the largest deceleration; if heading or line would
    leave what `max_rotation` allows, their rates are brought back as equations of high weight,
 4. each force becomes a torque, and slip is held at its target by the wheel's speed; on-off valves
@@ -47,7 +47,7 @@ _STANDING = 0.02  # share of the fastest hub's speed below which a wheel is lock
 _FORCE_SHARE = 0.7  # of a newly observed force [1]
 _LEARNING_TIME = 0.03  # of a capacity, down to what a slide shows [s]
 _GROWTH_TIME = 0.3  # of a capacity that was reached without a slide [s]
-_SHY_STEPS = 3  # at the start, in which nothing is learnt of capacities
+_SHY_STEPS = 3  # at the start, in which nothing is learned of capacities
 _DISTURBANCE_TIME = 0.04  # [s]
 _MASS_TIME = 0.1  # [s]
 _MASS_STEPS = 8  # after which a mass is believed
@@ -81,7 +81,7 @@ _MUCH_ROTATION = math.radians(5.0)  # that is spent, of the direction of motion 
 _SHORT_SLIDE = 0.3  # sliding speed times hub speed, in such a stop, at least [m^2/s^2]
 _ANSWER = 0.3  # share of the expected loss of wheel speed that shows a brake acting [1]
 _PLAIN = 0.02  # share of the wheels' speed from which on such a loss is plain to see [1]
-_LONGEST_DELAY = 0.15  # that is learnt beyond the nominal one [s]
+_LONGEST_DELAY = 0.15  # that is learned beyond the nominal one [s]
 _HOLD = 0.5  # share of the capacity of a standing wheel that is relied on [1]
 _LEAST_SHARE = 0.01  # of the last brake that is on [1]
 _HORIZON = 3  # periods over which the pattern of valves is predicted
@@ -113,7 +113,7 @@ BODY = np.dtype(
         ("turn_limit", "f8"),  # yaw deceleration that the limit is approached with [rad/s^2]
         ("turning", "f8"),  # yaw acceleration that the forces do not explain [rad/s^2]
         ("aside", "f8"),  # lateral acceleration, likewise [m/s^2]
-        ("mass", "f8"),  # learnt [kg]
+        ("mass", "f8"),  # learned [kg]
         ("slowing", "f8"),  # magnitude of the acceleration [m/s^2]
         ("pull", "f8"),  # magnitude of the forces' sum [N]
         ("left", "f8"),  # time that the stop would take with all capacities along it [s]
@@ -438,7 +438,7 @@ class _Bounded(NamedTuple):
 
 
 class _Squares(NamedTuple):
-    """What `box_least_squares` minimises."""
+    """What `box_least_squares` minimizes."""
 
     hessian: FloatArray
     linear: FloatArray

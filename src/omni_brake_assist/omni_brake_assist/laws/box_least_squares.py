@@ -55,7 +55,7 @@ def _solve_free(
 def box_least_squares(
     hessian: FloatArray, linear: FloatArray, upper: FloatArray, solution: FloatArray
 ) -> None:
-    """Minimise ``1/2 f' H f - q' f`` within ``0 <= f <= c``.
+    """Minimize ``1/2 f' H f - q' f`` within ``0 <= f <= c``.
 
     Args:
         hessian: ``H``, positive definite, shape (N, N).

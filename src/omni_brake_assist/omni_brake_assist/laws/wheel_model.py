@@ -2,7 +2,7 @@
 
 The nominal brake follows what is asked of it after a dead time and with a first-order lag. The
 wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
-capacity that has been learnt and stays there. That is no tire model: only the sign of its slope and
+capacity that has been learned and stays there. That is no tire model: only the sign of its slope and
 its height count, and both are corrected at every step by what the wheel has done.
 """
 
@@ -102,7 +102,7 @@ def turn_on(
         wheel: what is assumed of it.
         spin: speed in the sense in which it rolls [rad/s], at least 0.
         torque: of its brake [N m].
-        hub: speed of its centre along the active direction [m/s], at least 0.
+        hub: speed of its center along the active direction [m/s], at least 0.
         dt: [s].
 
     Returns:

@@ -57,7 +57,7 @@ class BrakedWheels(NamedTuple):
     Attributes:
         told: share of the pedal's demand that each brake was told to let pass [1], shape (N,).
         speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
-        scale: by which share rims that roll are faster than the ground, learnt before [1].
+        scale: by which share rims that roll are faster than the ground, learned before [1].
     """
 
     told: FloatArray

@@ -71,7 +71,7 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
             return int(out)
         belief.out = ALL
         belief.disputed = 0.0
-        _reinitialise(memory, out)
+        _reinitialize(memory, out)
     if velocity < 1.0 and rate < 1.0:
         belief.disputed = max(belief.disputed - _FORGIVEN * dt, 0.0)
         # While the twist changes otherwise than the specific force has it, it is taken as it is.
@@ -90,7 +90,7 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
 
 
 @lean
-def _reinitialise(memory: ObserverMemory, right: int) -> None:
+def _reinitialize(memory: ObserverMemory, right: int) -> None:
     """Start all filters from the one that has excluded the faulty sensor."""
     if right == NOBODY:
         return

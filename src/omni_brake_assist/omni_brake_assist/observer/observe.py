@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from omni_brake_assist.observer.filters import carry_on, of_then, remember
-from omni_brake_assist.observer.judgement import (
+from omni_brake_assist.observer.judgment import (
     acquit,
     differences,
     excuse_wheels,

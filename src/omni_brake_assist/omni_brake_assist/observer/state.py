@@ -62,7 +62,7 @@ BELIEF = np.dtype(
         ("pressed", np.float64),  # whether the pedal was down
         ("braked", np.float64),  # for how long it has been down [s]
         ("top_speed", np.float64),  # speed when the pedal went down [m/s]
-        ("scale", np.float64),  # error of wheel radii, learnt while the pedal was up [1]
+        ("scale", np.float64),  # error of wheel radii, learned while the pedal was up [1]
         ("apart_velocity", np.float64),  # how far velocities were apart, see `differences` [1]
         ("apart_rate", np.float64),  # likewise yaw rates [1]
     ]

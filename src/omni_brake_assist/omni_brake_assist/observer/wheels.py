@@ -29,9 +29,9 @@ from omni_brake_assist.observer.state import (
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_GATE = 12.0  # of a squared normalised innovation: chi-square, 1 degree of freedom, 99.95 % [1]
+_GATE = 12.0  # of a squared normalized innovation: chi-square, 1 degree of freedom, 99.95 % [1]
 _FADE = 0.96  # of evidence, per step
-_LARGEST_SCALE = 0.03  # error of wheel radii that is learnt [1]
+_LARGEST_SCALE = 0.03  # error of wheel radii that is learned [1]
 _FASTEST_RIM = 200.0  # [m/s]
 _GAIN_FADE = 0.7  # of what a rim has gained, per step
 _LARGEST_GAIN = 0.2  # of a rim in a step that counts [m/s]

@@ -22,7 +22,7 @@ from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 _STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
 _UNHEARD_TIMEOUT = 0.5  # [s] for what a node has to do besides waiting for a listener that died
 _POLL = 0.02  # [s]
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
+_COLORS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
 
 
 class ProcessError(WorkError):
@@ -130,7 +130,7 @@ class RunningProcess:
     def complaint(self) -> str:
         """Return what the process wrote to standard error, else to standard output, stripped."""
         for stream in (self._errors, self._output):
-            words = _COLOURS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
+            words = _COLORS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
             if words:
                 return words
         return ""

@@ -2,7 +2,7 @@
 
 Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
 the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
-noise, quantised to 8 or 16 bits. By default the exposure is instantaneous and the optics are
+noise, quantized to 8 or 16 bits. By default the exposure is instantaneous and the optics are
 perfect; see `camera_configuration` for the other effects.
 """
 
@@ -84,7 +84,7 @@ class LineCamera:
         return self._texture.texels
 
     def footprints(self, poses: FloatArray) -> FloatArray:
-        """Return centre x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
+        """Return center x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
 
         Args:
             poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
@@ -93,8 +93,8 @@ class LineCamera:
         _place(poses, self.sensor.x, self.sensor.y, self.sensor.heading, footprints)
         return footprints
 
-    def greys(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
-        """Return the mean grey level of every footprint, without noise or quantisation.
+    def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
+        """Return the mean gray level of every footprint, without noise or quantization.
 
         Args:
             poses: as in `lines`.
@@ -103,15 +103,15 @@ class LineCamera:
         Raises:
             ValueError: a pose is not finite.
         """
-        greys = self.ground(poses, velocities)
+        grays = self.ground(poses, velocities)
         if self._transmission is not None:
-            greys *= self._transmission
-        return greys
+            grays *= self._transmission
+        return grays
 
     def ground(
         self, poses: FloatArray, velocities: FloatArray | None = None
     ) -> NDArray[np.float32]:
-        """Return what `greys` would without shading, dirt and unlike gains of the pixels."""
+        """Return what `grays` would without shading, dirt and unlike gains of the pixels."""
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
@@ -131,13 +131,13 @@ class LineCamera:
         motion[:, 0] -= velocities[:, 2] * (footprints[:, 1] - poses[:, 1])
         motion[:, 1] += velocities[:, 2] * (footprints[:, 0] - poses[:, 0])
         samples = blur_samples(self._seen, exposure_time, footprints[:, 2], motion)
-        greys = np.zeros((len(poses), self._seen.pixels), np.float32)
+        grays = np.zeros((len(poses), self._seen.pixels), np.float32)
         for count in np.unique(samples):
             chosen = samples == count
             for instant in instants(int(count), exposure_time):
-                greys[chosen] += self._integrate(poses[chosen] + instant * velocities[chosen])
-            greys[chosen] /= np.float32(count)
-        return greys
+                grays[chosen] += self._integrate(poses[chosen] + instant * velocities[chosen])
+            grays[chosen] /= np.float32(count)
+        return grays
 
     def lines(
         self, poses: FloatArray, first_line: int, velocities: FloatArray | None = None
@@ -178,18 +178,18 @@ class LineCamera:
         """Fill `lines` with the exposures of a ground as perfect optics see it.
 
         Args:
-            ground: grey levels, see `ground`, shape (m, pixels).
+            ground: gray levels, see `ground`, shape (m, pixels).
             first_line: as in `lines`.
             lines: receives them, see `blank`.
         """
         exposure = self._configuration
-        greys = ground if self._transmission is None else ground * self._transmission
+        grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:
-            greys = shade(greys, self._seen, exposure, first_line)
+            grays = shade(grays, self._seen, exposure, first_line)
         if self._faults is not None:
-            greys = greys * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
+            grays = grays * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
         expose(
-            greys,
+            grays,
             exposure.gain,
             exposure.offset,
             exposure.noise_deviation,

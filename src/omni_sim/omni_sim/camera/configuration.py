@@ -8,7 +8,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
-_FULL_SCALE = 255.0  # grey levels
+_FULL_SCALE = 255.0  # gray levels
 _MOST_WIDENING = 1.25  # of a view by the heave of the camera, beyond which it is no sharp one
 
 
@@ -18,7 +18,7 @@ class CameraConfiguration(Configuration):
 
     noise: float = parameter(
         1.0,
-        description="Standard deviation of white noise, in grey levels of an 8-bit scale",
+        description="Standard deviation of white noise, in gray levels of an 8-bit scale",
         minimum=0.0,
         maximum=100.0,
     )
@@ -34,10 +34,10 @@ class CameraConfiguration(Configuration):
         8, description="Bits of a pixel, 8 or 16", unit="bit", minimum=8, maximum=16
     )
     gain: float = parameter(
-        1.0, description="Factor from the ground's grey level to the camera's", above=0.0
+        1.0, description="Factor from the ground's gray level to the camera's", above=0.0
     )
     offset: float = parameter(
-        0.0, description="Brightness added to every pixel, in grey levels of an 8-bit scale"
+        0.0, description="Brightness added to every pixel, in gray levels of an 8-bit scale"
     )
     exposure_time: float = parameter(
         0.0,
@@ -98,15 +98,15 @@ class CameraConfiguration(Configuration):
     )
     dark_signal: float = parameter(
         0.0,
-        description="Standard deviation of the pixels' offsets (DSNU), in grey levels of an 8-bit "
+        description="Standard deviation of the pixels' offsets (DSNU), in gray levels of an 8-bit "
         "scale",
         minimum=0.0,
         maximum=100.0,
     )
     dark_steps: float = parameter(
         0.0,
-        description="Difference of the offsets of neighbouring eighths of a line, which are read "
-        "out by different amplifiers, in grey levels of an 8-bit scale",
+        description="Difference of the offsets of neighboring eighths of a line, which are read "
+        "out by different amplifiers, in gray levels of an 8-bit scale",
         minimum=0.0,
         maximum=100.0,
     )
@@ -115,7 +115,7 @@ class CameraConfiguration(Configuration):
     )
     hot_pixels: int = parameter(
         0,
-        description="Pixels with 20 to 120 grey levels of dark signal",
+        description="Pixels with 20 to 120 gray levels of dark signal",
         minimum=0,
         maximum=1000,
     )
@@ -142,7 +142,7 @@ class CameraConfiguration(Configuration):
 
     @property
     def noise_deviation(self) -> float:
-        """Standard deviation of the noise [grey levels of an 8-bit scale]."""
+        """Standard deviation of the noise [gray levels of an 8-bit scale]."""
         if self.signal_to_noise_db > 0.0:
             return float(_FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
         return self.noise

@@ -1,4 +1,4 @@
-"""Sensor noise and quantisation of rendered lines.
+"""Sensor noise and quantization of rendered lines.
 
 The noise is a function of (key, line index, pixel) alone, a counter-based generator: the same
 line gets the same noise however lines are grouped into batches or spread over threads. A 64-bit
@@ -24,7 +24,7 @@ _TABLE_BITS = 12
 
 
 class _Response(NamedTuple):
-    """How a grey level on the ground becomes one of a pixel [levels of a pixel]."""
+    """How a gray level on the ground becomes one of a pixel [levels of a pixel]."""
 
     gain: np.float32
     offset: np.float32
@@ -50,7 +50,7 @@ def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
 
 
 def expose(
-    greys: NDArray[np.float32],
+    grays: NDArray[np.float32],
     gain: float,
     offset: float,
     noise: float,
@@ -58,13 +58,13 @@ def expose(
     first_line: int,
     lines: NDArray[np.uint8] | NDArray[np.uint16],
 ) -> None:
-    """Fill `lines` with ``gain grey + offset + noise``, rounded and clipped.
+    """Fill `lines` with ``gain gray + offset + noise``, rounded and clipped.
 
     Args:
-        greys: grey levels on the ground on the 8-bit scale, shape (m, pixels).
+        grays: gray levels on the ground on the 8-bit scale, shape (m, pixels).
         gain: contrast [1].
-        offset: brightness [grey levels].
-        noise: standard deviation [grey levels].
+        offset: brightness [gray levels].
+        noise: standard deviation [gray levels].
         key: of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
         lines: uint8 for 0..255 or uint16 for the same range as 0..65535, shape (m, pixels).
@@ -74,7 +74,7 @@ def expose(
         np.float32(gain * scale), np.float32(offset * scale), np.float32(255.0 * scale)
     )
     drawn = _Noise(_quantiles(noise * scale), key)
-    _expose(greys, response, drawn, np.uint64(first_line), lines)
+    _expose(grays, response, drawn, np.uint64(first_line), lines)
 
 
 @functools.lru_cache(maxsize=16)
@@ -90,7 +90,7 @@ def _quantiles(deviation: float) -> NDArray[np.float32]:
 
 @njit(cache=True)
 def _expose(
-    greys: NDArray[np.float32],
+    grays: NDArray[np.float32],
     response: _Response,
     noise: _Noise,
     first_line: np.uint64,
@@ -98,7 +98,7 @@ def _expose(
 ) -> None:
     gain, offset, white = response
     table, key = noise
-    pixels = greys.shape[1]
+    pixels = grays.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)
     pairs = (pixels + 1) // 2
     half = np.float32(0.5)
@@ -108,12 +108,12 @@ def _expose(
     hashed = np.empty(pairs, np.uint64)
     noisy = np.empty(2 * pairs, np.float32)
     late = np.zeros(2 * pairs, np.float32)
-    for row in range(len(greys)):
-        grey = greys[row]
+    for row in range(len(grays)):
+        gray = grays[row]
         line = lines[row]
         counter = (first_line + np.uint64(row)) * np.uint64(pairs)
         for pair in range(pairs):
-            # SplitMix64: a Weyl sequence through a finaliser with full avalanche.
+            # SplitMix64: a Weyl sequence through a finalizer with full avalanche.
             bits = key + (counter + np.uint64(pair)) * np.uint64(0x9E3779B97F4A7C15)
             bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -125,5 +125,5 @@ def _expose(
             noisy[2 * pair + 1] = table[bits & mask]
             late[2 * pair + 1] = table[(bits >> np.uint64(12)) & mask]
         for pixel in range(pixels):
-            value = gain * grey[pixel] + offset + noisy[pixel] + late[pixel]
+            value = gain * gray[pixel] + offset + noisy[pixel] + late[pixel]
             line[pixel] = np.int32(min(max(value, black), white) + half)

@@ -1,4 +1,4 @@
-"""What stands between ground and grey levels: optics, dirt, motion blur and faulty pixels."""
+"""What stands between ground and gray levels: optics, dirt, motion blur and faulty pixels."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """Signal of the pixels besides the light of the ground, in grey levels of an 8-bit scale.
+    """Signal of the pixels besides the light of the ground, in gray levels of an 8-bit scale.
 
     Attributes:
         offset: dark signal, and the light of what hides the ground, shape (pixels,).
@@ -120,7 +120,7 @@ def pixel_faults(
 
 
 def shade(
-    greys: NDArray[np.float32],
+    grays: NDArray[np.float32],
     sensor: LineSensor,
     configuration: CameraConfiguration,
     first_line: int,
@@ -128,26 +128,26 @@ def shade(
     """Return lines darkened by a shadow whose soft edge stands in the view or runs to and fro.
 
     Args:
-        greys: of the ground, shape (m, pixels).
+        grays: of the ground, shape (m, pixels).
         sensor: the camera.
         configuration: with the shadow.
         first_line: index of the first line since the start of the run.
     """
-    elapsed = (first_line + np.arange(len(greys))) / sensor.line_rate
+    elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
     way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # in views
     edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
     lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
-    shaded = greys * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
+    shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
     return np.asarray(shaded, np.float32)
 
 
 def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
-    """Return grey levels of crumbs of a millimetre and less."""
+    """Return gray levels of crumbs of a millimeter and less."""
     nodes = np.arange(0.0, sensor.length + 1e-3, 6e-4)
     place = (np.arange(sensor.pixels) + 0.5) * sensor.pixel_pitch
-    greys = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)
-    return np.asarray(np.interp(place, nodes, greys))
+    grays = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)
+    return np.asarray(np.interp(place, nodes, grays))
 
 
 def _pattern(key: np.uint64, number: int) -> np.random.Generator:
@@ -166,7 +166,7 @@ def blur_samples(
         sensor: the camera, with the field of view that it has.
         exposure_time: [s].
         headings: direction of its axis in the world [rad], shape (m,).
-        velocities: of its footprint's centre x, y and yaw rate in the world [m/s, m/s, rad/s],
+        velocities: of its footprint's center x, y and yaw rate in the world [m/s, m/s, rad/s],
             shape (m, 3).
     """
     cosine, sine = np.cos(headings), np.sin(headings)

@@ -16,7 +16,7 @@ def interpolate_poses(
     """Return poses between physics steps by cubic Hermite interpolation.
 
     Position and velocity are met at every step, so the path is smooth and the error is of fourth
-    order in the step: a micrometre at 0.5 ms would take a fourth derivative of 6e9 m/s^4.
+    order in the step: a micrometer at 0.5 ms would take a fourth derivative of 6e9 m/s^4.
 
     Args:
         trajectory: x, y, yaw and their rates in the world frame at uniform steps, shape

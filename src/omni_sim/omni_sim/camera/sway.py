@@ -1,6 +1,6 @@
 """Where sensors look that look down from a chassis that sways on its springs.
 
-A chassis whose gradients are p forward and r to the left tilts about its centre of gravity, which
+A chassis whose gradients are p forward and r to the left tilts about its center of gravity, which
 the planar motion follows at the height h. A line of sight perpendicular to it meets the ground
 
     h (p, r)
@@ -29,7 +29,7 @@ def swaying(
             (n + 1, 6).
         before: heave [m], gradients [1] and their rates [1/s] at its start, `Vehicle.ride`.
         after: the same at its end.
-        height: of the centre of gravity [m].
+        height: of the center of gravity [m].
         period: from start to end [s].
     """
     t = np.linspace(0.0, 1.0, len(trajectory))[:, None]

@@ -75,10 +75,10 @@ class WaveConfiguration(Configuration):
 class BumpConfiguration(Configuration):
     """A round bump or hollow of the ground."""
 
-    x: float = parameter(description="Centre in the world", unit="m")
-    y: float = parameter(description="Centre in the world", unit="m")
+    x: float = parameter(description="Center in the world", unit="m")
+    y: float = parameter(description="Center in the world", unit="m")
     height: float = parameter(
-        description="Height at the centre, negative for a hollow",
+        description="Height at the center, negative for a hollow",
         unit="m",
         minimum=-10.0,
         maximum=10.0,
@@ -143,7 +143,7 @@ class ElevationConfiguration(Configuration):
 
         Returns:
             Rows ``(kind, a, b, c, d)`` of slope (grade along x, along y [1], 0, 0), wave
-            (wave numbers along x and y [rad/m], phase [rad], amplitude [m]) and bump (centre x,
+            (wave numbers along x and y [rad/m], phase [rad], amplitude [m]) and bump (center x,
             y [m], radius, height [m]), shape (K, 5).
         """
         rows: list[tuple[float, ...]] = []

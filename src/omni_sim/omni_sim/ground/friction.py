@@ -24,8 +24,8 @@ class FrictionPatch(Configuration):
         choices=("rectangle", "ellipse"),
     )
 
-    x: float = parameter(description="Centre of the patch", unit="m")
-    y: float = parameter(description="Centre of the patch", unit="m")
+    x: float = parameter(description="Center of the patch", unit="m")
+    y: float = parameter(description="Center of the patch", unit="m")
     length: float = parameter(description="Extent along the heading", unit="m", above=0.0)
     width: float = parameter(description="Extent across the heading", unit="m", above=0.0)
     heading_deg: float = parameter(
@@ -47,7 +47,7 @@ class FrictionMap:
 
     Attributes:
         base: friction factor outside all patches [1].
-        table: the patches as the kernels read them: centre x, y [m], cosine and sine of the
+        table: the patches as the kernels read them: center x, y [m], cosine and sine of the
             heading, half length, half width [m], friction factor [1], 1 for an ellipse; (P, 8).
     """
 

@@ -65,12 +65,12 @@ class TextureCache:
             return read_picture(configuration.picture, configuration.dpi)
         path = self.path(configuration)
         texels, size = configuration.extent
-        grey = _read(path, texels)
-        if grey is not None:
-            return GroundTexture(grey, size)
+        gray = _read(path, texels)
+        if gray is not None:
+            return GroundTexture(gray, size)
         texture = generate_texture(configuration)
         with contextlib.suppress(OSError):
-            _write(path, texture.grey)
+            _write(path, texture.gray)
         return texture
 
     def path(self, configuration: TextureConfiguration) -> Path:
@@ -91,28 +91,28 @@ def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
             if shape != (texels, texels) or by_columns or kind != np.uint8:
                 return None
             header = file.tell()
-            grey = np.empty(shape, np.uint8)
-            if file.readinto(grey.data) != grey.nbytes:
+            gray = np.empty(shape, np.uint8)
+            if file.readinto(gray.data) != gray.nbytes:
                 return None
             checksum = file.read()
             file.seek(0)
-            expected = zlib.crc32(grey.data, zlib.crc32(file.read(header)))
+            expected = zlib.crc32(gray.data, zlib.crc32(file.read(header)))
     except (OSError, ValueError, EOFError):
         return None
-    return grey if checksum == expected.to_bytes(_CHECKSUM_BYTES, "little") else None
+    return gray if checksum == expected.to_bytes(_CHECKSUM_BYTES, "little") else None
 
 
-def _write(path: Path, grey: NDArray[np.uint8]) -> None:
+def _write(path: Path, gray: NDArray[np.uint8]) -> None:
     header = io.BytesIO()
-    description = {"descr": "|u1", "fortran_order": False, "shape": grey.shape}
+    description = {"descr": "|u1", "fortran_order": False, "shape": gray.shape}
     np.lib.format.write_array_header_1_0(header, description)
-    checksum = zlib.crc32(grey.data, zlib.crc32(header.getbuffer()))
+    checksum = zlib.crc32(gray.data, zlib.crc32(header.getbuffer()))
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(header.getbuffer())
-            file.write(grey.data)
+            file.write(gray.data)
             file.write(checksum.to_bytes(_CHECKSUM_BYTES, "little"))
         os.replace(temporary, path)
     except BaseException:

@@ -1,7 +1,7 @@
 """What the procedural grounds are made of: layers of patterns with structure of known size.
 
 The grounds of Figures 59, 65 to 67 and 71, looked at as through the dissertation's flatbed
-scanner, and harder ones. Sizes are in metres, so the number of texels is only the resolution at
+scanner, and harder ones. Sizes are in meters, so the number of texels is only the resolution at
 which the same ground is looked at. Everything follows from the random generator.
 
 =============  =====================================================================================
@@ -10,12 +10,12 @@ asphalt        chippings of 0.6 to 6 mm in dark binder
 stone          coarse flat pieces of 12 mm with mineral grain
 wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
                40 mm, pores of 0.2 mm by 6 mm; like a bar code, next to nothing changes along x
-plastic        a smooth sheet: a faint moulded grain of 0.25 to 2 mm and fainter mottles
+plastic        a smooth sheet: a faint molded grain of 0.25 to 2 mm and fainter mottles
 metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
-worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same grey
-concrete       trowelled: mottles of some centimetres, cement and sand grain, few pores
+worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
+concrete       trowelled: mottles of some centimeters, cement and sand grain, few pores
 wet_concrete   the same with wet patches, dark and without detail
 gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
 sand           grains of 0.1 to 0.4 mm and faint ripples
@@ -54,11 +54,11 @@ _ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % 
 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.002)
-    grey = generator.normal(138.0, 26.0, (cells, cells)).clip(60.0, 210.0)
+    gray = generator.normal(138.0, 26.0, (cells, cells)).clip(60.0, 210.0)
     granules = Cells(
         _jittered(generator, cells),
-        grey.astype(np.float32),
-        border_grey=70.0,
+        gray.astype(np.float32),
+        border_gray=70.0,
         border=0.00012 * cells / size,
         warp=np.zeros((2, 1, 1), np.float32),
     )
@@ -68,12 +68,12 @@ def _cork(size: float, generator: np.random.Generator) -> Layers:
 
 def _stone(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.012)
-    grey = generator.normal(132.0, 22.0, (cells, cells)).clip(70.0, 200.0)
+    gray = generator.normal(132.0, 22.0, (cells, cells)).clip(70.0, 200.0)
     waves = _per_period(size, 0.004)
     pieces = Cells(
         _jittered(generator, cells),
-        grey.astype(np.float32),
-        border_grey=62.0,
+        gray.astype(np.float32),
+        border_gray=62.0,
         border=0.0006 * cells / size,
         warp=generator.uniform(-0.08, 0.08, (2, waves, waves)).astype(np.float32),
     )
@@ -91,7 +91,7 @@ def _asphalt(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _wood(size: float, generator: np.random.Generator) -> Layers:
-    # Light early wood darkens slowly over a ring, then begins anew within a tenth of a millimetre.
+    # Light early wood darkens slowly over a ring, then begins anew within a tenth of a millimeter.
     rings = _per_period(size, 0.003)
     width = generator.uniform(0.5, 1.5, rings)
     ends = np.cumsum(width) / width.sum()
@@ -140,7 +140,7 @@ def _metal(size: float, generator: np.random.Generator) -> Layers:
 
 def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.02)
-    grey = generator.normal(150.0, 5.0, (cells, cells)).astype(np.float32)
+    gray = generator.normal(150.0, 5.0, (cells, cells)).astype(np.float32)
     pits = round(0.04 * size**2 / (math.pi * 0.00035**2))
     holes = np.column_stack(
         (
@@ -153,7 +153,7 @@ def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
     )
     cell = size / cells
     return [
-        Studs(grey, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
+        Studs(gray, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
         Leaves(holes, 0.00006 / size),
         *_octaves(size, generator, ((0.02, 4.0), (0.002, 5.0), (0.0006, 9.0), (0.00025, 7.0))),
     ]
@@ -161,14 +161,14 @@ def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
 
 def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
     def plates(
-        spacing: float, crack: float, grey: tuple[float, float], crack_grey: float, *, darken: bool
+        spacing: float, crack: float, gray: tuple[float, float], crack_gray: float, *, darken: bool
     ) -> Cells:
         cells, waves = _per_period(size, spacing), _per_period(size, 0.3 * spacing)
-        shades = generator.normal(*grey, (cells, cells)).clip(90.0, 255.0)
+        shades = generator.normal(*gray, (cells, cells)).clip(90.0, 255.0)
         return Cells(
             _jittered(generator, cells),
             shades.astype(np.float32),
-            border_grey=crack_grey,
+            border_gray=crack_gray,
             border=crack * cells / size,
             warp=generator.uniform(-0.14, 0.14, (2, waves, waves)).astype(np.float32),
             darken=darken,
@@ -256,10 +256,10 @@ def _bark(size: float, generator: np.random.Generator) -> Layers:
 
 def _brick(size: float, generator: np.random.Generator) -> Layers:
     rows, columns = 2 * _per_period(size, 0.1333), _per_period(size, 0.1)
-    grey = generator.normal(118.0, 8.0, (rows, columns)).astype(np.float32)
+    gray = generator.normal(118.0, 8.0, (rows, columns)).astype(np.float32)
     octaves = ((0.02, 4.0), (0.003, 3.0), (0.0007, 3.0), (0.00025, 3.0))
     pits = _stones(size, generator, (0.0003, 0.0015), 0.01, (80.0, 10.0), 0.6)
-    bricks = Bond(grey, 158.0, 0.008 / size, 0.0012 / size, staggered=True)
+    bricks = Bond(gray, 158.0, 0.008 / size, 0.0012 / size, staggered=True)
     return [bricks, pits, *_octaves(size, generator, octaves)]
 
 
@@ -268,7 +268,7 @@ def _cobble(size: float, generator: np.random.Generator) -> Layers:
     stones = Cells(
         generator.uniform(0.3, 0.7, (cells, cells, 2)).astype(np.float32),
         generator.normal(125.0, 15.0, (cells, cells)).astype(np.float32),
-        border_grey=45.0,
+        border_gray=45.0,
         border=0.007 * cells / size,
         warp=generator.uniform(-0.05, 0.05, (2, waves, waves)).astype(np.float32),
     )
@@ -277,8 +277,8 @@ def _cobble(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _planks(size: float, generator: np.random.Generator) -> Layers:
-    grey = generator.normal(0.0, 9.0, (_per_period(size, 0.05), 1)).astype(np.float32)
-    boards = Bond(grey, -75.0, 0.003 / size, 0.0006 / size, staggered=False)
+    gray = generator.normal(0.0, 9.0, (_per_period(size, 0.05), 1)).astype(np.float32)
+    boards = Bond(gray, -75.0, 0.003 / size, 0.0006 / size, staggered=False)
     return [*_wood(size, generator), Added(boards)]
 
 
@@ -315,7 +315,7 @@ def _stones(
     generator: np.random.Generator,
     radii: tuple[float, float],
     coverage: float,
-    grey: tuple[float, float],
+    gray: tuple[float, float],
     flattest: float,
     limits: tuple[float, float] = (20.0, 225.0),
 ) -> Leaves:
@@ -323,12 +323,12 @@ def _stones(
 
     Args:
         size: period [m].
-        generator: of places, sizes and greys.
+        generator: of places, sizes and grays.
         radii: least and greatest long half axis [m].
         coverage: times that they would cover the ground [1].
-        grey: mean and standard deviation of their grey levels.
+        gray: mean and standard deviation of their gray levels.
         flattest: least ratio of the axes.
-        limits: of the grey levels.
+        limits: of the gray levels.
     """
     least, greatest = radii
     mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
@@ -341,7 +341,7 @@ def _stones(
             radius / size,
             generator.uniform(flattest, 1.0, count),
             generator.uniform(0.0, math.pi, count),
-            generator.normal(*grey, count).clip(*limits),
+            generator.normal(*gray, count).clip(*limits),
         )
     )
     return Leaves(leaves, 0.0001 / size)
@@ -355,8 +355,8 @@ def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]
 def _octaves(
     size: float, generator: np.random.Generator, octaves: tuple[tuple[float, float], ...]
 ) -> list[Noise]:
-    """Return smooth noise of several spacings [m] and standard deviations [grey levels]."""
-    return [_noise(size, generator, spacing, spacing, grey) for spacing, grey in octaves]
+    """Return smooth noise of several spacings [m] and standard deviations [gray levels]."""
+    return [_noise(size, generator, spacing, spacing, gray) for spacing, gray in octaves]
 
 
 def _noise(

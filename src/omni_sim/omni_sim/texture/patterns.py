@@ -2,7 +2,7 @@
 
 Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern draws any
 band of rows of the picture by itself, and the same texels whatever the band: so a picture of any
-resolution takes no more memory than its grey levels, and bands may be drawn side by side.
+resolution takes no more memory than its gray levels, and bands may be drawn side by side.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class _Mosaic(NamedTuple):
     """Cells as the kernel draws them; see `Cells`."""
 
     points: Float32Array
-    grey: Float32Array
-    border_grey: np.float32
+    gray: Float32Array
+    border_gray: np.float32
     border: np.float32
 
 
@@ -41,35 +41,35 @@ class Pattern(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plain:
-    """One grey level everywhere.
+    """One gray level everywhere.
 
     Attributes:
-        grey: the level.
+        gray: the level.
     """
 
-    grey: float
+    gray: float
 
     def draw(self, band: Float32Array, first_row: int) -> None:  # noqa: ARG002
         """Fill the band."""
-        band[:] = self.grey
+        band[:] = self.gray
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cells:
-    """Voronoi cells of constant grey around points, with soft dark borders between them.
+    """Voronoi cells of constant gray around points, with soft dark borders between them.
 
     Attributes:
         points: one point in every cell of a grid, as place within the cell, shape (c, c, 2).
-        grey: grey level of each point's cell, shape (c, c).
-        border_grey: grey level half way between two points.
+        gray: gray level of each point's cell, shape (c, c).
+        border_gray: gray level half way between two points.
         border: distance from there at which the border has faded [cells].
         warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
         darken: draw only where this is darker than what is below.
     """
 
     points: Float32Array
-    grey: Float32Array
-    border_grey: float
+    gray: Float32Array
+    border_gray: float
     border: float
     warp: Float32Array
     darken: bool = False
@@ -82,8 +82,8 @@ class Cells:
             Noise(self.warp[0]).draw(shift[0], first_row)
             Noise(self.warp[1]).draw(shift[1], first_row)
         target = np.empty_like(band) if self.darken else band
-        borders = np.float32(self.border_grey), np.float32(self.border)
-        _voronoi(target, first_row, _Mosaic(self.points, self.grey, *borders), warped, shift)
+        borders = np.float32(self.border_gray), np.float32(self.border)
+        _voronoi(target, first_row, _Mosaic(self.points, self.gray, *borders), warped, shift)
         if self.darken:
             np.minimum(band, target, out=band)
 
@@ -112,8 +112,8 @@ class Leaves:
     """Ellipses painted one over the other.
 
     Attributes:
-        leaves: rows of centre x, y [periods], long half axis [periods], axis ratio, direction of
-            the long axis [rad], grey level; the first one is lowest.
+        leaves: rows of center x, y [periods], long half axis [periods], axis ratio, direction of
+            the long axis [rad], gray level; the first one is lowest.
         softness: width of the transition at the edge [periods].
     """
 
@@ -130,7 +130,7 @@ class Rings:
     """A profile across y whose lines bend, like the growth rings of a board sawn along them.
 
     Attributes:
-        profile: grey levels over one period in y, interpolated linearly.
+        profile: gray levels over one period in y, interpolated linearly.
         bend: displacement in y of the profile, layers of `Noise` [periods].
     """
 
@@ -150,22 +150,22 @@ class Bond:
     """Rows along x of rectangles with joints between them, such as bricks or boards.
 
     Attributes:
-        grey: of each rectangle, shape (rows, columns); a single column is a board without an end.
-        joint_grey: of the joints.
+        gray: of each rectangle, shape (rows, columns); a single column is a board without an end.
+        joint_gray: of the joints.
         joint: their width [periods].
         softness: width of the transition at their edges [periods].
         staggered: whether every other row is moved by half a rectangle.
     """
 
-    grey: Float32Array
-    joint_grey: float
+    gray: Float32Array
+    joint_gray: float
     joint: float
     softness: float
     staggered: bool
 
     def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the rectangles."""
-        rows, columns = self.grey.shape
+        rows, columns = self.gray.shape
         texels = band.shape[1]
         y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) / texels * rows
         row = np.minimum(y.astype(np.int64), rows - 1)
@@ -176,7 +176,7 @@ class Bond:
         if columns > 1:
             to_edge = np.minimum(to_edge, (0.5 - np.abs(x - column - 0.5)) / columns)
         inside = np.clip((to_edge - 0.5 * self.joint) / self.softness + 0.5, 0.0, 1.0)
-        band[:] = self.joint_grey + (self.grey[row[:, None], column] - self.joint_grey) * inside
+        band[:] = self.joint_gray + (self.gray[row[:, None], column] - self.joint_gray) * inside
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -201,16 +201,16 @@ class Studs:
     """Square studs with rounded corners and bevelled edges on a grid, lit from the upper left.
 
     Attributes:
-        grey: of the top of each stud, shape (c, c).
-        groove_grey: between studs.
+        gray: of the top of each stud, shape (c, c).
+        groove_gray: between studs.
         top: half edge of a stud's flat top [cells].
         bevel: width of its sloping edge [cells].
         corner: radius of its corners [cells].
-        glare: how much brighter the lit and darker the averted edges are [grey levels].
+        glare: how much brighter the lit and darker the averted edges are [gray levels].
     """
 
-    grey: Float32Array
-    groove_grey: float
+    gray: Float32Array
+    groove_gray: float
     top: float
     bevel: float
     corner: float
@@ -218,7 +218,7 @@ class Studs:
 
     def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the studs."""
-        cells, texels = len(self.grey), band.shape[1]
+        cells, texels = len(self.gray), band.shape[1]
         y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) * (cells / texels)
         x = (np.arange(texels, dtype=np.float32) + 0.5) * (cells / texels)
         u, v = x[None, :] % 1.0 - 0.5, y[:, None] % 1.0 - 0.5
@@ -229,8 +229,8 @@ class Studs:
         level = t * t * (3.0 - 2.0 * t)
         slope = 4.0 * t * (1.0 - t) / np.maximum(outside, 1e-9)
         lit = -(np.sign(u) * out_x + np.sign(v) * out_y) * slope
-        tops = self.grey[np.ix_(y.astype(np.int64), x.astype(np.int64))]
-        band[:] = tops + (self.groove_grey - tops) * level + self.glare * math.sqrt(0.5) * lit
+        tops = self.gray[np.ix_(y.astype(np.int64), x.astype(np.int64))]
+        band[:] = tops + (self.groove_gray - tops) * level + self.glare * math.sqrt(0.5) * lit
 
 
 def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
@@ -245,7 +245,7 @@ def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
 def _voronoi(
     band: Float32Array, first_row: int, mosaic: _Mosaic, warped: bool, shift: Float32Array
 ) -> None:
-    points, grey, border_grey, border = mosaic
+    points, gray, border_gray, border = mosaic
     texels = band.shape[1]
     cells = len(points)
     scale = np.float32(cells) / np.float32(texels)
@@ -273,14 +273,14 @@ def _voronoi(
                     if square < nearest:
                         second, s_x, s_y = nearest, n_x, n_y
                         nearest, n_x, n_y = square, d_x, d_y
-                        shade = grey[j_in, i_in]
+                        shade = gray[j_in, i_in]
                     elif square < second:
                         second, s_x, s_y = square, d_x, d_y
             # Distance from the perpendicular bisector of the two nearest points.
             between = math.sqrt((s_x - n_x) ** 2 + (s_y - n_y) ** 2)
             t = min(half * (second - nearest) / (between * border), np.float32(1.0))
             t = t * t * (np.float32(3.0) - np.float32(2.0) * t)
-            band[row, column] = border_grey + (shade - border_grey) * t
+            band[row, column] = border_gray + (shade - border_gray) * t
 
 
 @njit(cache=True, nogil=True)
@@ -327,26 +327,26 @@ def _dead_leaves(
     texels = band.shape[1]
     rows = len(band)
     for leaf in range(len(leaves)):
-        centre_x = leaves[leaf, 0] * texels
-        centre_y = leaves[leaf, 1] * texels
+        center_x = leaves[leaf, 0] * texels
+        center_y = leaves[leaf, 1] * texels
         radius = leaves[leaf, 2] * texels
         ratio = leaves[leaf, 3]
         cosine = math.cos(leaves[leaf, 4])
         sine = math.sin(leaves[leaf, 4])
-        grey = leaves[leaf, 5]
+        gray = leaves[leaf, 5]
         steepness = radius * ratio / (softness * texels)
         rim = radius + softness * texels
-        for j in range(math.floor(centre_y - rim), math.ceil(centre_y + rim) + 1):
+        for j in range(math.floor(center_y - rim), math.ceil(center_y + rim) + 1):
             row = j % texels - first_row
             if row < 0 or row >= rows:
                 continue
-            d_y = j + 0.5 - centre_y
+            d_y = j + 0.5 - center_y
             chord = rim * rim - d_y * d_y
             if chord <= 0.0:
                 continue
             half = math.sqrt(chord)
-            for i in range(math.floor(centre_x - half), math.ceil(centre_x + half) + 1):
-                d_x = i + 0.5 - centre_x
+            for i in range(math.floor(center_x - half), math.ceil(center_x + half) + 1):
+                d_x = i + 0.5 - center_x
                 along = (d_x * cosine + d_y * sine) / radius
                 across = (d_y * cosine - d_x * sine) / (radius * ratio)
                 cover = (1.0 - math.sqrt(along * along + across * across)) * steepness + 0.5
@@ -354,4 +354,4 @@ def _dead_leaves(
                     continue
                 column = i - texels if i >= texels else (i + texels if i < 0 else i)
                 under = band[row, column]
-                band[row, column] = under + (grey - under) * min(cover, 1.0)
+                band[row, column] = under + (gray - under) * min(cover, 1.0)

@@ -2,7 +2,7 @@
 
 A picture becomes a ground as the dissertation's scans did (section 4.4): its pixels are texels of
 known size, taken from the dots per inch on the ground, which no file states reliably. The
-largest square from its middle is used, in grey (ITU-R 601) and 8 bits. A strip along two edges,
+largest square from its middle is used, in gray (ITU-R 601) and 8 bits. A strip along two edges,
 a sixteenth of the square, is blended into what would come after the opposite edges, so that the
 ground is seamless when tiled.
 """
@@ -22,10 +22,10 @@ from omni_sim.texture.texture import BLOCK, INCH, MOST_TEXELS, GroundTexture
 
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
-_MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in colour 1.6 GB
+_MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
 _FEWEST_TEXELS = 256
 _LEAST_SIZE = 0.02  # [m]
-_LEAST_CONTRAST = 0.3  # standard deviation [grey levels]: what rounding alone makes of a plain one
+_LEAST_CONTRAST = 0.3  # standard deviation [gray levels]: what rounding alone makes of a plain one
 _WHITE_16 = 65535
 # What the decoders raise on damaged files.
 _DAMAGE = (
@@ -44,20 +44,20 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
     """Return the ground that a picture shows.
 
     Args:
-        path: a PNG, TIFF, JPEG, BMP, PPM or WebP file, grey or colour, 8 or 16 bits, any size.
+        path: a PNG, TIFF, JPEG, BMP, PPM or WebP file, gray or color, 8 or 16 bits, any size.
         dpi: dots per inch on the ground.
 
     Raises:
         ConfigurationError: it cannot be read, is too small or shows nothing.
     """
-    grey, dot = _square(Path(path).expanduser(), INCH / dpi)
-    period = (len(grey) * 15 // 16) // BLOCK * BLOCK
-    _blend(grey, period)
-    _blend(grey.T, period)
-    grey = grey[:period, :period].copy()
-    if float(np.std(grey[:: max(1, period // 1024)])) < _LEAST_CONTRAST:
-        raise ConfigurationError(_KEY, f"{path} is of one grey level, there is nothing to see")
-    return GroundTexture(grey, period * dot)
+    gray, dot = _square(Path(path).expanduser(), INCH / dpi)
+    period = (len(gray) * 15 // 16) // BLOCK * BLOCK
+    _blend(gray, period)
+    _blend(gray.T, period)
+    gray = gray[:period, :period].copy()
+    if float(np.std(gray[:: max(1, period // 1024)])) < _LEAST_CONTRAST:
+        raise ConfigurationError(_KEY, f"{path} is of one gray level, there is nothing to see")
+    return GroundTexture(gray, period * dot)
 
 
 def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
@@ -70,23 +70,23 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
         with Image.open(path, formats=_FORMATS) as image:
             width, height = image.size
             _check_size(path, width, height, dot)
-            grey = _grey(path, image)
+            gray = _gray(path, image)
     except ConfigurationError:
         raise
     except _DAMAGE as error:
         raise ConfigurationError(_KEY, f"cannot read {path}: {_one_line(error)}") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
-    edge = min(grey.shape)
-    top, left = (grey.shape[0] - edge) // 2, (grey.shape[1] - edge) // 2
+    edge = min(gray.shape)
+    top, left = (gray.shape[0] - edge) // 2, (gray.shape[1] - edge) // 2
     coarser = -(-edge // MOST_TEXELS)
     if coarser == 1:
-        return grey[top : top + edge, left : left + edge].copy(), dot
+        return gray[top : top + edge, left : left + edge].copy(), dot
     texels = edge // coarser
     square = np.empty((texels, texels), np.uint8)
     for row in range(texels):  # row by row: the mean of the whole would take many times its memory
         first = top + row * coarser
-        rows = grey[first : first + coarser, left : left + texels * coarser]
+        rows = gray[first : first + coarser, left : left + texels * coarser]
         square[row] = np.rint(rows.reshape(coarser, texels, coarser).mean(axis=(0, 2)))
     return square, dot * coarser
 
@@ -109,16 +109,16 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
         )
 
 
-def _grey(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
-    """Return grey levels of 8 bits."""
+def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
+    """Return gray levels of 8 bits."""
     if picture.mode.startswith("I"):  # 16 bits, in some files as 32
         values = np.asarray(picture)
         if values.min() < 0 or values.max() > _WHITE_16:
             raise ConfigurationError(_KEY, f"{path} has more than 16 bits")
         values = values.astype(np.uint16)
         # That is v / 257, rounded, without leaving 16 bits.
-        grey: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
-        return grey
+        gray: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
+        return gray
     if picture.mode == "F":
         raise ConfigurationError(_KEY, f"{path} holds fractions, must hold 8 or 16 bits")
     if picture.mode in {"P", "PA"}:
@@ -126,12 +126,12 @@ def _grey(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
     return np.asarray(picture.convert("L"), np.uint8)
 
 
-def _blend(grey: NDArray[np.uint8], period: int) -> None:
+def _blend(gray: NDArray[np.uint8], period: int) -> None:
     """Blend the beginning of the first `period` columns from what follows their end."""
-    overlap = grey.shape[1] - period
+    overlap = gray.shape[1] - period
     share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
-    after = grey[:, period:].astype(np.float32)
-    grey[:, :overlap] = np.rint(after + share * (grey[:, :overlap] - after))
+    after = gray[:, period:].astype(np.float32)
+    gray[:, :overlap] = np.rint(after + share * (gray[:, :overlap] - after))
 
 
 def _one_line(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""Grounds: periodic grey-level pictures of known physical size.
+"""Grounds: periodic gray-level pictures of known physical size.
 
 Procedural materials (`materials`), all seamless when tiled, at any resolution, and
 the user's own scan or photo (`ground_picture`).
@@ -105,16 +105,16 @@ class GroundTexture:
     """A periodic ground, seen from above.
 
     Attributes:
-        grey: 8-bit grey levels, shape (n, n): row index along y, column index along x; texel
+        gray: 8-bit gray levels, shape (n, n): row index along y, column index along x; texel
             (0, 0) has its corner at the origin of the world.
         size: period along x and y [m].
     """
 
-    grey: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
     size: float
 
     def __post_init__(self) -> None:
-        shape, kind = self.grey.shape, self.grey.dtype
+        shape, kind = self.gray.shape, self.gray.dtype
         if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0 or kind != np.uint8:
             raise ValueError(f"a texture is square and uint8, not {kind} of shape {shape}")
         if not (math.isfinite(self.size) and self.size > 0.0):
@@ -123,7 +123,7 @@ class GroundTexture:
     @property
     def texel(self) -> float:
         """Edge of a texel [m]."""
-        return self.size / len(self.grey)
+        return self.size / len(self.gray)
 
 
 def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
@@ -137,10 +137,10 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
     generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
     texels, size = configuration.extent
     layers = MATERIALS[configuration.kind](size, generator)
-    grey = np.empty((texels, texels), np.uint8)
+    gray = np.empty((texels, texels), np.uint8)
 
     def draw(first: int) -> None:
-        rows = grey[first : first + _BAND]
+        rows = gray[first : first + _BAND]
         band = np.empty(rows.shape, np.float32)
         for layer in layers:
             layer.draw(band, first)
@@ -150,4 +150,4 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
 
     with ThreadPoolExecutor(_THREADS, "texture") as pool:
         list(pool.map(draw, range(0, texels, _BAND)))
-    return GroundTexture(grey, size)
+    return GroundTexture(gray, size)

@@ -1,7 +1,7 @@
 """Combined slip of the TMeasy tire: longitudinal and lateral slip added as vectors.
 
 Source: W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics
-45(S), 2007, the generalised slip that section 2.3.1 of the dissertation refers to. The slips of
+45(S), 2007, the generalized slip that section 2.3.1 of the dissertation refers to. The slips of
 Eqs. (1), (2) are divided by factors that make the two directions alike and added as vectors,
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
@@ -44,7 +44,7 @@ class _Contacts(NamedTuple):
 
 @lean
 def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
-    """Return the factors ``n_x``, ``n_y`` that normalise the slips [1]; their sum is 2.
+    """Return the factors ``n_x``, ``n_y`` that normalize the slips [1]; their sum is 2.
 
     Args:
         x: longitudinal curve.
@@ -60,13 +60,13 @@ def slip_norms(x: CurvePoint, y: CurvePoint) -> Pair:
 
 @lean
 def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurvePoint:
-    """Return the curve of force [N] over normalised slip [1] in a direction.
+    """Return the curve of force [N] over normalized slip [1] in a direction.
 
     Args:
         x: longitudinal curve.
         y: lateral curve.
         norms: from `slip_norms` [1].
-        q: unit vector of the normalised slip [1].
+        q: unit vector of the normalized slip [1].
     """
     c, s = abs(q[0]), abs(q[1])
     curve: CurvePoint = curve_through(

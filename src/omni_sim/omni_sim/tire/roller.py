@@ -29,15 +29,15 @@ def passive_parameters(tire: TireConfiguration) -> Any:
 
 
 def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
-    """Return the curve over normalised slip in a direction; also inside kernels.
+    """Return the curve over normalized slip in a direction; also inside kernels.
 
     Args:
         active: curve along the roller's axis, from `tire_model.curve_at`.
         passive: curve across it.
-        q: unit vector of the normalised slip, active and passive component [1].
+        q: unit vector of the normalized slip, active and passive component [1].
 
     Returns:
-        Curve of the same model; factors that normalise the slips of both directions [1].
+        Curve of the same model; factors that normalize the slips of both directions [1].
     """
     if isinstance(active, CurvePoint):
         norms = slip_norms(active, passive)

@@ -129,13 +129,13 @@ class VehicleConfiguration(Configuration):
     tire: TireConfiguration = section(TireConfiguration, description="Tire of every wheel")
     wheel_model: str = parameter(
         "single",
-        description="Model of every wheel: 'single' with one idealised roller (section 2.4.2), or "
+        description="Model of every wheel: 'single' with one idealized roller (section 2.4.2), or "
         "'rollers' with free rollers of their own (section 2.4.1)",
         choices=("single", "rollers"),
     )
     contact: str = parameter(
         "ideal",
-        description="Contact of the wheel model 'single': 'ideal' under the wheel's centre, or "
+        description="Contact of the wheel model 'single': 'ideal' under the wheel's center, or "
         "'roller', which moves along the roller on the ground and jumps to the next (8)-(10)",
         choices=("ideal", "roller"),
     )
@@ -255,12 +255,12 @@ class VehicleConfiguration(Configuration):
             raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
         hull = position[support_polygon(position)]
         edges = np.roll(hull, -1, axis=0) - hull
-        inside = cross(edges, masses.centre - hull) / np.linalg.norm(edges, axis=1)
+        inside = cross(edges, masses.center - hull) / np.linalg.norm(edges, axis=1)
         if len(hull) < 3 or float(np.min(inside)) <= 0.0:
-            x, y = masses.centre
+            x, y = masses.center
             raise ConfigurationError(
                 "body",
-                f"the centre of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
+                f"the center of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
                 "so the vehicle falls over; move body, load or wheels",
             )
         weight = masses.mass * GRAVITY

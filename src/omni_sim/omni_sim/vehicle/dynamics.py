@@ -1,7 +1,7 @@
 """Planar motion of a vehicle on omni-wheels: one compiled kernel that advances many steps.
 
 The body moves in the plane by `move`; what follows here are the forces. The rigid body moves about
-its centre of gravity, Eqs. (39), (40) read as ``m v_dot = sum f_i`` and ``J Omega_dot = sum
+its center of gravity, Eqs. (39), (40) read as ``m v_dot = sum f_i`` and ``J Omega_dot = sum
 cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Everything is taken at the middle of the
 step but velocities, which are implicit: each wheel's force is solved at the velocity that its hub
 will have at the end of the step. That velocity is predicted from all forces of the step before, and
@@ -60,9 +60,9 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
         plant: constants.
         body: `state.BODY`, changed in place.
         heading: ``R(psi)``, cosine and sine of the yaw at the middle of the step.
-        pull: force ``f`` of the wheels in the body frame [N], all moments ``M`` about the centre
+        pull: force ``f`` of the wheels in the body frame [N], all moments ``M`` about the center
             of gravity [N m].
-        other: forces on the centre of gravity in the world frame, ``f_other`` [N].
+        other: forces on the center of gravity in the world frame, ``f_other`` [N].
     """
     dt = plant.dt
     push = dt / plant.mass
@@ -189,25 +189,25 @@ def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float
 
 
 @lean
-def base_motion(body: Record, centre: Pair, motion: FloatArray) -> None:
-    """Write pose and twist of `base_link` from the motion of the centre of gravity, Eq. (23).
+def base_motion(body: Record, center: Pair, motion: FloatArray) -> None:
+    """Write pose and twist of `base_link` from the motion of the center of gravity, Eq. (23).
 
     Args:
         body: `state.BODY`.
-        centre: of gravity in the body frame [m].
+        center: of gravity in the body frame [m].
         motion: receives x, y [m], yaw [rad, not wrapped] in the world frame, then the velocity in
             the body frame [m/s, m/s, rad/s], shape (6,).
     """
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
     rate = body.yaw_rate
-    d_x, d_y = cos * centre[0] - sin * centre[1], sin * centre[0] + cos * centre[1]
+    d_x, d_y = cos * center[0] - sin * center[1], sin * center[0] + cos * center[1]
     if body.tilt_x != 0.0 or body.tilt_y != 0.0:
         d_x, d_y = level(body.tilt_x, body.tilt_y, d_x, d_y)
     motion[0] = body.x - d_x
     motion[1] = body.y - d_y
     motion[2] = body.yaw
-    motion[3] = cos * body.v_x + sin * body.v_y + rate * centre[1]
-    motion[4] = cos * body.v_y - sin * body.v_x - rate * centre[0]
+    motion[3] = cos * body.v_x + sin * body.v_y + rate * center[1]
+    motion[4] = cos * body.v_y - sin * body.v_x - rate * center[0]
     motion[5] = rate
 
 
@@ -215,7 +215,7 @@ def base_motion(body: Record, centre: Pair, motion: FloatArray) -> None:
 def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
-    c_x, c_y = plant.centre
+    c_x, c_y = plant.center
     g_x, g_y = cos * c_x - sin * c_y, sin * c_x + cos * c_y
     v_x, v_y = body.v_x + body.yaw_rate * g_y, body.v_y - body.yaw_rate * g_x
     if body.tilt_x != 0.0 or body.tilt_y != 0.0:
@@ -305,7 +305,7 @@ def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
 
 @lean_inline
 def _resultant(state: State, rollers: Rollers | None) -> Triple:
-    """Return the wheels' force in the body frame [N] and moment about the centre [N m]."""
+    """Return the wheels' force in the body frame [N] and moment about the center [N m]."""
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):

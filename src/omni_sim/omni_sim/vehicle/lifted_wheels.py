@@ -1,8 +1,8 @@
 """Who carries a vehicle when a wheel lifts: the hard cases of `loads`.
 
-Arguments throughout: `position`, wheel contacts relative to the centre of gravity [m], shape
+Arguments throughout: `position`, wheel contacts relative to the center of gravity [m], shape
 (N, 2); `hull`, indices of the support polygon, counter-clockwise; `weight` m g [N]; `z_x`, `z_y`,
-zero-moment point relative to the centre of gravity [m]; `loads`, receives the loads [N], (N,).
+zero-moment point relative to the center of gravity [m]; `loads`, receives the loads [N], (N,).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
 chassis, so their loads are on a plane ``a + b x + c y`` over the wheel positions that balances
-the weight and its moments, including those of inertia at the height of the centre of gravity:
+the weight and its moments, including those of inertia at the height of the center of gravity:
 the loads balance about the zero-moment point ``z = r_g - h a / g``. A wheel never pulls: those
 that the plane would pull are lifted, and the rest carry the weight. Where no such balance exists
 (the zero-moment point leaves the support polygon) the vehicle would tip over; then the nearest
@@ -35,24 +35,24 @@ class MassConfiguration(Configuration):
     mass: float = parameter(description="Mass", unit="kg", minimum=0.0, maximum=1.0e5)
     x: float = parameter(
         0.0,
-        description="Centre of gravity, forward of the platform centre",
+        description="Center of gravity, forward of the platform center",
         unit="m",
         minimum=-LARGEST_OFFSET,
         maximum=LARGEST_OFFSET,
     )
     y: float = parameter(
         0.0,
-        description="Centre of gravity, left of the platform centre",
+        description="Center of gravity, left of the platform center",
         unit="m",
         minimum=-LARGEST_OFFSET,
         maximum=LARGEST_OFFSET,
     )
     height: float = parameter(
-        description="Centre of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
+        description="Center of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
     )
     yaw_inertia: float = parameter(
         0.0,
-        description="Moment of inertia about the vertical through its own centre of gravity",
+        description="Moment of inertia about the vertical through its own center of gravity",
         unit="kg m^2",
         minimum=0.0,
         maximum=1.0e9,
@@ -65,13 +65,13 @@ class MassProperties:
 
     Attributes:
         mass: m [kg].
-        centre: ``r_g``, centre of gravity in the body frame [m], shape (2,).
-        height: of the centre of gravity above the ground [m].
-        yaw_inertia: J about the vertical through the centre of gravity [kg m^2].
+        center: ``r_g``, center of gravity in the body frame [m], shape (2,).
+        height: of the center of gravity above the ground [m].
+        yaw_inertia: J about the vertical through the center of gravity [kg m^2].
     """
 
     mass: float
-    centre: FloatArray
+    center: FloatArray
     height: float
     yaw_inertia: float
 
@@ -81,11 +81,11 @@ class MassProperties:
         mass = np.array([part.mass for part in masses])
         position = np.array([[part.x, part.y] for part in masses])
         total = float(mass.sum())
-        centre = mass @ position / total
-        offset = np.sum((position - centre) ** 2, axis=1)
+        center = mass @ position / total
+        offset = np.sum((position - center) ** 2, axis=1)
         inertia = sum(part.yaw_inertia for part in masses) + float(mass @ offset)
         height = float(mass @ np.array([part.height for part in masses])) / total
-        return cls(total, centre, height, inertia)
+        return cls(total, center, height, inertia)
 
 
 def support_polygon(position: FloatArray) -> IntArray:
@@ -114,7 +114,7 @@ def load_plane(position: FloatArray) -> FloatArray:
     """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while all wheels stand.
 
     Args:
-        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+        position: wheel contacts relative to the center of gravity [m], shape (N, 2).
 
     Returns:
         [1], [1/m], [1/m], shape (N, 3).
@@ -137,11 +137,11 @@ def wheel_loads(
     """Distribute the weight over the wheels.
 
     Args:
-        position: wheel contacts relative to the centre of gravity [m], shape (N, 2).
+        position: wheel contacts relative to the center of gravity [m], shape (N, 2).
         plane: from `load_plane`.
         hull: from `support_polygon`.
         weight: m g [N].
-        z_x: zero-moment point relative to the centre of gravity, ``-h a_x / g`` [m].
+        z_x: zero-moment point relative to the center of gravity, ``-h a_x / g`` [m].
         z_y: the same point in y, ``-h a_y / g`` [m].
         loads: receives the loads [N], shape (N,).
 

@@ -32,7 +32,7 @@ def place(
         angle: of the wheels [rad], shape (N,).
     """
     x, y, yaw = pose
-    g = masses.centre
+    g = masses.center
     v = twist[:2] + twist[2] * np.array([-g[1], g[0]])
     cos, sin = math.cos(yaw), math.sin(yaw)
     plant, body, wheels = state.plant, state.body[0], state.wheels
@@ -67,7 +67,7 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the contacts' velocities along ``n_w`` from that of the centre of gravity."""
+    """Return the contacts' velocities along ``n_w`` from that of the center of gravity."""
     contacts = state.contacts
     columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
     return np.asarray(columns @ twist, dtype=np.float64)

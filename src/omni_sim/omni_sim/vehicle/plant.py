@@ -45,7 +45,7 @@ def build_plant(
     """
     geometry = kinematics.geometry
     tire = configuration.tire
-    lever = geometry.position - masses.centre
+    lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)
     mobility = geometry.active @ geometry.active.T / masses.mass
@@ -65,7 +65,7 @@ def build_plant(
         dt=float(physics_step),
         mass=masses.mass,
         yaw_inertia=masses.yaw_inertia,
-        centre=(float(masses.centre[0]), float(masses.centre[1])),
+        center=(float(masses.center[0]), float(masses.center[1])),
         height=masses.height,
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
         contact=structured(CONTACT, lever, geometry.active, moment, rim),
@@ -113,7 +113,7 @@ def build_losses(
     if not losses.active or configuration.wheel_model == "rollers":
         return plant, Losses(np.zeros(0, LOSS), 0.0, 0.0, 0.0)
     geometry = kinematics.geometry
-    lever = geometry.position - masses.centre
+    lever = geometry.position - masses.center
     moment = cross(lever, geometry.passive)
     rim = np.sum(geometry.passive * geometry.rolling, axis=1)
     mobilities = []

@@ -5,7 +5,7 @@ section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x, y
 under each wheel by the plane of four points before, behind, left and right of its projection.
 
 Equation (6) prints ``e_zR = e_x x e_yR`` for the radial direction, and so it is here: it points
-from the contact to the centre of the wheel. Frames are world-parallel, z up.
+from the contact to the center of the wheel. Frames are world-parallel, z up.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def road_plane_at(
 
     Args:
         terrain: height of the ground.
-        x: projection of the wheel centre in the world [m].
+        x: projection of the wheel center in the world [m].
         y: position in y [m].
         cos: of the direction that counts as forward.
         sin: its sine [1].
@@ -96,9 +96,9 @@ class WheelContact:
         longitudinal: ``e_x``, where road plane and wheel plane meet [1], shape (3,).
         lateral: ``e_y`` in the road plane, to the left of ``e_x`` [1], shape (3,).
         normal: ``e_n`` of the road plane [1], shape (3,).
-        radial: ``e_zR`` from P to the wheel centre [1], shape (3,).
+        radial: ``e_zR`` from P to the wheel center [1], shape (3,).
         camber: ``beta`` between wheel axis and road plane [rad].
-        static_radius: ``r_S``, distance from the wheel centre to P [m].
+        static_radius: ``r_S``, distance from the wheel center to P [m].
     """
 
     point: FloatArray
@@ -110,19 +110,19 @@ class WheelContact:
     static_radius: float
 
 
-def wheel_contact(centre: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> WheelContact:
+def wheel_contact(center: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> WheelContact:
     """Return the geometric contact of a wheel, Eq. (6), and its camber.
 
     Args:
-        centre: wheel centre ``r_0M`` in the world [m], shape (3,), above the plane.
+        center: wheel center ``r_0M`` in the world [m], shape (3,), above the plane.
         axis: unit vector ``e_yR`` along the wheel axis, to the left, shape (3,).
         plane: local road plane.
 
     Raises:
         ValueError: the axis is along the normal, so that the wheel is on its side, or the
-            centre is not above the plane.
+            center is not above the plane.
     """
-    middle = np.asarray(centre, dtype=np.float64)
+    middle = np.asarray(center, dtype=np.float64)
     e_yr = np.asarray(axis, dtype=np.float64)
     e_n = plane.normal
     along = np.cross(e_yr, e_n)
@@ -133,7 +133,7 @@ def wheel_contact(centre: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> Wheel
     e_zr = np.cross(e_x, e_yr)
     clearance = float(e_n @ (middle - plane.point))
     if clearance <= 0.0:
-        raise ValueError("the wheel centre must be above its road plane")
+        raise ValueError("the wheel center must be above its road plane")
     static_radius = clearance / float(e_n @ e_zr)
     return WheelContact(
         point=middle - static_radius * e_zr,  # Eq. (6)

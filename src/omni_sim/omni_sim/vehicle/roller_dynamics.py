@@ -2,7 +2,7 @@
 
 Wheels and contacts are those of `wheel.roller`. Forces act at the displaced contact points, Eqs.
 (10), (11), so the levers of the platform vary with the wheel angles; the loads are those of wheels
-that stand under their centres. While two rollers share a wheel, its spin is solved with the lower
+that stand under their centers. While two rollers share a wheel, its spin is solved with the lower
 one and feels the other's force of the step before.
 """
 

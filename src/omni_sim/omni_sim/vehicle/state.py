@@ -25,12 +25,12 @@ def _floats(*names: str) -> np.dtype[np.void]:
 
 
 BODY = _floats("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "a_x", "a_y", "tilt_x", "tilt_y")
-"""The body: position of the centre of gravity and its velocity in the world frame [m, rad, m/s,
+"""The body: position of the center of gravity and its velocity in the world frame [m, rad, m/s,
 rad/s], the low-passed acceleration by the tires in the body frame [m/s^2], and the level components
 of the path plane's normal [1], in whose frame yaw and velocity are."""
 
 CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
-"""Where and how a wheel pushes: contact from the centre of gravity [m], active direction ``n_w``
+"""Where and how a wheel pushes: contact from the center of gravity [m], active direction ``n_w``
 [1], ``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
 
 WHEEL = np.dtype(
@@ -95,15 +95,15 @@ class Plant(NamedTuple):
     Attributes:
         dt: physics step [s].
         mass: m [kg].
-        yaw_inertia: J about the centre of gravity [kg m^2].
-        centre: of gravity in the body frame [m].
-        height: of the centre of gravity [m].
+        yaw_inertia: J about the center of gravity [kg m^2].
+        center: of gravity in the body frame [m].
+        height: of the center of gravity [m].
         filter_share: weight of the newest acceleration in the low-pass [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
         radius: of the unloaded wheels [m], shape (N,).
         mobility: W of the wheels [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
-        position: of the wheels from the centre of gravity [m], shape (N, 2).
+        position: of the wheels from the center of gravity [m], shape (N, 2).
         plane: from `loads.load_plane`.
         hull: from `loads.support_polygon`.
         wheel_inertia: I of a wheel about its axis [kg m^2].
@@ -126,7 +126,7 @@ class Plant(NamedTuple):
     dt: float
     mass: float
     yaw_inertia: float
-    centre: Pair
+    center: Pair
     height: float
     filter_share: float
     contact: Structured
@@ -181,7 +181,7 @@ class Rollers(NamedTuple):
         constant: friction that opposes a roller's turning, at its surface per load [1].
         growing: that friction per load and load, Eq. (19) [1/N].
         state: of the rollers, `ROLLER`, shape (N, n).
-        push: forces [N] and moment about the centre of gravity [N m] of each wheel in the last
+        push: forces [N] and moment about the center of gravity [N m] of each wheel in the last
             step, body frame, shape (N, 3).
     """
 
@@ -262,7 +262,7 @@ class Control(NamedTuple):
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         in_world: whether its linear part keeps its direction in the world while the body turns.
-        force_x: constant force at the centre of gravity, world frame [N].
+        force_x: constant force at the center of gravity, world frame [N].
         force_y: that force in y [N].
     """
 
@@ -279,10 +279,10 @@ class Step(NamedTuple):
     """What all wheels see of one physics step.
 
     Attributes:
-        place: centre of gravity in the world at the middle of the step [m].
+        place: center of gravity in the world at the middle of the step [m].
         heading: cosine and sine of the yaw there.
         tilt: level components of the path plane's normal [1].
-        ahead: velocity of the centre of gravity [m/s] and yaw rate [rad/s] at the end of the step
+        ahead: velocity of the center of gravity [m/s] and yaw rate [rad/s] at the end of the step
             if the forces did not change, in the body frame.
         drive: commanded twist in the body frame [m/s, m/s, rad/s].
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
@@ -328,7 +328,7 @@ class Energies(NamedTuple):
     """Energies of a vehicle [J].
 
     Attributes:
-        translation: of the centre of gravity.
+        translation: of the center of gravity.
         rotation: of the body about it.
         spin: of the wheels and individual rollers.
         elastic: of the tires' deflection.

@@ -6,14 +6,14 @@ it each wheel is sprung and damped on its own, tire included, and the chassis mo
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
-``z`` upward at the centre of gravity, ``p`` and ``r`` the gradients of the chassis forward and to
+``z`` upward at the center of gravity, ``p`` and ``r`` the gradients of the chassis forward and to
 the left, small, ``f`` the force of the wheels along the ground, ``h`` the height at which inertia
 opposes it. ``s_i`` is the height of the road under a wheel over the plane that the vehicle follows
 (`uneven_ground`), less how much higher the wheel is mounted and how deep it sinks into a gap
 between two rollers. So wheels share the weight as their heights and the twist of the ground have
 it, which rigid bodies leave open, and rollers with gaps give a rough ride.
 
-Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the way of the centre of
+Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the way of the center of
 gravity over a tilted chassis, and the work that the forces along the ground do on pitch and roll.
 """
 
@@ -51,7 +51,7 @@ class SuspensionConfiguration(Configuration):
     pitch_inertia: float = parameter(
         0.0,
         description="Moment of inertia of body and load about the lateral axis through their "
-        "centre of gravity; 0: that of a homogeneous box as long as the chassis",
+        "center of gravity; 0: that of a homogeneous box as long as the chassis",
         unit="kg m^2",
         minimum=0.0,
     )

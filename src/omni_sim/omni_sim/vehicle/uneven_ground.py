@@ -2,7 +2,7 @@
 
 The vehicle keeps to the ground. Under each wheel is a road plane, Eq. (5), of height ``z_i`` and
 gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the shares ``w_i`` at
-rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the centre of gravity
+rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the center of gravity
 stands over ``Z = sum w_i z_i`` and moves in the plane of the gradient ``sum w_i s_i`` (the *path
 plane*, of unit normal ``n``).
 
@@ -15,7 +15,7 @@ that frame, about ``n``; positions are in the level world. Where the ground fall
 the vehicle would take off, it carries nothing and counts as tipping.
 
 Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
-kinetic energy of roll and pitch, and the height of the centre of gravity in its path (only load
+kinetic energy of roll and pitch, and the height of the center of gravity in its path (only load
 transfer knows it); the difference between a wheel's own road plane and the path plane in the
 direction of its force (second order in the angle between them); without a `suspension` also loads
 by twisted ground, as if the frame of the vehicle yielded.
@@ -61,14 +61,14 @@ def stand(
 
     Args:
         terrain: height of the ground.
-        position: wheel contacts relative to the centre of gravity in the body frame [m], (N, 2).
+        position: wheel contacts relative to the center of gravity in the body frame [m], (N, 2).
         plane: from `loads.load_plane`.
-        place: centre of gravity in the world [m].
+        place: center of gravity in the world [m].
         heading: cosine and sine of the yaw.
         heights: receives those of the ground under the wheels over the vehicle's plane [m], (N,).
 
     Returns:
-        Height ``Z`` of the ground under the centre of gravity [m]; gradient of the vehicle's plane
+        Height ``Z`` of the ground under the center of gravity [m]; gradient of the vehicle's plane
         forward and to the left [1]; ``n_x``, ``n_y`` of the path plane [1]; ``dZ/dyaw`` [m].
     """
     height, forward, left, slope_x, slope_y, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

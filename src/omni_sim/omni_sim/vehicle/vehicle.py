@@ -204,7 +204,7 @@ class Vehicle:
         return self._run(n_steps, control, traced=True, logged=True)
 
     def push(self, force: ArrayLike) -> None:
-        """Let a constant force act at the centre of gravity from now on.
+        """Let a constant force act at the center of gravity from now on.
 
         Args:
             force: along the ground, in the world frame [N], shape (2,).
@@ -288,12 +288,12 @@ class Vehicle:
 
     def _motion(self) -> FloatArray:
         motion = np.empty(6)
-        dynamics.base_motion(self.state.body[0], self.state.plant.centre, motion)
+        dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
 
     @property
-    def velocity_of_gravity_centre(self) -> FloatArray:
-        """Velocity of the centre of gravity along the ground, in the world frame [m/s], (2,)."""
+    def velocity_of_gravity_center(self) -> FloatArray:
+        """Velocity of the center of gravity along the ground, in the world frame [m/s], (2,)."""
         body = self.state.body[0]
         return np.array([body["v_x"], body["v_y"]])
 
@@ -311,7 +311,7 @@ class Vehicle:
         rise = orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
         return np.array(
             [
-                height - float(rise[:2] @ self.masses.centre),
+                height - float(rise[:2] @ self.masses.center),
                 math.atan2(rise[1], rise[2]),
                 -math.asin(rise[0]),
             ]
@@ -327,7 +327,7 @@ class Vehicle:
         """How the sprung chassis stands over the path plane, beside how it does at rest.
 
         Returns:
-            Heave of the centre of gravity [m], gradients forward and to the left [1] and the rates
+            Heave of the center of gravity [m], gradients forward and to the left [1] and the rates
             of all three, shape (6,); zeros without suspension.
         """
         state = np.array(list(self.state.suspension.chassis[0]))
@@ -342,7 +342,7 @@ class Vehicle:
             y: to the left of it [m].
         """
         heave, forward, left = self.ride[:3]
-        g_x, g_y = self.masses.centre
+        g_x, g_y = self.masses.center
         above = float(heave + forward * (x - g_x) + left * (y - g_y))
         if self.uneven:
             height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
@@ -372,12 +372,12 @@ class Vehicle:
         levers, directions = self.state.plant.position, self.kinematics.geometry.rolling
         contacts = []
         for lever, rolling, r_s in zip(levers, directions, rolling_radius(self.state), strict=True):
-            centre = base + turn @ [*lever, r_s]
-            c_x, c_y = float(centre[0]), float(centre[1])
+            center = base + turn @ [*lever, r_s]
+            c_x, c_y = float(center[0]), float(center[1])
             z, *normal = road_plane_at(self.state.terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
             plane = RoadPlane(np.array([c_x, c_y, z]), np.array(normal))
             axis = turn @ [-rolling[1], rolling[0], 0.0]
-            contacts.append(wheel_contact(centre, axis, plane))
+            contacts.append(wheel_contact(center, axis, plane))
         return tuple(contacts)
 
     @property
@@ -417,7 +417,7 @@ class Vehicle:
     def slip_velocity(self) -> FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
         v_x, v_y, rate = self.twist
-        g_x, g_y = self.masses.centre
+        g_x, g_y = self.masses.center
         hub = along_active(self.state, np.array([v_x - rate * g_y, v_y + rate * g_x, rate]))
         speed = self.state.wheels["speed"] * rolling_radius(self.state)
         return np.asarray(hub - speed * self.state.contacts["rim"], dtype=np.float64)

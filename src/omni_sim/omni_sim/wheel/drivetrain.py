@@ -24,7 +24,7 @@ class Hub(NamedTuple):
 
     Attributes:
         lever: ``g = r_D (n_w . u)`` [m].
-        velocity: of the wheel centre along the active direction at the end of the step if this
+        velocity: of the wheel center along the active direction at the end of the step if this
             tire made no force [m/s].
         mobility: by how much the force changes that velocity [m/s per N].
     """

@@ -2,12 +2,12 @@
 
 Contact: the wheel's envelope is a circle, so its axis stays level, and the lowest roller carries
 the wheel (`roller_geometry`). Rollers overlap: from ``(1 - overlap) pi/n`` on, the load passes
-smoothly to the neighbour, half of it at ``pi/n``, so forces are continuous. A roller that
+smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A roller that
 leaves the ground keeps its spin and loses its deflection.
 
 Tire: Table 1's curve ``x`` acts along the roller's axis, where the single-roller wheel uses it,
 so that the two wheels can be compared, and ``y`` along the roller's own rolling direction. The
-slips of both directions are normalised, added as vectors, and give one force against the sliding
+slips of both directions are normalized, added as vectors, and give one force against the sliding
 velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics 45
 (S), 2007). The denominator of Eqs. (1), (2), a tire's own ``r |Omega|``, becomes the speed with
 which rubber passes through the contact, to which wheel and roller both add:
@@ -147,7 +147,7 @@ def roller_step(
             curve,
             Patch(
                 deflection[0] * q[0] + deflection[1] * q[1],
-                patch.speed * stretch,  # so that the curve is met at its normalised slip
+                patch.speed * stretch,  # so that the curve is met at its normalized slip
                 patch.sliding,
             ),
             Hub(

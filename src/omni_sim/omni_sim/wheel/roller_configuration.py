@@ -56,7 +56,7 @@ class RollerConfiguration(Configuration):
     )
     gap: float = parameter(
         0.0,
-        description="Gap between the ends of two neighbouring rollers, along the rim, into which "
+        description="Gap between the ends of two neighboring rollers, along the rim, into which "
         "the wheel sinks; needs a suspension. 0: they fill the wheel's circle",
         unit="m",
         minimum=0.0,
@@ -102,7 +102,7 @@ def roller_geometries(
                 distance=distance,
                 radius=mount.radius,
                 rollers=rollers.count,
-                centre=(mount.x, mount.y),
+                center=(mount.x, mount.y),
             )
         )
     return tuple(geometries)

@@ -5,7 +5,7 @@ section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel"
 Geometric Design 25 (2008) 784-791.
 
 The wheel axis ``a`` is horizontal at the angle ``alpha``; Eq. (10), which prints ``a_x`` for two
-things, means by it the wheel centre. The axis ``b`` of a roller is inclined
+things, means by it the wheel center. The axis ``b`` of a roller is inclined
 to it by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
 roller is lowest. The roller touches the ground under the point in which ``b`` crosses the
 vertical plane through ``a``; while the wheel turns, this point runs along ``a`` from one edge of
@@ -53,7 +53,7 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
 
     Returns:
         Active direction ``n_w`` in the body frame [1], two components with the sign of
-        `omni_platform.geometry`; contact point from under the wheel centre [m], two components;
+        `omni_platform.geometry`; contact point from under the wheel center [m], two components;
         ``n_w . u`` [1]; length of the horizontal part of the unit axis [1]; depth of the axis
         under the wheel's over the contact [m].
     """
@@ -85,7 +85,7 @@ class RollerGeometry:
         distance: ``d`` between the axes, ``R_0`` of Eq. (17) [m].
         radius: ``r`` of the wheel over its rollers [m].
         rollers: n.
-        centre: ``(a_x, a_y)``, wheel centre [m].
+        center: ``(a_x, a_y)``, wheel center [m].
     """
 
     alpha: float
@@ -93,7 +93,7 @@ class RollerGeometry:
     distance: float
     radius: float
     rollers: int
-    centre: tuple[float, float] = (0.0, 0.0)
+    center: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse wheels that cannot be built.
@@ -122,7 +122,7 @@ class RollerGeometry:
         return np.array([math.cos(self.alpha), math.sin(self.alpha), 0.0])
 
     @property
-    def roller_centres(self) -> FloatArray:
+    def roller_centers(self) -> FloatArray:
         """``d_i`` around the wheel: forward, along the axis, up [m], Eq. (17), shape (n, 3)."""
         angle = 2.0 * np.pi * np.arange(1, self.rollers + 1) / self.rollers
         return self.distance * np.column_stack((np.sin(angle), np.zeros_like(angle), np.cos(angle)))
@@ -169,7 +169,7 @@ class RollerGeometry:
         """
         reach = self.distance * np.tan(np.asarray(gamma, dtype=np.float64))
         along = reach * math.cos(self.delta) / math.sin(self.delta)
-        a_x, a_y = self.centre
+        a_x, a_y = self.center
         return np.stack(
             (a_x - along * math.cos(self.alpha), a_y - along * math.sin(self.alpha)), axis=-1
         )

@@ -31,7 +31,7 @@ def stops(comparisons: Sequence[Comparison]) -> Figure:
         for row, comparison in enumerate(comparisons):
             sensor = comparison.sensor_metrics[quantity].value
             optical = comparison.optical_metrics[quantity].value
-            axes.plot([sensor, optical], [row, row], color=style.GREY, linewidth=1.5, zorder=2)
+            axes.plot([sensor, optical], [row, row], color=style.GRAY, linewidth=1.5, zorder=2)
             axes.plot([sensor], [row], "o", color=_SENSOR, ms=9, zorder=3, clip_on=False)
             axes.plot([optical], [row], "D", color=_OPTICAL, ms=5, zorder=4, clip_on=False)
             axes.annotate(
@@ -88,13 +88,13 @@ def orientations(comparisons: Sequence[Comparison]) -> Figure:
 
 
 def _orientation(axes: Axes, comparison: Comparison) -> None:
-    for history, colour, width in (
+    for history, color, width in (
         (comparison.sensor, _SENSOR, 2.4),
         (comparison.optical, _OPTICAL, 1.2),
     ):
         start = history.brake_start or 0
         axes.plot(
-            history.braking_time[start:], turned(history)[start:], color=colour, linewidth=width
+            history.braking_time[start:], turned(history)[start:], color=color, linewidth=width
         )
     axes.set_title(_words(comparison))
 

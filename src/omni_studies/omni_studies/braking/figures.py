@@ -33,16 +33,16 @@ def velocities_and_errors(history: RunHistory, title: str, *, errors: bool = Tru
         errors: False leaves the lower part out, as Figure 44 does.
     """
     figure, panels = _rows(2 if errors else 1, title)
-    colours = (style.BLUE, style.VERMILLION, style.GREEN)
-    for column, (label, colour) in enumerate(zip(_COMPONENTS, colours, strict=True)):
-        panels[0].plot(history.braking_time, history.twist[:, column], color=colour, label=label)
+    colors = (style.BLUE, style.VERMILLION, style.GREEN)
+    for column, (label, color) in enumerate(zip(_COMPONENTS, colors, strict=True)):
+        panels[0].plot(history.braking_time, history.twist[:, column], color=color, label=label)
     panels[0].set_ylabel("velocity [m/s], [rad/s]")
     if errors:
         for column, name in enumerate(history.wheel_names):
             panels[1].plot(
                 history.braking_time,
                 _while_braking(history, history.error[:, column]),
-                color=style.wheel_colour(column),
+                color=style.wheel_color(column),
                 label=name.replace("_", " "),
                 linewidth=1.1,
             )
@@ -109,7 +109,7 @@ def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(_WIDTH, height), dpi=style.DOTS_PER_INCH)
     panels = [figure.add_subplot(count, 1, row + 1) for row in range(count)]
     for axes in panels:
-        axes.axhline(0.0, color=style.GREY, linewidth=0.8)
+        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
         axes.tick_params(labelbottom=axes is panels[-1])
     panels[-1].set_xlabel("time since braking [s]")
     figure.suptitle(title, y=1.0 - 0.12 / height, va="top")

@@ -32,13 +32,13 @@ class LockedWheels:
         vehicle: that slides.
         force: of each wheel along its active direction [N], shape (N,).
         load: of each wheel [N], shape (N,).
-        centre: of gravity in the body frame [m], shape (2,).
+        center: of gravity in the body frame [m], shape (2,).
     """
 
     vehicle: VehicleConfiguration
     force: FloatArray
     load: FloatArray
-    centre: FloatArray
+    center: FloatArray
 
     @property
     def geometry(self) -> PlatformGeometry:
@@ -58,8 +58,8 @@ class LockedWheels:
 
     @property
     def moment(self) -> float:
-        """Their moment about the centre of gravity, counter-clockwise [N m]."""
-        return float(cross(self.geometry.position - self.centre, self.vectors).sum())
+        """Their moment about the center of gravity, counter-clockwise [N m]."""
+        return float(cross(self.geometry.position - self.center, self.vectors).sum())
 
 
 def draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
@@ -93,7 +93,7 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
 
     vehicle = one.vehicle
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
-    axes.add_patch(Polygon(turned(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GREY))
+    axes.add_patch(Polygon(turned(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
     for outline in scene.wheel_outlines:
         axes.add_patch(Polygon(turned(outline), facecolor="white", edgecolor=style.BLACK))
     arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 5}
@@ -105,14 +105,14 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
         side = 1.0 if x >= 0.0 else -1.0
         place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
         axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
-    centre = turned(one.centre)[0]
+    center = turned(one.center)[0]
     # Half as long as those of the wheels, as it is of all of them.
     total = 0.5 * scale * turned(one.total)[0]
     axes.quiver(
-        *centre, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
+        *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
         **arrows,
     )  # fmt: skip
-    axes.plot(*centre, "o", color=style.BLACK, zorder=6, label="centre of gravity")
+    axes.plot(*center, "o", color=style.BLACK, zorder=6, label="center of gravity")
     axes.set_aspect("equal")
     axes.margins(0.1)
     axes.set_xlim(-1.15 * vehicle.chassis_width, 1.15 * vehicle.chassis_width)
@@ -159,14 +159,14 @@ def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
     braking = np.sum(errors < 0.0, axis=2)
     axes.grid(False)
     shades = axes.pcolormesh(
-        drift, turn, braking, cmap="Greys", vmin=0, vmax=2 * len(names), shading="nearest"
+        drift, turn, braking, cmap="Grays", vmin=0, vmax=2 * len(names), shading="nearest"
     )
     for row, name in enumerate(names):
         # Errors of two wheels may vanish on one line.
-        colour, dashes = style.wheel_colour(row), "-" if row % 2 else "--"
+        color, dashes = style.wheel_color(row), "-" if row % 2 else "--"
         look: dict[str, Any] = {"linewidths": 2.2, "linestyles": dashes, "zorder": 3 - row % 2}
-        axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=colour, **look)
-        axes.plot([], [], dashes, color=colour, label=f"s = 0, {name.replace('_', ' ')}")
+        axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=color, **look)
+        axes.plot([], [], dashes, color=color, label=f"s = 0, {name.replace('_', ' ')}")
     axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="where to go")
     for x, y in ((0.0, 0.72), (0.0, -0.72), (-0.72, 0.0), (0.72, 0.0)):
         twist = np.array([speed, x * _LARGEST_DRIFT, y * _LARGEST_TURN])

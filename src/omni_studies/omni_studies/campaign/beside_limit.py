@@ -40,12 +40,12 @@ class Held(NamedTuple):
     Attributes:
         seed: of the braking.
         vehicle: name of its file.
-        any_heading: bound of the path of the centre of gravity, or a sketch of it [m].
+        any_heading: bound of the path of the center of gravity, or a sketch of it [m].
         any_heading_slack: by how much a run may be below, NaN where the sketch was enough [m].
         straight: bound of the distance of a stop that keeps heading and line, or a sketch of it;
             NaN where there is none or no run has kept them [m].
         straight_slack: likewise.
-        path_unassisted: of the centre of gravity [m].
+        path_unassisted: of the center of gravity [m].
         path_sliding_mode: likewise.
         path_allocation_on_off: likewise.
         path_allocation: likewise.
@@ -144,11 +144,11 @@ def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> Maneuver:
 
 
 def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
-    """Return the path of the centre of gravity while braking [m]."""
-    centre = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).centre
+    """Return the path of the center of gravity while braking [m]."""
+    center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
     pose = _braking(run, experiment)
     cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    arm = np.column_stack((cos * centre[0] - sin * centre[1], sin * centre[0] + cos * centre[1]))
+    arm = np.column_stack((cos * center[0] - sin * center[1], sin * center[0] + cos * center[1]))
     moved = np.diff(pose[:, :2] + arm, axis=0)
     return float(np.sum(np.hypot(*moved.T)))
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     ORANGE,
     VERMILLION,
 )
@@ -51,7 +51,7 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
                 axes.scatter(*_pairs(part, quantity), linewidths=0, **look)
             largest = max([1.0, *_pairs(chosen, quantity)[0], *_pairs(chosen, quantity)[1]])
             line = np.array([0.0, largest])
-            axes.plot(line, line, color=GREY, linewidth=0.8)
+            axes.plot(line, line, color=GRAY, linewidth=0.8)
             axes.plot(line, limits[quantity](line), color=VERMILLION, linewidth=1.0)
             axes.set_xlim(0.0, 1.03 * largest)
             axes.set_ylim(0.0, 1.03 * largest)
@@ -73,11 +73,11 @@ def draw_distributions(results: Sequence[Outcome]) -> Figure:
         for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):
             chosen = [result for result in results if result.vehicle == vehicle]
             pairs = _pairs(chosen, quantity)
-            for values, name, colour in zip(
+            for values, name, color in zip(
                 pairs, ("unassisted", "assisted"), (ORANGE, BLUE), strict=True
             ):
                 share = (np.arange(len(values)) + 1.0) / max(len(values), 1)
-                axes.step(np.sort(values), share, where="post", color=colour, label=name)
+                axes.step(np.sort(values), share, where="post", color=color, label=name)
             axes.set_xlim(left=0.0)
             axes.set_ylim(0.0, 1.0)
             _finish(axes, title, label)

@@ -32,7 +32,7 @@ from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
 
 # By file of config/vehicles: largest load [kg] and speed [m/s], and how far the load may be from
-# the centre, forward and to the side [m].
+# the center, forward and to the side [m].
 VEHICLES = {
     "mecanum_forklift": (500.0, 10.0, 0.6, 0.45),
     "three_wheel_robot": (500.0, 4.0, 0.25, 0.25),

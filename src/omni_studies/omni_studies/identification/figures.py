@@ -35,7 +35,7 @@ def weighting_functions() -> Figure:
         k = int(case[1:]) if kind == "enhanced" else 1
         weights = weighting_function(kind, k)(np.radians(angle))
         label = f"enhanced, k = {k}" if kind == "enhanced" else _LABELS[case]
-        axes.plot(angle, weights, color=style.wheel_colour(row), linewidth=1.8, label=label)
+        axes.plot(angle, weights, color=style.wheel_color(row), linewidth=1.8, label=label)
     axes.set_xlabel(r"angle $\delta$ between active direction and velocity [deg]")
     axes.set_ylabel(r"weight $\psi$ [1]")
     axes.set_title("A wheel that cannot brake counts for nothing", loc="left")
@@ -53,16 +53,16 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
     figure = Figure(figsize=(8.0, 5.2), dpi=style.DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     for row, case in enumerate(table_2.CASES):
-        colour = style.wheel_colour(row)
+        color = style.wheel_color(row)
         names = f"stopping_distance.{case}", f"orientation_change.{case}"
         x0, y0 = (table_2.REFERENCES[name] for name in names)
         dx, dy = (table_2.tolerance(name) for name in names)
         x, y = (measured[name] for name in names)
         axes.add_patch(
-            Rectangle((x0 - dx, y0 - dy), 2 * dx, 2 * dy, facecolor=colour, alpha=0.18, zorder=1)
+            Rectangle((x0 - dx, y0 - dy), 2 * dx, 2 * dy, facecolor=color, alpha=0.18, zorder=1)
         )
-        axes.plot([x0], [y0], "o", markerfacecolor="white", color=colour, markersize=9, zorder=3)
-        axes.plot([x], [y], "o", color=colour, markersize=6, zorder=4)
+        axes.plot([x0], [y0], "o", markerfacecolor="white", color=color, markersize=9, zorder=3)
+        axes.plot([x], [y], "o", color=color, markersize=6, zorder=4)
         axes.annotate(
             _LABELS[case],
             (x0 + dx, y0),
@@ -75,12 +75,12 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
     axes.set_xlabel("stopping distance [m]")
     axes.set_ylabel("orientation change [deg]")
     axes.set_title("Table 2: orientation against distance")
-    grey: dict[str, Any] = {"color": style.GREY, "linestyle": "", "marker": "o"}
+    gray: dict[str, Any] = {"color": style.GRAY, "linestyle": "", "marker": "o"}
     axes.legend(
         handles=[
-            Line2D([], [], markerfacecolor="white", markersize=9, label="dissertation", **grey),
-            Patch(facecolor=style.GREY, alpha=0.3, label="5 % or 2 deg, 3 %"),
-            Line2D([], [], markersize=6, label="identified vehicle", **grey),
+            Line2D([], [], markerfacecolor="white", markersize=9, label="dissertation", **gray),
+            Patch(facecolor=style.GRAY, alpha=0.3, label="5 % or 2 deg, 3 %"),
+            Line2D([], [], markersize=6, label="identified vehicle", **gray),
         ],
         loc="upper right",
     )

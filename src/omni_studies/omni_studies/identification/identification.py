@@ -54,12 +54,12 @@ class Quantity:
 
 
 QUANTITIES = (
-    Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0, "body with wheels, at the centre"),
+    Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0, "body with wheels, at the center"),
     Quantity("body_inertia", "kg m^2", 150.0, 700.0, 10.0, 0, "of the body about the vertical"),
     Quantity("load_mass", "kg", 200.0, 600.0, 10.0, 0, "load, a point"),
-    Quantity("load_x", "m", 0.3, 0.8, 0.01, 3, "load, forward of the centre"),
-    Quantity("load_y", "m", 0.1, 0.6, 0.01, 3, "load, left of the centre"),
-    Quantity("height", "m", 0.2, 0.6, 0.01, 3, "centres of gravity above the ground"),
+    Quantity("load_x", "m", 0.3, 0.8, 0.01, 3, "load, forward of the center"),
+    Quantity("load_y", "m", 0.1, 0.6, 0.01, 3, "load, left of the center"),
+    Quantity("height", "m", 0.2, 0.6, 0.01, 3, "centers of gravity above the ground"),
     Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3, "distance of front and rear wheels"),
     Quantity("track", "m", 0.7, 1.3, 0.01, 3, "distance of left and right wheels"),
     Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0, "largest torque of a brake"),
@@ -68,8 +68,8 @@ QUANTITIES = (
     Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2, "at that moment"),
     Quantity("friction", "1", 0.5, 0.8, 0.01, 3, "mu/mu_0 of the ground"),
     Quantity("patch_friction", "1", 0.25, 0.5, 0.01, 3, "mu/mu_0 of the patch"),
-    Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2, "centre of the patch, right of the motion"),
-    Quantity("patch_y", "m", 0.0, 6.0, 0.05, 2, "centre of the patch along the motion"),
+    Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2, "center of the patch, right of the motion"),
+    Quantity("patch_y", "m", 0.0, 6.0, 0.05, 2, "center of the patch along the motion"),
     Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2, "of the patch along the motion"),
     Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2, "of the patch across the motion"),
 )
@@ -207,7 +207,7 @@ def unsound(vehicle: VehicleConfiguration) -> float:
     """
     position = PlatformKinematics(vehicle.wheels).geometry.position
     masses = MassProperties.of(vehicle.body, vehicle.load)
-    carried = masses.mass * GRAVITY * load_plane(position - masses.centre)[:, 0]
+    carried = masses.mass * GRAVITY * load_plane(position - masses.center)[:, 0]
     overload = max(float(carried.max()) / vehicle.tire.largest_load - 1.0, 0.0)
     overhang = np.abs([vehicle.load.x, vehicle.load.y]) / np.abs(position).max(axis=0) - 1.0
     return overload + float(np.maximum(overhang, 0.0).sum())
@@ -259,7 +259,7 @@ GENERATIONS = 250
 """Generations of a search at most."""
 
 _REFINEMENT = 60  # generations of the refinement at most
-_NEIGHBOURHOOD = 0.1  # half its box, as a share of the whole one
+_NEIGHBORHOOD = 0.1  # half its box, as a share of the whole one
 _IMPOSSIBLE = 1e4
 
 OnGeneration = Callable[[int, float], None]
@@ -309,12 +309,12 @@ def refine(
     sound: bool = False,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
-    """Make the largest deviation small in the neighbourhood of a candidate; see `search`."""
+    """Make the largest deviation small in the neighborhood of a candidate; see `search`."""
     box = []
     for quantity in QUANTITIES:
-        reach = _NEIGHBOURHOOD * (quantity.high - quantity.low)
-        centre = found[quantity.name]
-        box.append((max(centre - reach, quantity.low), min(centre + reach, quantity.high)))
+        reach = _NEIGHBORHOOD * (quantity.high - quantity.low)
+        center = found[quantity.name]
+        box.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
     fourths = functools.partial(cost, bases, exponent=4, sound=sound)
     return _evolve(fourths, box, 0.7**4, seed, generations, on_generation)
 

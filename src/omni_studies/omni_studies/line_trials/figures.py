@@ -19,7 +19,7 @@ from omni_studies.line_trials import view_grid
 
 _EDGES = (0.0, 1e-9, 0.5, 2.0, 8.0, 32.0, 128.0, 1024.0)  # [px]
 _SHADES = ("#FFFFFF", "#FDE7B0", "#F6C15C", "#E69F00", "#D55E00", "#8F2A00", "#3B0A00")
-_NORM, _COLOURS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
+_NORM, _COLORS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
 _SAMPLE = 0.02  # edge of the pictures, as in Figure 59 [m]
 
 
@@ -70,7 +70,7 @@ def draw_error_maps(
         for axes in own[first + len(row) :]:
             axes.set_visible(False)
     bar = figure.colorbar(
-        ScalarMappable(_NORM, _COLOURS),
+        ScalarMappable(_NORM, _COLORS),
         ax=grid.ravel().tolist(),
         spacing="uniform",
         ticks=_EDGES,
@@ -91,7 +91,7 @@ def _draw_map(
 ) -> None:
     x, y = (np.asarray(scale.values) for scale in scales)
     axes.grid(False)
-    axes.pcolormesh(x, y, error, cmap=_COLOURS, norm=_NORM, shading="nearest")
+    axes.pcolormesh(x, y, error, cmap=_COLORS, norm=_NORM, shading="nearest")
     lines = axes.contour(x, y, overlap, levels=list(levels), colors=BLACK, linewidths=1.0)
     # Readable on the darkest shade too.
     lines.set_path_effects([withStroke(linewidth=2.4, foreground="white")])
@@ -102,11 +102,11 @@ def _draw_map(
 
 
 def _draw_ground(axes: Axes, name: str, ground: GroundTexture) -> None:
-    texels = min(len(ground.grey), round(_SAMPLE / ground.texel))
+    texels = min(len(ground.gray), round(_SAMPLE / ground.texel))
     edge = 1e3 * texels * ground.texel
-    grey = ground.grey[:texels, :texels]
+    gray = ground.gray[:texels, :texels]
     axes.grid(False)
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
+    axes.imshow(gray, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
     axes.grid(visible=False)
     axes.set_title(name)
     axes.set_xlabel("x [mm]")

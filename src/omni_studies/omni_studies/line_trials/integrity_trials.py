@@ -52,7 +52,7 @@ class Motion:
     twist: tuple[float, float, float]
     growth: float = 0.0
 
-    def travelled(self, time: FloatArray) -> FloatArray:
+    def traveled(self, time: FloatArray) -> FloatArray:
         """Return the time that the start's twist would take for the way at a time [s]."""
         path: FloatArray = time + 0.5 * self.growth * time**2
         return path
@@ -203,8 +203,8 @@ def drive_over(
     texture = _texture(ground)
     clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
     # They only develop what the others have seen: a coarse ground is laid out sooner.
-    grey = np.ascontiguousarray(texture.grey[::_COARSE, ::_COARSE])
-    coarse = GroundTexture(grey, texture.size)
+    gray = np.ascontiguousarray(texture.gray[::_COARSE, ::_COARSE])
+    coarse = GroundTexture(gray, texture.size)
     key = np.random.SeedSequence(seed)
     faulty = {
         name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
@@ -216,7 +216,7 @@ def drive_over(
         time = np.arange(BATCH_LINES * batches + 1) / next(iter(sensors.values())).line_rate
         yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
         start = np.array([*generator.uniform(0.0, texture.size, 2), yaw])
-        path = motion.travelled(time)
+        path = motion.traveled(time)
         poses = poses_at(path, start, np.array(motion.twist))
         seen: dict[bool, dict[str, NDArray[np.float32]]] = {}
         for name, fault in faults.items():
@@ -266,7 +266,7 @@ def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
 def _repeating(texture: GroundTexture) -> GroundTexture:
     texels = round(_REPEAT / texture.texel)
     times = math.ceil(0.06 / _REPEAT)
-    return GroundTexture(np.tile(texture.grey[:texels, :texels], (times, times)), times * _REPEAT)
+    return GroundTexture(np.tile(texture.gray[:texels, :texels], (times, times)), times * _REPEAT)
 
 
 def _measure(

@@ -33,8 +33,8 @@ def pairs_option(pairs: int, fewest: int = 1) -> Any:
 
 
 def noise_option(noise: float = 1.0) -> Any:
-    """Declare the noise of the cameras; `noise` is the default [grey levels]."""
-    words = "standard deviation in grey levels"
+    """Declare the noise of the cameras; `noise` is the default [gray levels]."""
+    words = "standard deviation in gray levels"
     return option(noise, metavar="LEVELS", description=words, minimum=0.0, maximum=100.0)
 
 

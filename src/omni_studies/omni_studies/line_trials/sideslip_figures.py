@@ -12,9 +12,9 @@ from matplotlib.ticker import FormatStrFormatter
 
 from omni_figures.style import (
     BLACK,
-    GREY,
+    GRAY,
     draw_title,
-    wheel_colour,
+    wheel_color,
 )
 from omni_studies.line_trials.sideslip_trials import Angles
 
@@ -74,7 +74,7 @@ def _draw_speeds(
         axes.plot(
             [angles.speed for angles in found],
             [math.degrees(angles.rms_error) for angles in found],
-            color=wheel_colour(grounds.index(ground)),
+            color=wheel_color(grounds.index(ground)),
             marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
             linestyle="-" if sensor == sensors[0] else ":",
             linewidth=1.6,
@@ -82,7 +82,7 @@ def _draw_speeds(
             label=f"{ground}, {sensor}",
         )
     for sensor, speed in fastest.items():
-        axes.axvline(speed, color=GREY, linewidth=1.0)
+        axes.axvline(speed, color=GRAY, linewidth=1.0)
         axes.annotate(
             f"{sensor}: 60 %\noverlap",
             (speed, 0.02),
@@ -121,7 +121,7 @@ def _draw_angles(
         axes.plot(
             (spread + width * (i - 0.5 * (len(trials) - 1))).ravel(),
             error.ravel(),
-            color=wheel_colour(grounds.index(ground)),
+            color=wheel_color(grounds.index(ground)),
             marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
             markersize=3.0,
             linestyle="",

@@ -107,7 +107,7 @@ class RollingWheel:
         Args:
             sensor: what it sees; its place and heading are the wheel's.
             texture: the ground.
-            noise: standard deviation [grey levels].
+            noise: standard deviation [gray levels].
             seed: of the noise.
         """
         self._configuration = camera_at_a_wheel(_CAMERA, sensor)

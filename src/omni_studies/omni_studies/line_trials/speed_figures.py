@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from omni_figures.style import BLACK, panels, wheel_colour
+from omni_figures.style import BLACK, panels, wheel_color
 from omni_platform.quantities import FloatArray
 
 
@@ -35,7 +35,7 @@ def draw_speed_limits(
     )
     for axes, (sensor, tried) in zip(grid[0], speeds.items(), strict=True):
         for i, (ground, share) in enumerate(right[sensor].items()):
-            axes.plot(tried, share, color=wheel_colour(i), label=ground, linewidth=1.6)
+            axes.plot(tried, share, color=wheel_color(i), label=ground, linewidth=1.6)
         axes.axvline(computed[sensor], color=BLACK, linewidth=1.0, linestyle="--")
         axes.axhline(needed, color=BLACK, linewidth=0.8, linestyle=":")
         axes.annotate(

@@ -18,8 +18,8 @@ from linescan_odometry.odometry import OdometryConfiguration
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLACK,
-    GREY,
-    WHEEL_COLOURS,
+    GRAY,
+    WHEEL_COLORS,
     draw_title,
     save_figure,
 )
@@ -37,7 +37,7 @@ _VIEWS = {
     335: View(335, 0.05, 0.0025),
     128: View(128, 0.05, 0.0195),
 }
-_NOISES = (1, 2, 5)  # grey levels
+_NOISES = (1, 2, 5)  # gray levels
 _JUDGED_NOISE = 2  # up to which the ratio has a limit
 _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
@@ -51,7 +51,7 @@ class Case:
 
     Attributes:
         pixels: of a line.
-        noise: [grey levels].
+        noise: [gray levels].
         ground: its kind.
         metric: name of the distance.
         fraction: of the true displacements [px], shape (m,).
@@ -152,7 +152,7 @@ def trial(
 
     Args:
         pixels: of a line; gives the field of view, too.
-        noise: standard deviation [grey levels].
+        noise: standard deviation [gray levels].
         kind: of ground.
         metric: name of the distance.
         pairs: how many.
@@ -265,7 +265,7 @@ def _findings(cases: list[Case], metrics: dict[str, Metric]) -> tuple[str, ...]:
     ratios = [m.value for name, m in judged.items() if name.startswith("rmse_over_bound")]
     wrong = max(case.wrong for case in cases)
     return (
-        f"Up to {_JUDGED_NOISE} grey levels of noise the error is {min(ratios):.2f} to "
+        f"Up to {_JUDGED_NOISE} gray levels of noise the error is {min(ratios):.2f} to "
         f"{max(ratios):.2f} times the Cramer-Rao bound; "
         + (f"missed: {', '.join(missed)}." if missed else "all limits hold."),
         "The dissertation measures whole pixels only, an error of 0.29 px whatever the noise; "
@@ -280,33 +280,33 @@ def _draw(cases: list[Case]) -> Figure:
     draw_title(
         figure,
         "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
-        "2 grey levels, and the fitted pull",
+        "2 gray levels, and the fitted pull",
     )
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]
-        for kind, colour in zip(_GROUNDS, WHEEL_COLOURS, strict=False):
+        for kind, color in zip(_GROUNDS, WHEEL_COLORS, strict=False):
             own = [case for case in cases if (case.pixels, case.ground) == (pixels, kind)]
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
-            over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=colour, label=kind)
-            over_noise.plot(_NOISES, bound, "--", color=colour)
+            over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=color, label=kind)
+            over_noise.plot(_NOISES, bound, "--", color=color)
             judged = next(case for case in own if case.noise == _JUDGED_NOISE)
             places = np.unique(judged.fraction)
             means = [float(np.mean(judged.error[judged.fraction == f])) for f in places]
-            over_fraction.plot(places, means, "o", color=colour, markersize=4, alpha=0.5)
-            over_fraction.plot(*_pull(judged.fraction, judged.error), color=colour, linewidth=1.8)
-        over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=GREY)
+            over_fraction.plot(places, means, "o", color=color, markersize=4, alpha=0.5)
+            over_fraction.plot(*_pull(judged.fraction, judged.error), color=color, linewidth=1.8)
+        over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=GRAY)
         over_noise.annotate(
             "whole pixels",
             (_NOISES[0], math.sqrt(1.0 / 12.0)),
             (0, -3),
             textcoords="offset points",
             va="top",
-            color=GREY,
+            color=GRAY,
         )
         size = f"{pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm"
         over_noise.set_title(size)
         over_noise.set_yscale("log")
-        over_noise.set_xlabel("noise [grey levels]")
+        over_noise.set_xlabel("noise [gray levels]")
         for side in (-_LARGEST_LOCKING, _LARGEST_LOCKING):
             over_fraction.axhline(side, color=BLACK, linewidth=1.0, linestyle=":")
         over_fraction.set_ylim(-1.6 * _LARGEST_LOCKING, 1.6 * _LARGEST_LOCKING)

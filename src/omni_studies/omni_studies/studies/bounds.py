@@ -1,6 +1,6 @@
 """Hold random stops under every law against the bounds that no stop is below.
 
-The path of the centre of gravity is compared with the bound over all headings, and the distance of
+The path of the center of gravity is compared with the bound over all headings, and the distance of
 a stop that keeps heading and line within half a degree with the bound of such stops.
 """
 
@@ -17,7 +17,7 @@ from omni_figures.style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
+    GRAY,
     VERMILLION,
     draw_title,
     save_figure,
@@ -29,7 +29,7 @@ from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
 from omni_studies.study import StudyResult, StudyRun, claim
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 
-_COLOURS = dict(zip(LAWS, (BLACK, BLUE, GREEN, VERMILLION), strict=True))
+_COLORS = dict(zip(LAWS, (BLACK, BLUE, GREEN, VERMILLION), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,14 +92,14 @@ def _draw(held: Sequence[Held]) -> Figure:
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     draw_title(figure, "No stop is below its bound")
     panels = figure.subplots(1, 2, sharey=True)
-    names = ("path of the centre of gravity", "distance where heading and line are kept")
+    names = ("path of the center of gravity", "distance where heading and line are kept")
     for axes, bound, name in zip(panels, ("any_heading", "straight"), names, strict=True):
         shares = _over_bound(held, bound)
-        for column, (law, colour) in enumerate(_COLOURS.items()):
+        for column, (law, color) in enumerate(_COLORS.items()):
             values = np.sort(shares[~np.isnan(shares[:, column]), column])
             label = law.replace("_", " ")
-            axes.step(values, np.linspace(0.0, 1.0, len(values)), color=colour, label=label)
-        axes.axvline(1.0, color=GREY, linestyle="--")
+            axes.step(values, np.linspace(0.0, 1.0, len(values)), color=color, label=label)
+        axes.axvline(1.0, color=GRAY, linestyle="--")
         axes.set_xlim(0.9, 2.0)
         axes.set_xlabel(f"{name} over its bound [1]")
     panels[0].set_ylabel("share of the runs below [1]")

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
-    GREY,
-    WHEEL_COLOURS,
+    GRAY,
+    WHEEL_COLORS,
     draw_title,
     save_figure,
 )
@@ -43,7 +43,7 @@ class Trial:
     Attributes:
         shape: width over length.
         overlap: of two lines, 0..1.
-        contrast: standard deviation along the line without noise [grey levels].
+        contrast: standard deviation along the line without noise [gray levels].
         correlation: at the true displacement, rounded, without noise.
         right_share: share of pairs that are right within a pixel.
         rmse: of refined displacements of these pairs [px].
@@ -75,7 +75,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         enough = [trial for trial in trials if trial.overlap >= _ENOUGH]
         metrics |= {
             f"contrast.{kind}_{100 * trial.shape:.0f}": Metric(
-                trial.contrast, "1", note="grey levels"
+                trial.contrast, "1", note="gray levels"
             )
             for trial in trials
         }
@@ -96,7 +96,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         write_table(
             study.folder / "contrast.csv",
             (
-                "ground", "width_mm", "width_over_length", "overlap", "contrast_grey_levels",
+                "ground", "width_mm", "width_over_length", "overlap", "contrast_gray_levels",
                 "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
             ),
             (
@@ -126,7 +126,7 @@ def _trials(kind: str, options: Options) -> list[Trial]:
         poses = np.concatenate(
             [path(view, _SPEED, _ANGLE, 2, generator) for _ in range(options.pairs)]
         )
-        greys = eye.greys(poses).astype(np.float64)
+        grays = eye.grays(poses).astype(np.float64)
         matches = every_second(match(view, poses, eye.lines(poses, 0), options.metric))
         shift = round(float(matches.truth[0]))
         right = matches.right
@@ -134,8 +134,8 @@ def _trials(kind: str, options: Options) -> list[Trial]:
             Trial(
                 shape,
                 Motion(view, _SPEED, _ANGLE).overlap,
-                float(greys.std(axis=1).mean()),
-                float(np.mean([_correlation(old, new, shift) for old, new in _pairs(greys)])),
+                float(grays.std(axis=1).mean()),
+                float(np.mean([_correlation(old, new, shift) for old, new in _pairs(grays)])),
                 float(right.mean()),
                 float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan,
                 matches.error_values(view, _SPEED),
@@ -144,8 +144,8 @@ def _trials(kind: str, options: Options) -> list[Trial]:
     return trials
 
 
-def _pairs(greys: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    return list(zip(greys[::2], greys[1::2], strict=True))
+def _pairs(grays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    return list(zip(grays[::2], grays[1::2], strict=True))
 
 
 def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
@@ -163,7 +163,7 @@ def _findings(found: dict[str, list[Trial]]) -> tuple[str, ...]:
         independent &= enough[0].right_share >= enough[-1].right_share - 0.02
         entries.append(
             f"{kind}: from {1e3 * _NARROW * _LENGTH:g} to {1e3 * _WIDE * _LENGTH:g} mm of width "
-            f"the contrast falls from {narrow.contrast:.1f} to {wide.contrast:.1f} grey levels and "
+            f"the contrast falls from {narrow.contrast:.1f} to {wide.contrast:.1f} gray levels and "
             f"the correlation rises from {narrow.correlation:.2f} to {wide.correlation:.2f}. From "
             f"60 % overlap to a square view the share of right pairs goes from "
             f"{100.0 * enough[0].right_share:.0f} to {100.0 * enough[-1].right_share:.0f} %, the "
@@ -195,11 +195,11 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
         view = _view(shape)
         eye = camera(view, ground(kind, options.texels), 0.0, options.seed)
         poses = path(view, _SPEED, _ANGLE, 2, np.random.default_rng(options.seed))
-        old, new = eye.greys(poses).astype(np.float64)
+        old, new = eye.grays(poses).astype(np.float64)
         place = 1e3 * view.pitch * np.arange(view.pixels)
         step = 1e3 * float(poses[1, 0] - poses[0, 0])
         axes = figure.add_subplot(grid[row, 0])
-        axes.plot(place, old - old.mean(), color=GREY, linewidth=1.2, label="older line")
+        axes.plot(place, old - old.mean(), color=GRAY, linewidth=1.2, label="older line")
         axes.plot(
             place + step, new - old.mean(), color=BLUE, linewidth=1.2, label="newer line, moved"
         )
@@ -208,25 +208,25 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
             loc="left",
         )
         axes.set_ylim(-45.0, 45.0)
-        axes.set_ylabel("grey level less mean")
+        axes.set_ylabel("gray level less mean")
         axes.set_xlabel("place on the ground [mm]")
         if row == 0:
             axes.legend(loc="upper right", ncols=2)
     contrast, correlation = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
-    for (name, trials), colour in zip(found.items(), WHEEL_COLOURS, strict=False):
+    for (name, trials), color in zip(found.items(), WHEEL_COLORS, strict=False):
         shapes = [100.0 * trial.shape for trial in trials]
-        contrast.loglog(shapes, [t.contrast for t in trials], "o-", color=colour, label=name)
-        correlation.semilogx(shapes, [t.correlation for t in trials], "o-", color=colour)
-        correlation.semilogx(shapes, [t.right_share for t in trials], "s:", color=colour, mfc="w")
-    contrast.axhline(options.noise, color=GREY, linestyle="--", linewidth=1.0)
+        contrast.loglog(shapes, [t.contrast for t in trials], "o-", color=color, label=name)
+        correlation.semilogx(shapes, [t.correlation for t in trials], "o-", color=color)
+        correlation.semilogx(shapes, [t.right_share for t in trials], "s:", color=color, mfc="w")
+    contrast.axhline(options.noise, color=GRAY, linestyle="--", linewidth=1.0)
     contrast.annotate(
         "noise",
         (100.0 * _SHAPES[0], options.noise),
         (0, 3),
         textcoords="offset points",
-        color=GREY,
+        color=GRAY,
     )
-    contrast.set_ylabel("contrast [grey levels]")
+    contrast.set_ylabel("contrast [gray levels]")
     correlation.set_ylabel("correlation (full),\nshare of right pairs (dotted)")
     for axes in (contrast, correlation):
         axes.set_xlabel("width over length [%]")

@@ -1,6 +1,6 @@
 """Distance over shift on three grounds (Figure 68).
 
-20 m/s at 45 deg, 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5 grey levels. The distances are
+20 m/s at 45 deg, 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5 gray levels. The distances are
 evaluated with `scipy.spatial.distance` at every shift, apart from the search of the odometry.
 """
 
@@ -19,7 +19,7 @@ from scipy.stats import rankdata
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     VERMILLION,
     draw_title,
     save_figure,
@@ -180,11 +180,11 @@ def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
     draw_title(
         figure,
         f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
-        "true displacement dashed, other places in grey",
+        "true displacement dashed, other places in gray",
     )
     for axes, (kind, every) in zip(panels, curves.items(), strict=True):
         for curve in every[1:4]:
-            axes.plot(curve.shift, curve.distance, color=GREY, linewidth=0.7, alpha=0.6)
+            axes.plot(curve.shift, curve.distance, color=GRAY, linewidth=0.7, alpha=0.6)
         axes.plot(every[0].shift, every[0].distance, color=BLUE, linewidth=1.2)
         axes.axvline(every[0].truth, color=VERMILLION, linewidth=1.0, linestyle="--")
         axes.set_title(kind.replace("_", " "))

@@ -25,7 +25,7 @@ from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
     GREEN,
-    GREY,
+    GRAY,
     ORANGE,
     PALE,
     draw_title,
@@ -45,7 +45,7 @@ _HARDER = (
     "cobble",
 )  # fmt: skip
 _TEXELS = 8192  # of these: two a pixel
-_COLOURS = (BLUE, ORANGE, GREEN)
+_COLORS = (BLUE, ORANGE, GREEN)
 _RADIUS = 0.6  # m
 _OVERLAP = 0.6
 _BATCHES = 8
@@ -93,7 +93,7 @@ class Case:
     @property
     def squares(self) -> NDArray[np.float64]:
         """Errors squared over their expectation, of all batches."""
-        return np.concatenate([trial.normalised_error_squared for trial in self.trials])
+        return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     def squares_of(self, *, together: bool) -> NDArray[np.float64]:
         """Errors squared of single cameras over their variances, where lines were matched so."""
@@ -109,7 +109,7 @@ class Case:
     @property
     def standard_error(self) -> float:
         """Of the mean, from one start to the other: batches from one start are not independent."""
-        squares = [trial.normalised_error_squared for trial in self.trials]
+        squares = [trial.normalized_error_squared for trial in self.trials]
         means = [s.mean() for s in squares if len(s)]
         return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
 
@@ -131,7 +131,7 @@ class Options(Configuration):
         maximum=10_000,
     )
     noise: float = parameter(
-        1.0, description="standard deviation in grey levels", minimum=0.0, maximum=50.0
+        1.0, description="standard deviation in gray levels", minimum=0.0, maximum=50.0
     )
     seed: int = parameter(1, description="of places and noise", minimum=0)
 
@@ -149,14 +149,14 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         save_figure(_draw(cases), study.folder / "covariance.png"),
         write_table(
             study.folder / "left_out.csv",
-            ("ground", "factor_pairs", "factor_together", "normalised_error_squared", "coverage"),
+            ("ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage"),
             ((kind, *values) for kind, values in judged.items()),
         ),
         write_table(
             study.folder / "covariance.csv",
             (
                 "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
-                "normalised_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
+                "normalized_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
                 "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
             ),
             (_row(case) for case in cases),
@@ -237,7 +237,7 @@ def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metr
         own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
         pooled = np.concatenate([case.squares for case in own])
         measured = float(np.mean([case.measured for case in own]))
-        metrics[f"normalised_error_squared.{name}_{kind}"] = Metric(
+        metrics[f"normalized_error_squared.{name}_{kind}"] = Metric(
             _mean(pooled), "1", reference=1.0
         )
         metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
@@ -245,7 +245,7 @@ def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metr
         metrics[f"left_out.{kind}"] = Metric(left.squared, "1", at_most=_HIGHEST, reference=1.0)
         metrics[f"coverage_left_out.{kind}"] = Metric(left.coverage, "%", at_least=_COVERED)
     every = np.concatenate([case.squares for case in cases])
-    metrics["normalised_error_squared.all"] = Metric(_mean(every), "1", reference=1.0)
+    metrics["normalized_error_squared.all"] = Metric(_mean(every), "1", reference=1.0)
     right = [_LOW <= case.mean <= _HIGH for case in cases if len(case.squares)]
     metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
     return metrics
@@ -296,13 +296,13 @@ def _draw(cases: list[Case]) -> Figure:
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):
         axes.axhspan(_LOW, _HIGH, color=PALE, alpha=0.6, linewidth=0.0)
-        axes.axhline(1.0, color=GREY, linewidth=1.0)
-        for i, (kind, colour) in enumerate(zip(_GROUNDS, _COLOURS, strict=False)):
+        axes.axhline(1.0, color=GRAY, linewidth=1.0)
+        for i, (kind, color) in enumerate(zip(_GROUNDS, _COLORS, strict=False)):
             own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
             mean = [case.mean for case in own]
             spread = [case.standard_error for case in own]
             axes.errorbar(
-                places + 0.2 * (i - 1), mean, spread, fmt="o", color=colour, label=kind, capsize=2
+                places + 0.2 * (i - 1), mean, spread, fmt="o", color=color, label=kind, capsize=2
             )
         view = _CAMERAS[name]
         axes.set_title(

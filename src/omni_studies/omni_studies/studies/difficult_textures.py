@@ -1,7 +1,7 @@
 """Sideways motion over metal and plastic, which show too little detail (Figure 66).
 
 12 m/s at 89 deg to the axis with 2500 lines/s, over the shapes of Figure 63, without noise and with
-noise of 1 and 5 grey levels.
+noise of 1 and 5 gray levels.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from omni_studies.line_trials.view_grid import GROUP, as_map, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.trials import Matches, measure
 
-_NOISES = (0.0, 1.0, 5.0)  # [grey levels]
+_NOISES = (0.0, 1.0, 5.0)  # [gray levels]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         "12 m/s at 89 deg to the axis, 2500 lines/s, over grounds of little detail (Figure 66)",
         [
             {
-                f"noise of {noise:g} grey levels": as_map(
+                f"noise of {noise:g} gray levels": as_map(
                     [m.mean_error for m in cases[ground, f"{noise:g}"]]
                 )
                 for noise in _NOISES
@@ -66,7 +66,7 @@ def _finding(ground: str, metrics: dict[str, Metric]) -> str:
     holds = "holds" if clean <= 1.0 and noisy > 5.0 else "does not hold"
     return (
         f"{ground}: from 60 % overlap on, the mean error is {clean:.2g} px without noise, "
-        f"{faint:.3g} px with noise of 1 and {noisy:.3g} px with noise of 5 grey levels, of which "
+        f"{faint:.3g} px with noise of 1 and {noisy:.3g} px with noise of 5 gray levels, of which "
         f"{wrong:.0f} % of the pairs would be taken for measured; the claim that it can be "
         f"measured only without noise {holds}."
     )

@@ -248,17 +248,17 @@ def _figure(
     places = np.arange(len(sources))[::-1]
     quantities = (("distance_ratio_p95", 3.0), ("rotation_p95", math.inf))
     for axes, (quantity, most) in zip(panels, quantities, strict=True):
-        for shift, law, colour in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
+        for shift, law, color in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
             found = [table[vehicle, law, source] for source in sources]
             values = [min(one[quantity][0], most) for one in found]
             values = [value if math.isfinite(value) else 360.0 for value in values]
-            edges = [style.VERMILLION if _harms(one) else colour for one in found]
-            axes.barh(places + shift, values, 0.34, color=colour, edgecolor=edges, linewidth=2.0,
+            edges = [style.VERMILLION if _harms(one) else color for one in found]
+            axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
                       label=law)  # fmt: skip
-    panels[0].axvline(1.0, color=style.GREY)
+    panels[0].axvline(1.0, color=style.GRAY)
     panels[0].set_xlabel("stopping distance over that without assistant [1]")
     free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"][0]
-    panels[1].axvline(free, color=style.GREY, label="without assistant")
+    panels[1].axvline(free, color=style.GRAY, label="without assistant")
     panels[1].set_xlabel("rotation [deg]")
     panels[0].set_yticks(places, [SOURCES[source].label for source in sources])
     panels[1].legend(frameon=False)

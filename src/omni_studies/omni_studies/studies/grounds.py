@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     VERMILLION,
     draw_title,
     save_figure,
@@ -32,9 +32,9 @@ _SHOWN = 0.1  # [m]
 _DOTS = 480  # that a picture has
 _COLUMNS = 6
 _LINES = 200
-_DECADES = (0.02, 10.0)  # cycles per millimetre that are drawn
+_DECADES = (0.02, 10.0)  # cycles per millimeter that are drawn
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
-"""Contrast after a box of 20 mm of photographs of asphalt [grey levels]."""
+"""Contrast after a box of 20 mm of photographs of asphalt [gray levels]."""
 
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",
@@ -55,10 +55,10 @@ class Look:
     """What a ground looks like.
 
     Attributes:
-        patch: grey levels of the piece that is shown, shape (k, k).
-        contrast: mean standard deviation along lines of the camera [grey levels].
+        patch: gray levels of the piece that is shown, shape (k, k).
+        contrast: mean standard deviation along lines of the camera [gray levels].
         frequency: of the spectrum [cycles per mm], shape (f,).
-        spectrum: mean power density of the lines [grey levels^2 mm], shape (f,).
+        spectrum: mean power density of the lines [gray levels^2 mm], shape (f,).
         median_frequency: below which half of the power is [cycles per mm].
         texels_per_pixel: texels of the ground to a pixel of the camera.
     """
@@ -78,7 +78,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     }
     metrics: dict[str, Metric] = {}
     for name, look in looks.items():
-        note = "grey levels, after a box of 20 mm"
+        note = "gray levels, after a box of 20 mm"
         if name in _PHOTOGRAPHED:
             note += "; photographed {:g} to {:g}".format(*_PHOTOGRAPHED[name])
         metrics |= {
@@ -97,7 +97,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for n, k in looks.items()
     )
     header = (
-        "ground", "contrast_grey_levels", "photographed_from", "photographed_to",
+        "ground", "contrast_gray_levels", "photographed_from", "photographed_to",
         "median_frequency_per_mm", "texels_per_pixel",
     )  # fmt: skip
     files = (
@@ -107,12 +107,12 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     )
     ranked = sorted(looks, key=lambda name: looks[name].contrast)
     findings = [
-        "Contrast after a box of 20 mm, grey levels: "
+        "Contrast after a box of 20 mm, gray levels: "
         + ", ".join(f"{name} {looks[name].contrast:.1f}" for name in ranked)
         + "."
     ]
     findings += [
-        f"{name}: {looks[name].contrast:.1f} grey levels; photographs of asphalt have "
+        f"{name}: {looks[name].contrast:.1f} gray levels; photographs of asphalt have "
         f"{low:g} to {high:g}."
         for name, (low, high) in _PHOTOGRAPHED.items()
         if name in looks
@@ -141,7 +141,7 @@ def _look(texture: GroundTexture, seed: int) -> Look:
     share = np.cumsum(spectrum) / np.sum(spectrum)
     block = max(1, round(_SHOWN / texture.texel / _DOTS))
     count = block * max(1, round(_SHOWN / texture.texel / block))
-    patch = np.tile(texture.grey, (1 + count // len(texture.grey),) * 2)[:count, :count]
+    patch = np.tile(texture.gray, (1 + count // len(texture.gray),) * 2)[:count, :count]
     dots = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
     return Look(
         np.asarray(dots, np.float64),
@@ -185,14 +185,14 @@ def _spectra(looks: dict[str, Look]) -> Figure:
     figure = Figure(figsize=(2.3 * _COLUMNS, 2.0 * rows + 0.7), layout="constrained")
     draw_title(
         figure,
-        "Spectra of lines 20 mm wide; dashed: noise of one grey level; upright: half of the power",
+        "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power",
     )
     panels = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True)
     for axes in list(panels.flat)[len(looks) :]:
         axes.set_axis_off()
     for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
         axes.loglog(look.frequency, look.spectrum, color=BLUE, linewidth=1.0)
-        axes.axhline(0.5 / look.frequency[-1], color=GREY, linestyle="--", linewidth=0.9)
+        axes.axhline(0.5 / look.frequency[-1], color=GRAY, linestyle="--", linewidth=0.9)
         axes.axvline(look.median_frequency, color=VERMILLION, linewidth=0.9)
         axes.set_xlim(*_DECADES)
         axes.set_title(name.replace("_", " "), loc="left", pad=3.0)

@@ -309,7 +309,7 @@ def _draw(
     figure = Figure(figsize=(13.0, 0.36 * len(grounds) + 2.6), layout="constrained")
     draw_title(figure, "Undetected errors in 1000 batches (left); measured batches in % (right)")
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, number, highest, colours in zip(
+    for axes, number, highest, colors in zip(
         panels, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True
     ):
         values = np.full((len(grounds), len(faults)), np.nan)
@@ -324,7 +324,7 @@ def _draw(
                         color="white" if dark else "black",
                     )  # fmt: skip
         axes.grid(False)
-        axes.imshow(values, cmap=colours, vmin=0.0, vmax=highest, aspect="auto")
+        axes.imshow(values, cmap=colors, vmin=0.0, vmax=highest, aspect="auto")
         axes.set_xticks(
             range(len(faults)), [f.replace("_", " ") for f in faults], rotation=60, ha="right",
         )  # fmt: skip

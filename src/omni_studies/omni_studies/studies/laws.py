@@ -20,7 +20,7 @@ from omni_figures.style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
+    GRAY,
     PURPLE,
     VERMILLION,
     draw_title,
@@ -279,8 +279,8 @@ def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
         axes.set_title(name.replace("_", " "), loc="left", fontsize=11)
         bound = metrics[f"stopping_distance.{name}_bound"].value
         if math.isfinite(bound):
-            axes.axvline(bound, color=GREY, linestyle="--", label="bound, heading kept")
-        for words, colour, part in (
+            axes.axvline(bound, color=GRAY, linestyle="--", label="bound, heading kept")
+        for words, color, part in (
             ("all brakes on", BLACK, "_unassisted"),
             ("sliding mode", BLUE, "_sliding_mode"),
             ("allocation, on-off valves", GREEN, "_allocation_on_off"),
@@ -298,7 +298,7 @@ def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
                 [metrics[f"stopping_distance.{case}"].value for case in cases],
                 [metrics[f"orientation_change.{case}"].value for case in cases],
                 "o",
-                color=colour,
+                color=color,
                 label=words,
             )
         axes.set_xlabel("stopping distance [m]")

@@ -1,7 +1,7 @@
 """The forklift in another engine: swerve and stopping distance in MuJoCo beside ours.
 
 The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
-and in MuJoCo (`omni_studies.wheels.mujoco_vehicle` says what is modelled how), unassisted and with
+and in MuJoCo (`omni_studies.wheels.mujoco_vehicle` says what is modeled how), unassisted and with
 the brake assistant itself in the loop. MuJoCo is optional; without it the study says how to install
 it. Beside the cases it shows why the wheels of that model are sprung.
 """
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     ORANGE,
     VERMILLION,
     draw_title,
@@ -36,7 +36,7 @@ from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest
 from omni_studies.wheels.mujoco_vehicle import MujocoVehicle, load_mujoco
 
 _LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
-_COLOURS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
+_COLORS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
 _CASES = {
     "straight": "straight ahead",
     "sideways": "sideways",
@@ -116,7 +116,7 @@ def _metrics(stops: Stops) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Measure what a millimetre of height at the first wheel does to loads, theirs and ours."""
+    """Measure what a millimeter of height at the first wheel does to loads, theirs and ours."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = _MISMOUNTED
     metrics = {}
@@ -175,7 +175,7 @@ def _draw(stops: Stops) -> Figure:
         along = start / np.linalg.norm(start)
         moved = path[:, :2] - path[0, :2]
         ahead, aside = moved @ along, moved @ np.array([-along[1], along[0]])
-        look = {"color": _COLOURS[engine], "linestyle": "-" if variant == "unassisted" else "--"}
+        look = {"color": _COLORS[engine], "linestyle": "-" if variant == "unassisted" else "--"}
         label = _LABELS[engine] if variant == "unassisted" else None
         way.plot(ahead, aside, linewidth=1.6, label=label, **look)
         turn.plot(ahead, np.degrees(path[:, 2] - path[0, 2]), linewidth=1.6, **look)
@@ -185,7 +185,7 @@ def _draw(stops: Stops) -> Figure:
         axes[0].set_ylabel(f"{title}\naside [m]")
         axes[1].set_ylabel("heading [deg]")
         for panel in axes:
-            panel.axhline(0.0, color=GREY, linewidth=0.8)
+            panel.axhline(0.0, color=GRAY, linewidth=0.8)
             if last:
                 panel.set_xlabel("way along the first velocity [m]")
     panels[0, 0].legend()

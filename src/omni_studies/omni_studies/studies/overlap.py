@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures.style import (
-    GREY,
-    WHEEL_COLOURS,
+    GRAY,
+    WHEEL_COLORS,
     panels,
     save_figure,
 )
@@ -83,15 +83,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     misses = [k for k in found if metrics[f"wrong_share_within_limit.{k}"].value > _FEW]
     claim = "The dissertation's claim, correct up to the shift limit of 50 % and not beyond, "
     claim += f"does not hold on {', '.join(misses)}" if misses else "holds to within a pixel"
-    neighbours = [
+    neighbors = [
         f"{100.0 * metrics[f'off_by_one_share_within_limit.{k}'].value:.2g} % on {k}" for k in found
     ]
     return StudyResult(
         metrics,
         files,
         (
-            f"{claim}: noise puts whole-pixel shifts on the neighbouring pixel in "
-            f"{', '.join(neighbours)}; refined displacements are within half a pixel in all but "
+            f"{claim}: noise puts whole-pixel shifts on the neighboring pixel in "
+            f"{', '.join(neighbors)}; refined displacements are within half a pixel in all but "
             + ", ".join(
                 f"{100.0 * metrics[f'off_by_half_share_within_limit.{k}'].value:.2g} % on {k}"
                 for k in found
@@ -128,14 +128,14 @@ def _draw_displacements() -> Figure:
         y="displacement [mm]",
     )
     axes = grid[0, 0]
-    for speed, colour in zip(_FAST, WHEEL_COLOURS, strict=False):
-        axes.loglog(_RATES, 1e3 * speed / _RATES, color=colour, label=f"{speed:g} m/s")
+    for speed, color in zip(_FAST, WHEEL_COLORS, strict=False):
+        axes.loglog(_RATES, 1e3 * speed / _RATES, color=color, label=f"{speed:g} m/s")
     for length in (_LENGTHS[0], 0.05, _LENGTHS[-1]):
         limit = 1e3 * _LIMIT * length
-        axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9)
+        axes.axhline(limit, color=GRAY, linestyle="--", linewidth=0.9)
         axes.annotate(
             f"shift limit of {1e3 * length:g} mm", (_RATES[-1], limit), (-2, 3),
-            textcoords="offset points", ha="right", color=GREY,
+            textcoords="offset points", ha="right", color=GRAY,
         )  # fmt: skip
     axes.legend(loc="lower left")
     return figure

@@ -89,4 +89,4 @@ def locked(configuration: VehicleConfiguration, speed: float) -> LockedWheels:
     vehicle.advance(round(_SETTLED / vehicle.physics_step), 1.0, everywhere, np.zeros(3))
     wheels = vehicle.wheels
     masses = MassProperties.of(configuration.body, configuration.load)
-    return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.centre)
+    return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.center)

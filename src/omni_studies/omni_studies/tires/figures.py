@@ -35,11 +35,11 @@ def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
         ("transition", (slip >= point.peak_slip) & (slip <= point.slide_slip), style.ORANGE),
         ("full sliding", slip >= point.slide_slip, style.VERMILLION),
     )
-    for label, where, colour in sections:
+    for label, where, color in sections:
         axes.plot(
             slip[where],
             1e-3 * model.force(slip[where], load),
-            color=colour,
+            color=color,
             linewidth=2.4,
             label=label,
         )
@@ -54,7 +54,7 @@ def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
         xytext=(6, -2),
         textcoords="offset points",
     )
-    guide: dict[str, Any] = {"color": style.GREY, "linewidth": 0.9, "linestyle": ":"}
+    guide: dict[str, Any] = {"color": style.GRAY, "linewidth": 0.9, "linestyle": ":"}
     for place, force, names in (
         (point.peak_slip, point.peak_force, ("$s_{max}$", "$F_{max}$")),
         (point.slide_slip, point.slide_force, ("$s_{slide}$", "$F_{slide}$")),
@@ -85,10 +85,10 @@ def load_figure(tire: Tire, loads: FloatArray, title: str) -> Figure:
     """
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
     slip = np.linspace(0.0, 0.6, 700)
-    colours = _shades(len(loads))
-    for load, colour in zip(loads, colours, strict=True):
+    colors = _shades(len(loads))
+    for load, color in zip(loads, colors, strict=True):
         force = 1e-3 * tire.force(slip, load)
-        axes.plot(slip, force, color=colour, linewidth=2.0)
+        axes.plot(slip, force, color=color, linewidth=2.0)
         axes.annotate(
             f"$F_z$ = {1e-3 * load:g} kN",
             (float(slip[-1]), float(force[-1])),
@@ -129,7 +129,7 @@ def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
     axes.plot(
         1e-3 * outside,
         1e-3 * interpolation_curve(tire, outside),
-        color=style.GREY,
+        color=style.GRAY,
         linewidth=1.4,
         linestyle="--",
         label="parabola beyond the model, no physical meaning",
@@ -173,7 +173,7 @@ def model_figure(tires: Mapping[str, Tire], loads: tuple[float, ...]) -> Figure:
             axes.plot(
                 slip,
                 1e-3 * tire.force(slip, load),
-                color=style.wheel_colour(index),
+                color=style.wheel_color(index),
                 linewidth=2.0,
                 label=f"{name} ({tire.configuration.model})",
             )
@@ -196,9 +196,9 @@ def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
     figure, axes = _axes("Longitudinal force $F_x$ [kN]", "Lateral force $F_y$ [kN]")
     figure.set_size_inches(7.6, 6.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 721)
-    for slip, colour in zip((0.02, 0.05, 0.1, 0.18, 0.8), _shades(5), strict=True):
+    for slip, color in zip((0.02, 0.05, 0.1, 0.18, 0.8), _shades(5), strict=True):
         force = 1e-3 * combined_forces(tire, slip * np.cos(angle), slip * np.sin(angle), load)
-        axes.plot(force[:, 0], force[:, 1], color=colour, linewidth=2.0, label=f"|s| = {slip:g}")
+        axes.plot(force[:, 0], force[:, 1], color=color, linewidth=2.0, label=f"|s| = {slip:g}")
     reach = 1.08e-3 * curve_of(tire, load).peak_force
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), box_aspect=1.0)
     axes.set_title(f"Combined slip at {1e-3 * load:g} kN")

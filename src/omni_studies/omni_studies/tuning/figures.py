@@ -78,7 +78,7 @@ def trade_off(
     all_axes[0].set_ylim(bottom=0.0)
     figure.suptitle(title)
     handles = [
-        Line2D([], [], color=_colour(dwells, dwell), marker=_marker(dwells, dwell), label=words)
+        Line2D([], [], color=_color(dwells, dwell), marker=_marker(dwells, dwell), label=words)
         for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
     ]
     handles += [
@@ -132,19 +132,19 @@ def _panel(
         axes.plot(
             [trial.worst_distance for trial in line],
             [trial.worst_rotation for trial in line],
-            color=_colour(dwells, dwell),
+            color=_color(dwells, dwell),
             marker=_marker(dwells, dwell),
             ms=4.5,
             linewidth=1.0,
             zorder=3,
         )
     axes.margins(x=0.15)  # the labels stand beside their points
-    labelled: list[Trial] = []
+    labeled: list[Trial] = []
     for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
-        if not math.isfinite(trial.worst_distance) or (labelled and near(labelled[-1], trial)):
+        if not math.isfinite(trial.worst_distance) or (labeled and near(labeled[-1], trial)):
             continue
-        labelled.append(trial)
-        last = trial is labelled[0]  # at the right end of the line
+        labeled.append(trial)
+        last = trial is labeled[0]  # at the right end of the line
         axes.annotate(
             _weighting(trial),
             (trial.worst_distance, trial.worst_rotation),
@@ -173,7 +173,7 @@ def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
                 dwell,
                 [row[column] for row in mine],
                 marker=_MARKERS[index % len(_MARKERS)],
-                color=style.wheel_colour(index),
+                color=style.wheel_color(index),
                 label=_words(lag),
             )
     for axes, words in (
@@ -200,7 +200,7 @@ def _weighting(trial: Trial) -> str:
     return symbols.get(setting.weighting, f"k = {setting.k}")
 
 
-def _colour(dwells: Sequence[float], dwell: float) -> str:
+def _color(dwells: Sequence[float], dwell: float) -> str:
     share = dwells.index(dwell) / max(len(dwells) - 1, 1)
     red, green, blue, _ = matplotlib.colormaps["viridis"](0.9 * share)
     return f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"

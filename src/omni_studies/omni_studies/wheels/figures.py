@@ -13,7 +13,7 @@ from omni_figures.style import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
+    GRAY,
     ORANGE,
     PURPLE,
     SKY,
@@ -31,7 +31,7 @@ _STYLES: tuple[dict[str, Any], ...] = (
     {"color": VERMILLION},
     {"color": BLUE},
 )
-_TRIAL_COLOURS = (BLUE, SKY, VERMILLION, ORANGE, GREEN, PURPLE)
+_TRIAL_COLORS = (BLUE, SKY, VERMILLION, ORANGE, GREEN, PURPLE)
 
 
 def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
@@ -43,21 +43,21 @@ def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     place, direction = figure.subplots(2, 1, sharex=True)
     angle = np.linspace(-np.pi / 3.0, np.pi / 3.0, 4001)
-    for geometry, colour in zip(geometries, (BLUE, VERMILLION), strict=False):
+    for geometry, color in zip(geometries, (BLUE, VERMILLION), strict=False):
         gamma = geometry.roller_angle(angle)
         changes = np.flatnonzero(np.diff(gamma) < 0.0)
-        along = (geometry.contact_point(gamma) - geometry.centre) @ geometry.wheel_axis[:2]
+        along = (geometry.contact_point(gamma) - geometry.center) @ geometry.wheel_axis[:2]
         axis = geometry.active_direction(gamma)
         rolling = np.array([np.sin(geometry.alpha), -np.cos(geometry.alpha)])
         across = geometry.wheel_axis[:2]
         tilt = np.degrees(np.arctan2(np.abs(axis @ across), np.abs(axis @ rolling)))
         along[changes] = np.nan  # no line over a jump
         label = f"{geometry.rollers} rollers, jump {1000.0 * geometry.jump:.0f} mm"
-        place.plot(np.degrees(angle), 1000.0 * along, color=colour, linewidth=1.8, label=label)
-        direction.plot(np.degrees(angle), tilt, color=colour, linewidth=1.8)
-    direction.axhline(45.0, color=GREY, linewidth=1.0, linestyle="--")
+        place.plot(np.degrees(angle), 1000.0 * along, color=color, linewidth=1.8, label=label)
+        direction.plot(np.degrees(angle), tilt, color=color, linewidth=1.8)
+    direction.axhline(45.0, color=GRAY, linewidth=1.0, linestyle="--")
     direction.annotate(
-        "ideal wheel", (-59.0, 45.0), (0, -4), textcoords="offset points", va="top", color=GREY
+        "ideal wheel", (-59.0, 45.0), (0, -4), textcoords="offset points", va="top", color=GRAY
     )
     direction.set_ylim(44.0, None)
     place.set_ylabel("contact point along\nthe wheel axis [mm]")
@@ -163,10 +163,10 @@ def draw_differences(
     for column, (title, kinds) in enumerate(differences.items()):
         for row, kind in enumerate(("motion", "force")):
             axes = panels[row, column]
-            for (name, values), colour in zip(kinds[kind].items(), _TRIAL_COLOURS, strict=False):
+            for (name, values), color in zip(kinds[kind].items(), _TRIAL_COLORS, strict=False):
                 percent = 100.0 * np.asarray(values)
-                axes.plot(counts, percent, "o-", color=colour, linewidth=1.5, label=name)
-            axes.plot([12, max(counts)], [100.0 * limit] * 2, color=GREY, linestyle="--")
+                axes.plot(counts, percent, "o-", color=color, linewidth=1.5, label=name)
+            axes.plot([12, max(counts)], [100.0 * limit] * 2, color=GRAY, linestyle="--")
         panels[0, column].set_title(title)
         panels[1, column].set_xlabel("rollers of a wheel")
     panels[0, 0].set_xticks(list(counts))

@@ -1,14 +1,14 @@
 """The vehicle on individual rollers in another engine: MuJoCo's rigid bodies and contacts.
 
 Chassis, load, wheels and every roller are bodies of their own. Each wheel hangs on a vertical
-spring: a rigid chassis on four wheels is statically indeterminate, and a millimetre of height would
+spring: a rigid chassis on four wheels is statically indeterminate, and a millimeter of height would
 decide which three of them carry. Rollers are ellipsoids that touch the wheel's envelope at their
 middle and where the next one takes over. Friction is Coulomb's, with the sliding force of the
 vehicle's tire at the load that the wheel's spring shows when a call begins; there is no slip curve.
 The brake is dry friction in the wheel's joint.
 
 Assumed where the planar vehicle needs nothing: the body is a homogeneous box as long and wide as
-the chassis with the height of its centre of gravity in its middle, and the load is a sphere.
+the chassis with the height of its center of gravity in its middle, and the load is a sphere.
 
 Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-based control", IROS
 2012. The package is optional, see `requirements/mujoco.in`.

@@ -33,9 +33,9 @@ def draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
         title: printed above.
     """
     history = tracking.history()
-    travelled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
+    traveled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
     size = math.hypot(scene.chassis_length, scene.chassis_width)
-    count = min(max(int(1.05 * travelled / size) + 1, 2), _MOST_SNAPSHOTS)
+    count = min(max(int(1.05 * traveled / size) + 1, 2), _MOST_SNAPSHOTS)
     indices = np.unique(np.linspace(0, len(tracking.time) - 1, count).round().astype(int))
     fastest = float(np.max(np.hypot(tracking.twist[:, 0], tracking.twist[:, 1])))
     arrow_scale = _LONGEST_ARROW * scene.chassis_length / max(fastest, 1e-9)
@@ -71,7 +71,7 @@ def draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
             path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
         )
     handles: list[Line2D | Patch] = [
-        Patch(facecolor="white", edgecolor=style.wheel_colour(row), label=name.replace("_", " "))
+        Patch(facecolor="white", edgecolor=style.wheel_color(row), label=name.replace("_", " "))
         for row, name in enumerate(tracking.wheel_names)
     ]
     handles += [
@@ -109,7 +109,7 @@ def draw_commands(tracking: Tracking, title: str) -> Figure:
     )
     handles: list[Line2D | Patch] = []
     for row, name in enumerate(tracking.wheel_names):
-        look: dict[str, Any] = {"color": style.wheel_colour(row), "linewidth": 2.2}
+        look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 2.2}
         dashes = _WHEEL_LINES[row % len(_WHEEL_LINES)]
         commands.plot(tracking.time, tracking.wheel_command[:, row], linestyle=dashes, **look)
         label = f"command {row + 1}, {name.replace('_', ' ')}"

@@ -29,7 +29,7 @@ class Trial:
         command: that the drive follows while the pedal is up [m/s, m/s, rad/s].
         pedal: 0..1.
         released: whether the brakes let the wheels go.
-        push: force at the centre of gravity, in weights of the vehicle, body frame at the start.
+        push: force at the center of gravity, in weights of the vehicle, body frame at the start.
         duration: [s].
     """
 
@@ -140,9 +140,9 @@ def outcome(
     for start_angle in angles:
         vehicle = start(configuration, trial, start_angle)
         path = go(vehicle, trial, trial.duration)
-        # Of the centre of gravity: what the push does not explain, the wheels have done.
-        centre = vehicle.masses.centre
-        gained = _centre_velocity(path[-1], centre) - _centre_velocity(path[0], centre)
+        # Of the center of gravity: what the push does not explain, the wheels have done.
+        center = vehicle.masses.center
+        gained = _center_velocity(path[-1], center) - _center_velocity(path[0], center)
         push = np.array(trial.push) * vehicle.masses.mass * GRAVITY
         mean = vehicle.masses.mass * gained / trial.duration - push
         motion.append(path[::thinning])
@@ -157,10 +157,10 @@ def outcome(
     )
 
 
-def _centre_velocity(row: FloatArray, centre: FloatArray) -> FloatArray:
-    """Return the velocity of the centre of gravity [m/s] from a row of a trajectory."""
+def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the velocity of the center of gravity [m/s] from a row of a trajectory."""
     cos, sin = math.cos(row[2]), math.sin(row[2])
-    g_x, g_y = cos * centre[0] - sin * centre[1], sin * centre[0] + cos * centre[1]
+    g_x, g_y = cos * center[0] - sin * center[1], sin * center[0] + cos * center[1]
     return np.array([row[3] - row[5] * g_y, row[4] + row[5] * g_x])
 
 

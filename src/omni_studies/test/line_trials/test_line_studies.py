@@ -120,7 +120,7 @@ def test_the_twist_is_as_accurate_as_it_says(
         assert metrics[f"measured_share.generic_{ground}"].value == 1.0
         # 18 starts scatter by some 10 %; with errors taken for independent it would be 0.1 to 4.
         # Slow motion errs by less than the 0.003 px that are kept for pulls to whole pixels: 0.4.
-        assert 0.6 < metrics[f"normalised_error_squared.generic_{ground}"].value < 1.5
+        assert 0.6 < metrics[f"normalized_error_squared.generic_{ground}"].value < 1.5
 
 
 def test_a_ground_is_judged_by_what_the_others_say() -> None:
@@ -151,7 +151,7 @@ def test_a_covariance_of_nothing_is_no_number(
     result = study(covariance, tmp_path, "--starts", "2", "--noise", "50")
     assert result.findings == ("Nothing was measured.",)
     assert result.metrics["measured_share.s3901_plastic"].value == 0.0
-    assert math.isnan(result.metrics["normalised_error_squared.all"].value)
+    assert math.isnan(result.metrics["normalized_error_squared.all"].value)
 
 
 def test_straight_motion_is_right_up_to_the_limit_and_not_beyond(

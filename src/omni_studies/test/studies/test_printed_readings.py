@@ -33,7 +33,7 @@ def test_of_51_the_platform_velocity_makes_drift_vanish_without_drift() -> None:
     geometry = KINEMATICS.geometry
     errors = SlidingManifold(geometry, weighting_function("zero", 1)).errors(twist, across)
     np.testing.assert_allclose(errors.perpendicular, 0.0, atol=1e-12)
-    # ... while the printed v_i sees the wheels swing about the centre.
+    # ... while the printed v_i sees the wheels swing about the center.
     hubs = KINEMATICS.wheel_velocities(twist)
     force = -np.sign(np.sum(geometry.active * hubs, axis=1))
     printed = force * (geometry.active @ across) * (hubs @ across)

@@ -58,7 +58,7 @@ def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: floa
 
 
 @needs_mujoco
-def test_wheels_on_springs_carry_the_weight_and_forgive_a_millimetre() -> None:
+def test_wheels_on_springs_carry_the_weight_and_forgive_a_millimeter() -> None:
     vehicle = experiment("unassisted").vehicle
     weight = (vehicle.body.mass + vehicle.load.mass) * GRAVITY
     level, askew = (

@@ -7,7 +7,7 @@ momentum then hold only the brakes' torques:
 
     sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
 
-where ``a_i`` is the wrench of a unit force of wheel i about the centre of gravity, and the mean
+where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity, and the mean
 pressure ``p_i`` follows what is asked through dead time and first-order lag, in closed form. What
 the tire of a standing or reversing wheel does is not known: the equations are projected onto what
 such wheels cannot change. No load and no tire is needed, only masses and the wheels' inertia; the
@@ -77,7 +77,7 @@ class StopEquations:
         step: length of each interval [s], shape (K,).
         segment: number of the span in which the same wheels turn, shape (K,).
         change: impulse that the brakes must have made, projected [m/s], shape (K, 3).
-        per_torque: of one newton metre of each brake [m/s per N m], shape (K, 3, N).
+        per_torque: of one newton meter of each brake [m/s per N m], shape (K, 3, N).
     """
 
     data: BrakeData
@@ -172,16 +172,16 @@ def _asked(stop: StopEquations) -> NDArray[np.bool_]:
 def _equations(stop: BrakeData, vehicle: VehicleConfiguration) -> StopEquations:
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
-    arm = geometry.position - masses.centre
+    arm = geometry.position - masses.center
     lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
     length = np.sqrt(masses.yaw_inertia / masses.mass)  # makes a moment comparable with a force
     wrench = np.column_stack((geometry.active, cross(arm, geometry.active) / length))
     wrench /= masses.mass
 
     step = np.diff(stop.time)
-    # Velocity of the centre of gravity, both ends seen from the heading in the middle.
+    # Velocity of the center of gravity, both ends seen from the heading in the middle.
     yaw_rate = stop.twist[:, 2]
-    velocity = stop.twist[:, :2] + yaw_rate[:, np.newaxis] * [-masses.centre[1], masses.centre[0]]
+    velocity = stop.twist[:, :2] + yaw_rate[:, np.newaxis] * [-masses.center[1], masses.center[0]]
     half = 0.25 * (yaw_rate[1:] + yaw_rate[:-1]) * step
     change = _turned(velocity[1:], half) - _turned(velocity[:-1], -half)
     change = np.column_stack((change, length * np.diff(yaw_rate)))

@@ -217,7 +217,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
     x, y = turn[1] / angle, -turn[0] / angle
     if math.hypot(x, y) > _OFFSET and abs(mean) <= _HEADING:
         yield Mistake(
-            f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the centre",
+            f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center",
             "enter this position for its sensors",
         )
 

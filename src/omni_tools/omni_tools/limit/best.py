@@ -53,7 +53,7 @@ class Plan:
         distance: from start to rest, straight [m]; NaN where no local optimum was found.
         rotation: change of heading [deg].
         time: [s], shape (M + 1,).
-        state: x, y of the centre of gravity [m], yaw [rad], its velocity in the body frame [m/s],
+        state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
             yaw rate [rad/s] and wheel speeds in the sense of rolling at the start [rad/s],
             shape (M + 1, 6 + N).
         torque: of the brakes over the intervals [N m], shape (M, N).
@@ -174,17 +174,17 @@ class OptimalStop:
 
         body = np.vstack((at(points, guess.pose[first:]), at(points, guess.twist[first:])))
         rolling = self._sense[:, None] * at(points, guess.wheel_speed[first:])
-        states = np.vstack((self._at_centre(body), np.maximum(rolling, 0.0)))
+        states = np.vstack((self._at_center(body), np.maximum(rolling, 0.0)))
         opti.set_initial(self._states, states / self._scale[:, None])
         acting = np.abs(at(ends[1:], guess.brake_torque[first:])) / self._torque[:, None]
         opti.set_initial(self._torques, np.minimum(acting, 1.0))
         opti.set_initial(self._loads, np.tile(self._standing[:, None], 2 * self._intervals) / 1e3)
         opti.set_initial(self._duration, duration)
 
-    def _at_centre(self, body: FloatArray) -> FloatArray:
-        """Return pose and twist of the centre of gravity for those of base_link, shape (6, K)."""
+    def _at_center(self, body: FloatArray) -> FloatArray:
+        """Return pose and twist of the center of gravity for those of base_link, shape (6, K)."""
         x, y, yaw, v_x, v_y, rate = body
-        c_x, c_y = self._masses.centre
+        c_x, c_y = self._masses.center
         cos, sin = np.cos(yaw), np.sin(yaw)
         place = x + cos * c_x - sin * c_y, y + sin * c_x + cos * c_y
         return np.array((*place, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
@@ -215,13 +215,13 @@ class OptimalStop:
         spin = (geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * turning) / lever
         self._sense = np.where(spin >= 0.0, 1.0, -1.0)
         self._lever = lever * self._sense
-        body = self._at_centre(np.concatenate((maneuver.pose, maneuver.twist)))
+        body = self._at_center(np.concatenate((maneuver.pose, maneuver.twist)))
         return np.concatenate((body, np.abs(spin)))
 
     def _motion(self) -> Any:
         """Return the function of state, torques and loads to their rates and missing loads."""
         ca, masses = self._casadi, self._masses
-        active, arm = self._geometry.active, self._geometry.position - self._masses.centre
+        active, arm = self._geometry.active, self._geometry.position - self._masses.center
         swing, wheels = cross(arm, active), len(active)
         x, torque, load = ca.SX.sym("x", 6 + wheels), ca.SX.sym("t", wheels), ca.SX.sym("n", wheels)
         u, v, rate, spin = x[3], x[4], x[5], x[6:]
@@ -251,7 +251,7 @@ class OptimalStop:
         speed = max(math.hypot(start[3], start[4]), 1.0)
         fastest = max(float(np.max(start[6:])), 1.0)
         self._scale = np.array((speed, speed, 1.0, speed, speed, 1.0, *([fastest] * wheels)))
-        plane = load_plane(self._geometry.position - self._masses.centre)
+        plane = load_plane(self._geometry.position - self._masses.center)
         self._standing = self._masses.mass * GRAVITY * plane[:, 0]
         self._opti = opti = ca.Opti()
         self._states = opti.variable(size, 2 * count)
@@ -290,7 +290,7 @@ class OptimalStop:
 
     def _way(self, last: Any) -> Any:
         """Return how far base_link has come at a state [m]."""
-        ca, (c_x, c_y) = self._casadi, self._masses.centre
+        ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:
             cos, sin = ca.cos(x[2]), ca.sin(x[2])

@@ -8,7 +8,7 @@ rolling, so the impulse of its force is at most that of its brake.
 
 A stop that keeps heading and line passes over known ground; where a wheel comes within
 `EDGE_MARGIN` of an edge the better friction counts. For stops with any heading and path a wheel may
-be anywhere that its distance travelled allows.
+be anywhere that its distance traveled allows.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def straight_bound(
 def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the bound of the path of the centre of gravity in any stop; see `straight_bound`."""
+    """Return the bound of the path of the center of gravity in any stop; see `straight_bound`."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     return _Way(vehicle, ground).any_heading(maneuver)
@@ -242,17 +242,17 @@ class _Way:
     def any_heading_sketch(self, maneuver: Maneuver) -> float:
         """Return no less than the bound of every stop [m]."""
         cases = _OneHeading(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
-        return self._integrate(maneuver, self._centre_speed(maneuver), cases)
+        return self._integrate(maneuver, self._center_speed(maneuver), cases)
 
-    def _centre_speed(self, maneuver: Maneuver) -> float:
-        centre = self._limit.masses.centre
+    def _center_speed(self, maneuver: Maneuver) -> float:
+        center = self._limit.masses.center
         return math.hypot(
-            *(maneuver.twist[:2] + maneuver.twist[2] * np.array([-centre[1], centre[0]]))
+            *(maneuver.twist[:2] + maneuver.twist[2] * np.array([-center[1], center[0]]))
         )
 
     def any_heading(self, maneuver: Maneuver) -> Bound:
         """Bound every stop."""
-        speed = self._centre_speed(maneuver)
+        speed = self._center_speed(maneuver)
         if speed <= 0.0:
             return Bound(0.0)
         cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
@@ -386,13 +386,13 @@ class _AnyHeading(_Cases):
     def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
         cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
         turn = np.array([[cos, -sin], [sin, cos]])
-        self._centre = maneuver.pose[:2] + turn @ limit.masses.centre
-        self._reach = np.hypot(*(limit.position - limit.masses.centre).T)
+        self._center = maneuver.pose[:2] + turn @ limit.masses.center
+        self._reach = np.hypot(*(limit.position - limit.masses.center).T)
 
     def friction(self, start: float, end: float) -> FloatArray:
         del start
         return self._limit.grip * [
-            _reachable_friction(self._map, self._centre, end + arm) for arm in self._reach
+            _reachable_friction(self._map, self._center, end + arm) for arm in self._reach
         ]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
@@ -428,11 +428,11 @@ def _largest_friction(friction: FrictionMap, start: FloatArray, end: FloatArray)
     return _reachable_friction(friction, middle, 0.5 * math.hypot(*(end - start)) + EDGE_MARGIN)
 
 
-def _reachable_friction(friction: FrictionMap, centre: FloatArray, radius: float) -> float:
+def _reachable_friction(friction: FrictionMap, center: FloatArray, radius: float) -> float:
     """Return the largest friction factor [1] within a distance of a point [m]."""
     largest = -math.inf
     if len(friction.table):
-        along, across = _box_distances(friction.table, float(centre[0]), float(centre[1]))
+        along, across = _box_distances(friction.table, float(center[0]), float(center[1]))
         for row in reversed(range(len(friction.table))):  # the last one counts
             if max(along[row], across[row]) > radius:
                 continue

@@ -85,7 +85,7 @@ class LimitVehicle:
         masses: body and load together.
         position: of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
-        lever: of the active directions about the centre of gravity [m], shape (N,).
+        lever: of the active directions about the center of gravity [m], shape (N,).
         torque_force: force that a brake told 1 N m can hold at its wheel [1/m], shape (N,).
         grip: factor on the friction under each wheel [1], shape (N,).
         strongest_peak: of the tire at any load, on ground of friction 1 [N].
@@ -97,7 +97,7 @@ class LimitVehicle:
         self.position = geometry.position
         self.active = geometry.active
         self._passive = geometry.passive
-        self._arm = geometry.position - self.masses.centre
+        self._arm = geometry.position - self.masses.center
         self.lever = cross(self._arm, geometry.active)
         self._passive_lever = cross(self._arm, geometry.passive)
         tire = vehicle.tire

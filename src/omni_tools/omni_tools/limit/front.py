@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from omni_figures.style import (
     BLACK,
     BLUE,
-    GREY,
+    GRAY,
     PURPLE,
     VERMILLION,
     draw_title,
@@ -96,8 +96,8 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
     draw_title(figure, f"{name.replace('_', ' ')}: the best that is known, and the laws")
     axes = figure.subplots()
     if math.isfinite(bound):
-        axes.axvline(bound, color=GREY, linestyle="--", label="bound, heading kept")
-    for prefix, words, style, colour in (
+        axes.axvline(bound, color=GRAY, linestyle="--", label="bound, heading kept")
+    for prefix, words, style, color in (
         ("best", "best that is known", "o-", BLACK),
         ("allocation", "allocation by max_rotation", "o", VERMILLION),
         ("sliding_mode", "sliding mode", "s", BLUE),
@@ -105,7 +105,7 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
     ):
         chosen = [stop for case, stop in stops.items() if case.startswith(prefix)]
         distances, rotations = zip(*chosen, strict=True)
-        axes.plot(distances, rotations, style, color=colour, label=words)
+        axes.plot(distances, rotations, style, color=color, label=words)
     axes.set_xlabel("stopping distance [m]")
     axes.set_ylabel("orientation change [deg]")
     axes.legend(fontsize=9)

@@ -13,7 +13,7 @@ opposite order (a mirror, a camera the other way round) turn phi by half a turn.
 What a drive does not excite stays as configured: the configured values enter as one observation of
 each coefficient, uncertain by a third (of 1 / p, and 0.3 m of the lever), and a coefficient that
 this observation determines as well as the drives is left at it. The fit is robust (Huber), and
-its errors are summed over stretches of the drive before they are squared, as those of neighbouring
+its errors are summed over stretches of the drive before they are squared, as those of neighboring
 batches are not independent (cluster-robust, Liang and Zeger 1986).
 """
 
@@ -31,7 +31,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     ORANGE,
     draw_title,
 )
@@ -265,7 +265,7 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
         after = np.concatenate(calibration.residual)
         before = np.concatenate(calibration.before)
         number = np.arange(len(after))
-        line.plot(number, 1e3 * before, ".", ms=3.0, color=GREY, label="configured")
+        line.plot(number, 1e3 * before, ".", ms=3.0, color=GRAY, label="configured")
         line.plot(number, 1e3 * after, ".", ms=3.0, color=BLUE, label="calibrated")
         for end in np.cumsum([len(part) for part in calibration.residual])[:-1]:
             line.axvline(end - 0.5, color=ORANGE, lw=0.8)

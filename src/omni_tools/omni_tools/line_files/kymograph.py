@@ -17,7 +17,7 @@ from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     ORANGE,
     VERMILLION,
     draw_title,
@@ -118,7 +118,7 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
 
 def _draw_displacements(axes: Axes, sight: Sight) -> None:
     axes.plot(
-        sight.displacement, sight.time[1:], ".", ms=2.0, color=GREY, label="of each pair of lines"
+        sight.displacement, sight.time[1:], ".", ms=2.0, color=GRAY, label="of each pair of lines"
     )
     scale = sight.sensor.pixel_pitch * sight.sensor.line_rate
     measured = [

@@ -27,7 +27,7 @@ from omni_platform.signals import Lines
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
 RAW = (".raw", ".bin", ".dat")
 
-_GREY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
+_GRAY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
 _DEEPEST = {8: np.uint8, 16: np.uint16}
 _MOST = 1 << 32  # bytes of lines that are taken into memory
 
@@ -127,10 +127,10 @@ def _by_number(path: Path) -> list[Any]:
 def _pages(path: Path) -> Iterator[NDArray[Any]]:
     with Image.open(path) as image:
         for page in ImageSequence.Iterator(image):
-            grey = page if page.mode.startswith("I") else page.convert("L")
-            if page.mode not in _GREY_8 and not page.mode.startswith("I"):
-                raise LineFileError(str(path), f"has pixels of the mode {page.mode}, not grey")
-            yield np.array(grey)
+            gray = page if page.mode.startswith("I") else page.convert("L")
+            if page.mode not in _GRAY_8 and not page.mode.startswith("I"):
+                raise LineFileError(str(path), f"has pixels of the mode {page.mode}, not gray")
+            yield np.array(gray)
 
 
 def _table(path: Path) -> NDArray[Any]:

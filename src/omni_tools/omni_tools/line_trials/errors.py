@@ -1,6 +1,6 @@
 """Errors of displacements in every unit that they are asked for in.
 
-Eq. (85) is printed with a division by the frame rate: metres times seconds over metres per second.
+Eq. (85) is printed with a division by the frame rate: meters times seconds over meters per second.
 A velocity error is the displacement error *times* the rate, and so it is computed here.
 """
 

@@ -135,7 +135,7 @@ class Rig:
         Args:
             sensors: the cameras by name.
             texture: the ground.
-            noise: standard deviation [grey levels of 8 bit].
+            noise: standard deviation [gray levels of 8 bit].
             seed: of the noise.
 
         Raises:
@@ -190,11 +190,11 @@ class Rig:
 def cameras(
     views: Sequence[View], texture: GroundTexture, noise: float, seed: int
 ) -> list[LineCamera]:
-    """Return cameras at the platform's centre, which share the ground; arguments as of `Rig`."""
+    """Return cameras at the platform's center, which share the ground; arguments as of `Rig`."""
     sensors = {f"trial_{i}": view.mounted() for i, view in enumerate(views)}
     return list(Rig(sensors, texture, noise, seed).array.cameras.values())
 
 
 def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
-    """Return a single camera at the platform's centre; arguments as of `Rig`."""
+    """Return a single camera at the platform's center; arguments as of `Rig`."""
     return cameras((view,), texture, noise, seed)[0]

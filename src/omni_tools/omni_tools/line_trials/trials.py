@@ -56,7 +56,7 @@ class Matches:
 
     @property
     def right(self) -> BoolArray:
-        """Whether each pair found its match: a neighbouring pixel is noise, not a wrong match."""
+        """Whether each pair found its match: a neighboring pixel is noise, not a wrong match."""
         found: BoolArray = np.abs(self.pixel_error) <= 1.0
         return found
 
@@ -144,7 +144,7 @@ def measure(
         motions: what to try; shifts are searched up to half the pixels.
         texture: the ground.
         pairs: of consecutive lines, from each place.
-        noise: standard deviation [grey levels].
+        noise: standard deviation [gray levels].
         seed: of places and noise.
         metric: name of the distance.
         runs: random places for each motion.
@@ -182,12 +182,12 @@ def path(
         generator: draws the place.
         axis: direction of the camera's axis on the ground [rad].
     """
-    travelled = speed / view.line_rate * np.arange(lines)
+    traveled = speed / view.line_rate * np.arange(lines)
     start = generator.uniform(0.0, PERIOD, 2)
     return np.column_stack(
         (
-            start[0] + travelled * math.cos(axis + angle),
-            start[1] + travelled * math.sin(axis + angle),
+            start[0] + traveled * math.cos(axis + angle),
+            start[1] + traveled * math.sin(axis + angle),
             np.full(lines, axis),
         )
     )
@@ -234,17 +234,17 @@ def cramer_rao_bound(
 
     Both lines are noisy and the ground is not known, so that the bound is twice that of a known
     ground: ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap.
-    Quantisation adds 1/12 to the variance s^2 of the noise.
+    Quantization adds 1/12 to the variance s^2 of the noise.
 
     Args:
         view: what the camera sees.
         eye: the camera.
         poses: of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
-        noise: standard deviation [grey levels].
+        noise: standard deviation [gray levels].
     """
     step = np.array([_GRADIENT_STEP * view.pitch, 0.0, 0.0])
-    gradient = (eye.greys(poses + step).astype(np.float64) - eye.greys(poses - step)) / (
+    gradient = (eye.grays(poses + step).astype(np.float64) - eye.grays(poses - step)) / (
         2.0 * _GRADIENT_STEP
     )
     pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # of the newer line

@@ -40,11 +40,11 @@ class TwistTrial:
         return self.estimate - self.twist
 
     @property
-    def normalised_error_squared(self) -> FloatArray:
+    def normalized_error_squared(self) -> FloatArray:
         """Error squared over its expectation ``e^T C^-1 e / 3``, 1 in the mean, shape (m,)."""
         weighted = np.linalg.solve(self.covariance, self.error[:, :, None])[:, :, 0]
-        normalised: FloatArray = np.sum(self.error * weighted, axis=1) / 3.0
-        return normalised
+        normalized: FloatArray = np.sum(self.error * weighted, axis=1) / 3.0
+        return normalized
 
 
 def drive(

@@ -36,7 +36,7 @@ class DesignTask:
     Attributes:
         area: the chassis and the cameras' rectangle.
         texture: ground over which the cameras are tried.
-        noise: of the cameras, standard deviation [grey levels of 8 bit].
+        noise: of the cameras, standard deviation [gray levels of 8 bit].
         count: of cameras.
         mix: of motions that placements are judged by.
         speed: of base_link in all of them [m/s].

@@ -22,7 +22,7 @@ from omni_tools.placement.mounting_area import MountingArea
 
 _POINTS = 81  # of the map across the chassis
 _LEVELS = 14
-_WORST = 2.5  # times the error of the best placement: the end of the colour scale
+_WORST = 2.5  # times the error of the best placement: the end of the color scale
 _ARROW = 0.13  # of the chassis
 _LEAST = 1.5  # times the smallest error: small differences shall look small
 _COLUMNS = 2
@@ -35,7 +35,7 @@ _WRAP = 87  # characters of a line of text in a panel
 def placement_figure(
     placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea, title: str
 ) -> Figure:
-    """Draw placements side by side, the one that sets the colour scale first.
+    """Draw placements side by side, the one that sets the color scale first.
 
     Args:
         placements: at least one.
@@ -133,7 +133,7 @@ def _draw(
     if math.isfinite(placement.mean_error) and not placement.singular:
         x, y, error = _map(placement, criterion, area)
         axes.contourf(x, y, error, levels=norm.boundaries, cmap=_SHADES, norm=norm, extend="max")
-        lines = axes.contour(x, y, error, levels=norm.boundaries, colors=style.GREY, linewidths=0.6)
+        lines = axes.contour(x, y, error, levels=norm.boundaries, colors=style.GRAY, linewidths=0.6)
         axes.clabel(lines, fmt="%g", fontsize=8, zorder=2)
         headline = f"{placement.name}: {1e3 * placement.mean_error:.2f} mm/s"
         deviation = placement.deviation * (1e3, 1e3, 1e3)
@@ -152,7 +152,7 @@ def _draw(
     nose = scene.chassis_length * np.array([(0.5, 0.0), (0.465, 0.025), (0.465, -0.025)])
     axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))
     for outline in scene.wheel_outlines:
-        axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GREY, zorder=3))
+        axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GRAY, zorder=3))
     _draw_sensors(axes, placement, area)
     axes.set_title(headline, loc="left", pad=27)
     axes.text(
@@ -227,6 +227,6 @@ def _legend() -> list[Line2D | Patch]:
         Patch(color=style.BLUE, label="field of view"),
         Patch(facecolor="white", edgecolor=style.BLUE, label="housing"),
         Line2D([], [], color=style.BLUE, marker=">", markevery=[1], label="axis"),
-        Patch(facecolor="#BBBBBB", edgecolor=style.GREY, label="wheel"),
+        Patch(facecolor="#BBBBBB", edgecolor=style.GRAY, label="wheel"),
         Line2D([], [], color=style.BLACK, marker=">", linestyle="", label="front"),
     ]

@@ -30,7 +30,7 @@ class PlacementOptions(Configuration):
     )
     redundant: bool = parameter(
         False,
-        description="minimise the error without the camera whose failure is the worst; four or "
+        description="minimize the error without the camera whose failure is the worst; four or "
         "more",
     )
     speed: float | None = option(
@@ -57,7 +57,7 @@ class PlacementOptions(Configuration):
     noise: float = option(
         1.0,
         metavar="LEVELS",
-        description="of the camera in grey levels",
+        description="of the camera in gray levels",
         minimum=0.0,
         maximum=100.0,
     )

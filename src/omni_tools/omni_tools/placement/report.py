@@ -56,7 +56,7 @@ def entries(
 def column(
     placement: JudgedPlacement, trial: PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
-    """Return a column of the table in millimetres per second."""
+    """Return a column of the table in millimeters per second."""
     singular = f"singular: {placement.singular}" if placement.singular else ""
     deviation = placement.deviation
     values = {

@@ -115,7 +115,7 @@ def measure_sensor_error(
     Args:
         view: what the camera sees.
         texture: the ground.
-        noise: standard deviation [grey levels of 8 bit].
+        noise: standard deviation [gray levels of 8 bit].
         speed: of the camera [m/s], at most `sideways_limit`.
         batches: of lines, for each angle in each of `ORIENTATIONS`.
         seed: of places, speeds and noise.

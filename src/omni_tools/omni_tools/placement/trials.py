@@ -65,7 +65,7 @@ def drive_mix(
         sensors: the placement, not singular.
         mix: of motions.
         texture: the ground.
-        noise: standard deviation [grey levels of 8 bit].
+        noise: standard deviation [gray levels of 8 bit].
         batches: of each motion in each orientation.
         seed: of places, orientations and noise.
         report: called with the share done.

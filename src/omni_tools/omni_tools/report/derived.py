@@ -45,7 +45,7 @@ def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
 def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     """Return the vertical loads that balance the weight and the inertia of the recorded motion.
 
-    They follow the acceleration of the centre of gravity with the vehicle's load transfer time.
+    They follow the acceleration of the center of gravity with the vehicle's load transfer time.
 
     Args:
         vehicle: with the wheels of the history, in any order.
@@ -55,9 +55,9 @@ def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> Flo
         Loads [N], shape (T, N), in the order of the history's wheels.
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
-    position = _geometry(vehicle, history).position - masses.centre
+    position = _geometry(vehicle, history).position - masses.center
     plane, hull = load_plane(position), support_polygon(position)
-    acceleration = _acceleration(masses.centre, history)
+    acceleration = _acceleration(masses.center, history)
     loads = np.empty((len(history.stamp_ns), len(position)))
     lagged = np.zeros(2)
     periods = np.diff(history.time, prepend=history.time[0])

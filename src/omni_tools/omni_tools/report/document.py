@@ -145,7 +145,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
         "wheels": wheels,
         "load": scene.load,
         "loadArm": None if scene.load_arm is None else scene.load_arm.tolist(),
-        "centreOfGravity": scene.centre_of_gravity,
+        "centerOfGravity": scene.center_of_gravity,
         "patches": [
             {"outline": patch.outline, "friction": patch.friction} for patch in scene.patches
         ],

@@ -17,7 +17,7 @@ from omni_recording.error import BagError
 from omni_recording.folder import bag_messages, open_vehicle
 
 _NAMESPACE = "wheel_forces"
-_METRES_PER_NEWTON = 1e-4  # of the simulator's arrows
+_METERS_PER_NEWTON = 1e-4  # of the simulator's arrows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,4 +71,4 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> WheelForces | None
 def _force(points: Sequence[Any]) -> tuple[float, float]:
     """Return the force [N] of an arrow from its tail to its head [m]."""
     tail, head = points
-    return (head.x - tail.x) / _METRES_PER_NEWTON, (head.y - tail.y) / _METRES_PER_NEWTON
+    return (head.x - tail.x) / _METERS_PER_NEWTON, (head.y - tail.y) / _METERS_PER_NEWTON

@@ -67,7 +67,7 @@ def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     """Return the metrics of each stop of a recording, and how far its odometry drifts.
 
-    A drive with several stops is summarised as a whole too: length, time and drift.
+    A drive with several stops is summarized as a whole too: length, time and drift.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.

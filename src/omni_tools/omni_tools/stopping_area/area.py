@@ -133,7 +133,7 @@ class StopCampaign:
     """The stops of a vehicle from which areas are made, and those by which they are checked.
 
     Attributes:
-        base: the loop; its load is the largest one, at its farthest place from the centre.
+        base: the loop; its load is the largest one, at its farthest place from the center.
         cells: of the motions.
         friction: of the ground, lowest and highest [1].
         reaction_time: from the alarm to the pedal, during which the motion goes on [s].

@@ -65,8 +65,8 @@ def _sector(cell: Cell) -> str:
     return cell.name.rstrip("_abcdefghijklmnopqrstuvwxyz").rstrip("0123456789").rstrip("_")
 
 
-def _pale(colour: str, paleness: float) -> FloatArray:
-    pale: FloatArray = np.array(to_rgb(colour)) * (1.0 - paleness) + paleness
+def _pale(color: str, paleness: float) -> FloatArray:
+    pale: FloatArray = np.array(to_rgb(color)) * (1.0 - paleness) + paleness
     return pale
 
 

@@ -1,6 +1,6 @@
 """Fit a tire model to measured forces by least squares, or say why the data do not suffice.
 
-The unknowns of the model's `FitRecipe` minimise the sum of squared differences of force. With n
+The unknowns of the model's `FitRecipe` minimize the sum of squared differences of force. With n
 rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is
 ``s^2 (J^T J)^-1``, ``s^2`` the sum of squares over ``n - P``; the standard errors of the values
 follow by linear propagation. They hold for differences that are independent, of one size and small

@@ -17,7 +17,7 @@ _SIZE = (9.0, 6.6)  # [inch]
 def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
     """Draw data against curve, and below it what is left of the force.
 
-    Each point has the colour of the curve at the nearest load.
+    Each point has the color of the curve at the nearest load.
 
     Args:
         data: measured forces.
@@ -35,11 +35,11 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
     left = data.force - tire.force(data.slip, data.load)
     dot = {"marker": "o", "linestyle": "none", "markersize": 3.0, "alpha": 0.55}
     for index, load in enumerate(loads):
-        colour, rows = style.wheel_colour(index), nearest == index
-        upper.plot(data.slip[rows], 1e-3 * data.force[rows], color=colour, **dot)
-        lower.plot(data.slip[rows], left[rows], color=colour, **dot)
+        color, rows = style.wheel_color(index), nearest == index
+        upper.plot(data.slip[rows], 1e-3 * data.force[rows], color=color, **dot)
+        lower.plot(data.slip[rows], left[rows], color=color, **dot)
         label = f"$F_z$ = {1e-3 * load:.3g} kN"
-        upper.plot(slip, 1e-3 * tire.force(slip, load), color=colour, linewidth=2.0, label=label)
+        upper.plot(slip, 1e-3 * tire.force(slip, load), color=color, linewidth=2.0, label=label)
     lower.axhline(0.0, color=style.BLACK, linewidth=1.0)
     upper.set_title(title)
     upper.set_ylabel("Force F [kN]")

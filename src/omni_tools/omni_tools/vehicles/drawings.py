@@ -12,7 +12,7 @@ from matplotlib.patches import Polygon
 from omni_figures.scene import Scene, placed, rectangle
 from omni_figures.style import (
     BLUE,
-    GREY,
+    GRAY,
     ORANGE,
     PALE,
     VERMILLION,
@@ -39,13 +39,13 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
     radii = sorted({mount.radius for mount in vehicle.wheels.values()})
     grip = sum(fact.grip for fact in facts.values())
     brakes = sum(fact.brake_force for fact in facts.values())
-    x, y = (float(value) for value in masses.centre)
+    x, y = (float(value) for value in masses.center)
     rollers = Rollers.of(vehicle.wheels)
     return {
         "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
         "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of it load, "
         f"{plain(masses.yaw_inertia)} kg m^2 about the vertical",
-        "centre of gravity": f"({plain(x)}, {plain(y)}) m",
+        "center of gravity": f"({plain(x)}, {plain(y)}) m",
         "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
         f"{', '.join(vehicle.wheels)}",
         "rollers": (f"{rollers.shape} seen from above, " if rollers.shape else "")
@@ -76,7 +76,7 @@ def draw_vehicle(
     def turn(points: np.ndarray) -> np.ndarray:
         return np.column_stack((-np.asarray(points)[:, 1], np.asarray(points)[:, 0]))
 
-    axes.add_patch(Polygon(turn(scene.chassis), facecolor=PALE, edgecolor=GREY))
+    axes.add_patch(Polygon(turn(scene.chassis), facecolor=PALE, edgecolor=GRAY))
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     for row, outline in enumerate(scene.wheel_outlines):
         axes.add_patch(Polygon(turn(outline), facecolor="white", edgecolor="black"))
@@ -99,7 +99,7 @@ def draw_vehicle(
             va="center",
         )
     masses = MassProperties.of(vehicle.body, vehicle.load)
-    axes.plot(*turn(masses.centre[None])[0], "o", color=VERMILLION, label="centre of gravity")
+    axes.plot(*turn(masses.center[None])[0], "o", color=VERMILLION, label="center of gravity")
     for index, (name, sensor) in enumerate((sensors or {}).items()):
         pose = (sensor.x, sensor.y, math.radians(sensor.heading_deg))
         view = placed(rectangle(sensor.length, sensor.width), pose)
@@ -136,9 +136,9 @@ def draw_tire(tire: TireConfiguration, name: str) -> Figure:
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
     slip = np.linspace(0.0, 1.0, 401)
-    for share, colour in zip((0.25, 0.5, 0.75, 1.0), (PALE, GREY, ORANGE, BLUE), strict=True):
+    for share, color in zip((0.25, 0.5, 0.75, 1.0), (PALE, GRAY, ORANGE, BLUE), strict=True):
         load = share * tire.largest_load
-        axes.plot(slip, Tire(tire).force(slip, load), color=colour, label=f"{load:g} N")
+        axes.plot(slip, Tire(tire).force(slip, load), color=color, label=f"{load:g} N")
     axes.set_xlabel("slip [1]")
     axes.set_ylabel("force [N]")
     axes.legend(title="wheel load")
@@ -159,17 +159,17 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
     """Draw a plate of the ground, as a camera sees it."""
     texture = TextureCache.of_user().texture(ground.texture)
-    count = min(len(texture.grey), max(1, round(_PLATE / texture.texel)))
+    count = min(len(texture.gray), max(1, round(_PLATE / texture.texel)))
     edge = 1e3 * count * texture.texel
     figure = Figure(figsize=(6.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
-    piece = texture.grey[:count, :count]
+    piece = texture.gray[:count, :count]
     axes.grid(False)
     axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
     draw_title(
-        figure, f"{name}: grey levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
+        figure, f"{name}: gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
     )
     return figure
 
@@ -195,7 +195,7 @@ def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
         turned = np.column_stack((-view[:, 1], view[:, 0]))
         axes.add_patch(Polygon(turned, facecolor=PALE, edgecolor=ORANGE))
         axes.annotate(name, (-one.y, one.x), ha="center", va="center")
-    axes.plot(0.0, 0.0, "+", color=GREY)
+    axes.plot(0.0, 0.0, "+", color=GRAY)
     axes.set_aspect("equal")
     axes.margins(0.15)
     axes.autoscale_view()

@@ -14,7 +14,7 @@ from omni_sim.vehicle.loads import GRAVITY
 
 _WHEEL_WIDTH = 0.4  # over the diameter
 _DENSITY = 2500.0  # of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub
-_HEIGHT = 1.5  # centre of gravity above the ground, over the radius of a wheel
+_HEIGHT = 1.5  # center of gravity above the ground, over the radius of a wheel
 _BRAKE = 2.0  # torque of a brake over what locks the wheel
 _CLUTCH = 15.0  # stiffness of the drive's clutch over torque and radius of the wheel [s/m]
 _REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1

@@ -58,7 +58,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
-    shares = load_plane(geometry.position - masses.centre)[:, 0]
+    shares = load_plane(geometry.position - masses.center)[:, 0]
     tire = Tire(vehicle.tire)
     facts = {}
     torque = vehicle.brake.max_torque * vehicle.brake_share

@@ -34,7 +34,7 @@ class Rollers:
         shape: ``X`` or ``O``, formed by the rollers on top of the wheels seen from above (those on
             the ground form the other one), ``mixed``, or empty where no roller is oblique.
         smallest_singular_value: of ``M``, Eq. (33), lengths over the platform's radius [1].
-        yaw_lever: smallest distance of a roller axis on the ground from the platform centre [m].
+        yaw_lever: smallest distance of a roller axis on the ground from the platform center [m].
     """
 
     shape: str
@@ -69,7 +69,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
         return ()
     if rollers.smallest_singular_value < _POOR * best:
         return (
-            f"wheels: the roller axes pass the centre at {rollers.yaw_lever:.2g} m, so that the "
+            f"wheels: the roller axes pass the center at {rollers.yaw_lever:.2g} m, so that the "
             f"wheels hardly turn the vehicle (seen from above the rollers form {rollers.shape}, "
             f"smallest singular value {rollers.smallest_singular_value:.2g}, with the opposite "
             f"roller angles {best:.2g}); negate every roller_angle_deg, unless the wheels are "

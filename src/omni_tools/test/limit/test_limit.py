@@ -85,7 +85,7 @@ def test_no_random_forces_slow_a_straight_stop_down_faster(
     found = limit.strongest(e, Case(np.ones(4), straight=True))
     assert found is not None
     masses = MassProperties.of(forklift.body, forklift.load)
-    plane = load_plane(limit.position - masses.centre)
+    plane = load_plane(limit.position - masses.center)
     wrench = np.vstack((limit.active.T, limit.lever))
     wanted = np.linalg.lstsq(wrench, np.append(-e, 0.0), rcond=None)[0]
     null = np.linalg.svd(wrench)[2][-1]
@@ -173,12 +173,12 @@ def test_no_run_is_below_its_bounds(
     run = run_fast_loop(experiment)
     maneuver = maneuver_of(experiment.maneuver)
     any_bound = any_heading_bound(experiment.vehicle, experiment.ground, maneuver)
-    centre = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).centre
+    center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
     yaw = run.pose[run.brake_start :, 2]
     turned = np.column_stack(
         (
-            np.cos(yaw) * centre[0] - np.sin(yaw) * centre[1],
-            np.sin(yaw) * centre[0] + np.cos(yaw) * centre[1],
+            np.cos(yaw) * center[0] - np.sin(yaw) * center[1],
+            np.sin(yaw) * center[0] + np.cos(yaw) * center[1],
         )
     )
     path = np.diff(run.pose[run.brake_start :, :2] + turned, axis=0)
@@ -201,7 +201,7 @@ def test_forces_of_the_bound_neither_turn_nor_push(forklift: VehicleConfiguratio
     found = limit.strongest(np.array([1.0, 0.0]), Case(np.ones(4), straight=True))
     assert found is not None
     assert found.force @ limit.active[:, 1] == pytest.approx(0.0, abs=1e-6)
-    arm = limit.position - limit.masses.centre
+    arm = limit.position - limit.masses.center
     assert np.sum(cross(arm, found.force[:, None] * limit.active)) == pytest.approx(0.0, abs=1e-6)
     assert np.sum(found.load) == pytest.approx(limit.masses.mass * GRAVITY)
 

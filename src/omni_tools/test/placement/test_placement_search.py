@@ -45,7 +45,7 @@ def chassis(vehicle: str) -> tuple[MountingArea, MeanError]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Disc(MountingArea):
-    """A round chassis of 0.6 m without wheels, on which the centres of cameras stay."""
+    """A round chassis of 0.6 m without wheels, on which the centers of cameras stay."""
 
     def on_chassis(self, poses: FloatArray) -> BoolArray:
         inside: BoolArray = np.hypot(poses[..., 0], poses[..., 1]) <= 0.6 + 1e-9
@@ -80,7 +80,7 @@ def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) ->
     tangential = criterion.mean_error(classical(area, 3)["tangential"])
     assert best.mean_error < 0.85 * default.mean_error
     assert best.mean_error < tangential
-    # What is drilled: whole millimetres and degrees, at nearly no loss.
+    # What is drilled: whole millimeters and degrees, at nearly no loss.
     assert found.poses[:, :2] * 1e3 == pytest.approx(np.round(found.poses[:, :2] * 1e3), abs=1e-6)
     assert found.rounding < 0.002
     # Left and right, or front and rear, are alike.

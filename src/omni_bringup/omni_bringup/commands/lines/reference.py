@@ -130,8 +130,8 @@ def _quantities(field: FlatField) -> dict[str, tuple[float, str]]:
     dark, white = field.references
     gain = 1.0 / white
     return {
-        "dark_level": (float(dark.mean()), "grey levels"),
-        "dark_spread": (float(dark.std()), "grey levels"),
+        "dark_level": (float(dark.mean()), "gray levels"),
+        "dark_spread": (float(dark.std()), "gray levels"),
         "gain_spread": (100.0 * float(gain.std() / gain.mean()), "%"),
         "still_spread": (100.0 * float(np.std(field.profile)) if field.places else 0.0, "%"),
         "places": (float(field.places), "1"),

@@ -4,7 +4,7 @@
 
 const HEARTBEAT = 50; // [ms]
 const TRAIL = 4000; // points
-const METRES_ACROSS = 14; // of the shorter side of the view
+const METERS_ACROSS = 14; // of the shorter side of the view
 const $ = (id) => document.getElementById(id);
 
 const held = new Set(); // keys and buttons that are down
@@ -158,7 +158,7 @@ function take(message) {
 // ---------------------------------------------------------------- stops
 
 const LATEST = 0.5; // [s] by which the pedal may have gone down before
-const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a metre
+const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a meter
 const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
 let stop = null, stops = 0, law = "";
 
@@ -194,7 +194,7 @@ function card(distance) {
   $("stops").prepend(row);
 }
 
-const length = (metres) => (metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres.toFixed(2)} m`);
+const length = (meters) => (meters < 1 ? `${Math.round(100 * meters)} cm` : `${meters.toFixed(2)} m`);
 
 // ---------------------------------------------------------------- numbers
 
@@ -265,7 +265,7 @@ function write() {
 
 function draw() {
   const canvas = $("scene"), style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue(`--${name}`);
+  const color = (name) => style.getPropertyValue(`--${name}`);
   const ratio = devicePixelRatio || 1;
   const width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
@@ -273,7 +273,7 @@ function draw() {
     canvas.height = Math.round(height * ratio);
   }
   const pen = canvas.getContext("2d");
-  const scale = Math.min(width, height) / METRES_ACROSS;
+  const scale = Math.min(width, height) / METERS_ACROSS;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, width, height);
   if (!state?.pose || !vehicle) return;
@@ -281,9 +281,9 @@ function draw() {
   // World frame: x to the right, y up, the vehicle in the middle.
   pen.translate(width / 2, height / 2);
   pen.scale(scale, -scale);
-  for (const patch of vehicle.patches) drawPatch(pen, colour, patch, x, y, scale);
+  for (const patch of vehicle.patches) drawPatch(pen, color, patch, x, y, scale);
   pen.lineWidth = 1 / scale;
-  pen.strokeStyle = colour("line");
+  pen.strokeStyle = color("line");
   const reachX = width / 2 / scale + 1, reachY = height / 2 / scale + 1;
   pen.beginPath();
   for (let gx = Math.ceil(x - reachX); gx < x + reachX; gx += 1) { pen.moveTo(gx - x, -reachY); pen.lineTo(gx - x, reachY); }
@@ -292,31 +292,31 @@ function draw() {
   pen.lineWidth = 0.05;
   for (let i = 1; i < trail.length; i += 1) {
     const from = trail[i - 1], to = trail[i];
-    pen.strokeStyle = colour(to.braked ? "braking" : "rolling");
+    pen.strokeStyle = color(to.braked ? "braking" : "rolling");
     pen.beginPath();
     pen.moveTo(from.x - x, from.y - y);
     pen.lineTo(to.x - x, to.y - y);
     pen.stroke();
   }
   pen.rotate(yaw);
-  pen.fillStyle = colour("body");
+  pen.fillStyle = color("body");
   pen.fillRect(-vehicle.length / 2, -vehicle.width / 2, vehicle.length, vehicle.width);
-  pen.fillStyle = colour("ink"); // which way is forward
+  pen.fillStyle = color("ink"); // which way is forward
   pen.beginPath();
   pen.moveTo(vehicle.length / 2 - 0.1, 0);
   pen.lineTo(vehicle.length / 2 - 0.3, 0.12);
   pen.lineTo(vehicle.length / 2 - 0.3, -0.12);
   pen.fill();
-  vehicle.wheels.forEach((wheel, index) => drawWheel(pen, colour, wheel, brakeState(index)));
+  vehicle.wheels.forEach((wheel, index) => drawWheel(pen, color, wheel, brakeState(index)));
   const [vx, vy] = state.twist;
-  pen.strokeStyle = colour("arrow");
+  pen.strokeStyle = color("arrow");
   pen.lineWidth = 0.06;
   pen.beginPath();
   pen.moveTo(0, 0);
   pen.lineTo(0.5 * vx, 0.5 * vy); // half a second ahead
   pen.stroke();
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.strokeStyle = colour("arrow");
+  pen.strokeStyle = color("arrow");
   pen.lineWidth = 3;
   for (const { x, y, dx, dy } of fingers.values()) {
     pen.beginPath();
@@ -325,54 +325,54 @@ function draw() {
     pen.lineTo(x + dx, y + dy);
     pen.stroke();
   }
-  drawScale(pen, colour, ratio, width, height, scale);
+  drawScale(pen, color, ratio, width, height, scale);
 }
 
-function drawPatch(pen, colour, patch, x, y, scale) {
+function drawPatch(pen, color, patch, x, y, scale) {
   pen.save();
   pen.translate(patch.x - x, patch.y - y);
   pen.rotate(patch.heading);
-  pen.fillStyle = colour("ice");
+  pen.fillStyle = color("ice");
   pen.beginPath();
   if (patch.round) pen.ellipse(0, 0, patch.length / 2, patch.width / 2, 0, 0, 2 * Math.PI);
   else pen.rect(-patch.length / 2, -patch.width / 2, patch.length, patch.width);
   pen.fill();
   pen.scale(1 / scale, -1 / scale);
-  pen.fillStyle = colour("ink");
+  pen.fillStyle = color("ink");
   pen.font = "14px system-ui, sans-serif";
   pen.textAlign = "center";
   pen.fillText(`${patch.name}, friction ${patch.friction}`, 0, 5);
   pen.restore();
 }
 
-// A bar of one metre, or of as many as make a finger's breadth.
-function drawScale(pen, colour, ratio, width, height, scale) {
-  const metres = [1, 2, 5, 10].find((one) => one * scale > 50) ?? 10;
+// A bar of one meter, or of as many as make a finger's breadth.
+function drawScale(pen, color, ratio, width, height, scale) {
+  const meters = [1, 2, 5, 10].find((one) => one * scale > 50) ?? 10;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  const right = width - 16, base = height - 14, left = right - metres * scale;
-  pen.strokeStyle = pen.fillStyle = colour("ink");
+  const right = width - 16, base = height - 14, left = right - meters * scale;
+  pen.strokeStyle = pen.fillStyle = color("ink");
   pen.lineWidth = 2;
   pen.beginPath();
   pen.moveTo(left, base - 6); pen.lineTo(left, base); pen.lineTo(right, base); pen.lineTo(right, base - 6);
   pen.stroke();
   pen.font = "14px system-ui, sans-serif";
   pen.textAlign = "center";
-  pen.fillText(`${metres} m`, (left + right) / 2, base - 8);
+  pen.fillText(`${meters} m`, (left + right) / 2, base - 8);
 }
 
-function drawWheel(pen, colour, wheel, condition) {
+function drawWheel(pen, color, wheel, condition) {
   const length = 2 * wheel.radius, width = 0.6 * wheel.radius;
   pen.save();
   pen.translate(wheel.x, wheel.y);
   pen.rotate(wheel.heading);
-  pen.fillStyle = pen.strokeStyle = colour(condition);
+  pen.fillStyle = pen.strokeStyle = color(condition);
   pen.lineWidth = 0.04;
-  // Filled where the brake acts, so that it does not take a colour to tell.
+  // Filled where the brake acts, so that it does not take a color to tell.
   if (condition === "released") pen.setLineDash([0.06, 0.05]);
   if (condition === "braking") pen.fillRect(-length / 2, -width / 2, length, width);
   pen.strokeRect(-length / 2, -width / 2, length, width);
   pen.setLineDash([]);
-  pen.strokeStyle = colour("ink");
+  pen.strokeStyle = color("ink");
   pen.lineWidth = 0.02;
   pen.rotate(wheel.roller);
   pen.beginPath();

@@ -13,18 +13,18 @@ from omni_platform.kernels import njit
 
 
 @njit(cache=True, nogil=True)
-def average_texels(grey: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
+def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
     """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, less `middle`.
 
     Halves are rounded up and down in the pattern of a chess-board: always up would brighten a
-    texture of 2 x 2 texels each by an eighth of a grey level.
+    texture of 2 x 2 texels each by an eighth of a gray level.
 
     Args:
-        grey: shape (n, n).
-        middle: grey level that becomes 0.
+        gray: shape (n, n).
+        middle: gray level that becomes 0.
         averages: at most n rows, as many as there shall be texels per period.
     """
-    fine, coarse = len(grey), len(averages)
+    fine, coarse = len(gray), len(averages)
     # A fine texel is `coarse` units long, a coarse one `fine` units.
     area = np.int64(fine) * fine
     sums = np.empty(fine, np.int32)
@@ -33,7 +33,7 @@ def average_texels(grey: NDArray[np.uint8], middle: int, averages: NDArray[np.in
         low = i * fine
         for j in range(low // coarse, (low + fine - 1) // coarse + 1):
             share = np.int32(min(low + fine, (j + 1) * coarse) - max(low, j * coarse))
-            row = grey[j]
+            row = gray[j]
             for c in range(fine):
                 sums[c] += share * np.int32(row[c])
         j = 0

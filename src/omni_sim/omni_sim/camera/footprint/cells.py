@@ -16,14 +16,14 @@ _1 = np.uint64(1)
 
 
 class Edges(NamedTuple):
-    """Edges of the pixels on the integral [cells], and what makes grey levels of it.
+    """Edges of the pixels on the integral [cells], and what makes gray levels of it.
 
     Attributes:
         start: the first one.
         step: from one to the next.
         slant: standard deviation of each, by its slant against a row of texels.
         scale: of a difference of the integral.
-        middle: grey level that is 0 there.
+        middle: gray level that is 0 there.
     """
 
     start: float
@@ -44,7 +44,7 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
     into = cells[0]
     for c in range(np.uint64(count)):
         into[c] = np.int32(t_0[c + _1] + t_1[c] + t_2[c] + t_3[c])
-    for q in range(1, CLASSES):  # loops over few arrays, which a compiler vectorises
+    for q in range(1, CLASSES):  # loops over few arrays, which a compiler vectorizes
         before, own, into = cells[q - 1], totals[q], cells[q]
         for c in range(np.uint64(count)):
             into[c] = np.int32(before[c] + own[c + _1] - own[c])
@@ -55,7 +55,7 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
     """Restore what is lost in texels that are means of finer ones.
 
     The integral along the line, interpolated straight between the edges of texels, lags behind
-    wherever grey changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4
+    wherever gray changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4
     quarters away take out the steps of a texel's width (their gain is 0 there) and give back what
     both averaging and steps take from a curved profile (their second moment is that of two boxes,
     negated). Sums over 655 rows times all weights fit 32 bits.

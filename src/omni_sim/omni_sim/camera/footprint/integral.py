@@ -1,7 +1,7 @@
 """Integrates the ground texture over the footprints of a line camera's pixels, at any heading.
 
 A footprint is a rectangle of `length` (axis a) by `width` (across), a pixel one slice of it
-(section 4.3.2, Figure 57). Tables of strip sums along quantised headings are fast while the
+(section 4.3.2, Figure 57). Tables of strip sums along quantized headings are fast while the
 heading stands still and expensive while the vehicle turns. This integral needs no tables: with
 x the texture axis within 45 deg of the line (else the texture is transposed),
 ``s = x + y tan(heading)`` is a coordinate along the line that every row of texels shares, apart
@@ -13,11 +13,11 @@ from a shift of its own. So a line is
 2. along the two long sides, the rows that a column covers in part, weighted;
 3. the four accumulators merged into cells of a quarter texel, and their prefix sum read at the
    edges of the pixels, exact for any pixel pitch. Where texels are means of finer ones, the cells
-   are weighted first so that they follow the grey within a texel.
+   are weighted first so that they follow the gray within a texel.
 
-Everything is integer arithmetic until the last step, so results do not depend on vectorisation.
-Texels are squares of constant grey. What is approximated are shifts below a quarter of a texel
-and the slant of a pixel's edges within one: at most 0.08 grey levels (rms) for a footprint 400
+Everything is integer arithmetic until the last step, so results do not depend on vectorization.
+Texels are squares of constant gray. What is approximated are shifts below a quarter of a texel
+and the slant of a pixel's edges within one: at most 0.08 gray levels (rms) for a footprint 400
 texels wide on the shipped grounds, and the more, the fewer rows are averaged: 0.25 for 50.
 """
 
@@ -84,38 +84,38 @@ class _Scratch(NamedTuple):
 
 def integrate_lines(
     texture: PaddedTexture,
-    centres: FloatArray,
+    centers: FloatArray,
     length: float,
     width: float,
     pixels: int,
 ) -> Float32Array:
-    """Return the mean grey level of every pixel's footprint.
+    """Return the mean gray level of every pixel's footprint.
 
     Args:
         texture: the ground.
-        centres: shape (m, 3): centre of the footprint x, y [m] and direction of its axis [rad].
+        centers: shape (m, 3): center of the footprint x, y [m] and direction of its axis [rad].
         length: footprint along the axis [m].
         width: footprint across the axis [m]; at least 10 texels.
         pixels: pixels of a line.
 
     Returns:
-        Grey levels of shape (m, pixels); the pixel index grows along the axis.
+        Gray levels of shape (m, pixels); the pixel index grows along the axis.
 
     Raises:
         ValueError: a pose is not finite, or the footprint does not suit the texture.
     """
-    if not np.isfinite(centres).all():
+    if not np.isfinite(centers).all():
         raise ValueError("a footprint's pose is not finite")
     if length > texture.reach * (1.0 + 1e-9):
         raise ValueError(f"the footprint of {length} m is longer than the reach {texture.reach} m")
     if width < LEAST_WIDTH * texture.texel:
         raise ValueError(f"the footprint of {width} m is narrower than {LEAST_WIDTH:g} texels")
-    lines = np.empty((len(centres), pixels), dtype=np.float32)
+    lines = np.empty((len(centers), pixels), dtype=np.float32)
     ground = _Ground(
         texture.rows, texture.columns, texture.texels, texture.stride, texture.texel,
         np.float32(texture.middle), texture.averaged,
     )  # fmt: skip
-    scaled = np.ascontiguousarray(centres, dtype=np.float64)
+    scaled = np.ascontiguousarray(centers, dtype=np.float64)
     _integrate(ground, scaled, 0.5 * length / texture.texel, 0.5 * width / texture.texel, lines)
     return lines
 
@@ -123,7 +123,7 @@ def integrate_lines(
 @njit(cache=True, nogil=True)
 def _integrate(
     ground: _Ground,
-    centres: FloatArray,
+    centers: FloatArray,
     half_length: float,
     half_width: float,
     lines: Float32Array,
@@ -131,11 +131,11 @@ def _integrate(
     """Integrate lines whose half sizes are in texels, into `lines`."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
-    for line in range(len(centres)):
-        x = centres[line, 0] / ground.texel % texels
-        y = centres[line, 1] / ground.texel % texels
-        a_x = math.cos(centres[line, 2])
-        a_y = math.sin(centres[line, 2])
+    for line in range(len(centers)):
+        x = centers[line, 0] / ground.texel % texels
+        y = centers[line, 1] / ground.texel % texels
+        a_x = math.cos(centers[line, 2])
+        a_y = math.sin(centers[line, 2])
         texture = ground.rows
         if abs(a_x) < abs(a_y):
             texture = ground.columns
@@ -192,7 +192,7 @@ def _integrate_line(
     Args:
         ground: texels.
         texture: its rows or columns.
-        axis: centre x, y [texels] and direction of the line, within 45 deg of x in y >= 0.
+        axis: center x, y [texels] and direction of the line, within 45 deg of x in y >= 0.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
         scratch: room for the steps.

@@ -41,9 +41,9 @@ class PaddedTexture:
     """A periodic texture prepared for `integrate_lines`.
 
     Attributes:
-        rows: grey - middle, row after row, each continued periodically to `stride` texels.
+        rows: gray - middle, row after row, each continued periodically to `stride` texels.
         columns: the same of the transposed texture.
-        middle: grey level kept as 0, near the mean, so that small errors of weight cost little.
+        middle: gray level kept as 0, near the mean, so that small errors of weight cost little.
         texels: texels per period.
         stride: length of a padded row [texels].
         texel: edge of a texel [m].
@@ -71,19 +71,19 @@ class PaddedTexture:
             reach: longest footprint that will be integrated [m].
             texels: per period, at most those of the ground; 0 for just these.
         """
-        texels = texels or len(texture.grey)
+        texels = texels or len(texture.gray)
         texel = texture.size / texels
         columns = math.ceil(math.sqrt(2.0) * reach / texel) + _MARGIN
         # An odd number of cache lines per row: a power of two would map all rows on a few sets.
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
-        grey = texture.grey
-        middle = min(max(round(float(grey.mean())), int(grey.max()) - 127), int(grey.min()) + 128)
+        gray = texture.gray
+        middle = min(max(round(float(gray.mean())), int(gray.max()) - 127), int(gray.min()) + 128)
         rows = _room(texels, stride)
-        if texels == len(grey):
+        if texels == len(gray):
             # Modulo 256, as two's complement.
-            np.subtract(grey, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
+            np.subtract(gray, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
         else:
-            average_texels(grey, middle, rows)
+            average_texels(gray, middle, rows)
         turned = _room(texels, stride)
         for first in range(0, texels, _BAND):
             band = rows[:, first : min(first + _BAND, texels)]
@@ -100,7 +100,7 @@ class PaddedTexture:
             stride=stride,
             texel=texel,
             reach=reach,
-            averaged=texels < len(grey),
+            averaged=texels < len(gray),
         )
 
     @property
@@ -165,7 +165,7 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return how many texels per period a sensor needs.
 
-    What a coarse texel loses is how grey is distributed within it. That matters only where the
+    What a coarse texel loses is how gray is distributed within it. That matters only where the
     edge of a pixel cuts it: each of the texels along an edge errs by a share of the contrast
     within, on most grounds independently of the others. So the error of a pixel goes by the
     texel's size over the pixel's pitch and by the inverse square root of the texels across. Lines
@@ -175,7 +175,7 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
         min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
         min(sensor.pixel_pitch / _LEAST_PER_PIXEL, sensor.width / _ENOUGH_ACROSS),
     )
-    texels = len(texture.grey)
+    texels = len(texture.gray)
     if coarsest >= _LEAST_RATIO * texture.texel:
         needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
         # Texels that consist of whole ones, where about as many do, show more of a fine edge.

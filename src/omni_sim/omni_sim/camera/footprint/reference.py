@@ -16,7 +16,7 @@ from omni_platform.kernels import njit
 def integrate_exactly(
     texture: NDArray[np.uint8],
     size: float,
-    centre: tuple[float, float, float],
+    center: tuple[float, float, float],
     length: float,
     width: float,
     pixels: int,
@@ -24,19 +24,19 @@ def integrate_exactly(
     """Return the mean of a periodic texture over each pixel's rotated rectangle.
 
     Args:
-        texture: grey levels of shape (n, n), row index along y; texels are constant squares.
+        texture: gray levels of shape (n, n), row index along y; texels are constant squares.
         size: period [m].
-        centre: footprint centre x, y [m] and direction of its axis [rad].
+        center: footprint center x, y [m] and direction of its axis [rad].
         length: footprint along the axis [m].
         width: footprint across the axis [m].
         pixels: pixels of the line.
 
     Returns:
-        Grey levels of shape (pixels,).
+        Gray levels of shape (pixels,).
     """
     line = np.empty(pixels)
     texel = size / len(texture)
-    x, y, heading = centre
+    x, y, heading = center
     _integrate(
         texture, x / texel, y / texel, heading, 0.5 * length / texel, 0.5 * width / texel, line
     )

@@ -35,7 +35,7 @@ HALF = CLASSES // 2
 GROUP = 4
 """Rows added at a time."""
 
-_SPILL = 248  # rows of |grey - middle| <= 128 that an int16 holds: 248 + 4 <= 255
+_SPILL = 248  # rows of |gray - middle| <= 128 that an int16 holds: 248 + 4 <= 255
 _EDGE_COLUMNS = 16  # of one step along the long sides
 _BLOCKS = ~(BLOCK - 1)  # of a column: the first one of its block
 _LEVEL = 20  # binary places that stand for infinity where rows and columns run alike
@@ -104,8 +104,8 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
         here, kinds = offsets[begin:stop], classes[begin:stop]
         for j in range(len(here)):
             at = row + step * j
-            # Half a texel too many, so that classes are centred on zero. Rounding every row to the
-            # nearest would shift many neighbours alike at small slopes; four rows rounded
+            # Half a texel too many, so that classes are centered on zero. Rounding every row to the
+            # nearest would shift many neighbors alike at small slopes; four rows rounded
             # differently even out.
             quarters = (ahead + ahead_per_row * j + _rounding(at)) >> POINT
             kinds[j] = quarters & (CLASSES - 1)
@@ -258,7 +258,7 @@ def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32
         under, over = y >> POINT, top >> POINT
         into = totals[first : first + _EDGE_COLUMNS]
         if under == (y + climbed) >> POINT and over == (top + climbed) >> POINT:
-            # All these columns cover the same two rows in part, which a compiler vectorises.
+            # All these columns cover the same two rows in part, which a compiler vectorizes.
             shared = np.int32(whole - ((over - under - 1) << WEIGHT_BITS))
             at_under = np.uint64(offsets[under] + first)
             at_over = np.uint64(offsets[over] + first)

@@ -109,14 +109,14 @@ function multiples(step, low, high) {
   return Array.from({ length: count > 0 ? Math.min(count, 200) : 0 }, (_, k) => (first + k) * step);
 }
 
-// The colours of the style sheet as they are now, light or dark.
-function readColours() {
+// The colors of the style sheet as they are now, light or dark.
+function readColors() {
   const style = getComputedStyle(document.documentElement);
-  const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+  const color = (name) => style.getPropertyValue(`--${name}`).trim();
   const names = ["paper", "ink", "quiet", "rule", "braking", "released", "chassis", "slippery", "speed"];
-  const colours = Object.fromEntries(names.map((name) => [name, colour(name)]));
-  colours.series = [0, 1, 2, 3, 4, 5].map((number) => colour(`series-${number}`));
-  return colours;
+  const colors = Object.fromEntries(names.map((name) => [name, color(name)]));
+  colors.series = [0, 1, 2, 3, 4, 5].map((number) => color(`series-${number}`));
+  return colors;
 }
 
 // A canvas as large as it is shown, with CSS pixels as units.

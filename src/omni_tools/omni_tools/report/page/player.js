@@ -98,18 +98,18 @@ class Player {
     this.redraw();
   }
 
-  // Everything anew: after a change of size, colours or the run in front.
+  // Everything anew: after a change of size, colors or the run in front.
   redraw() {
-    this.colours = readColours();
-    fillTopViewLegend(document.getElementById("top-view-legend"), this.runs, this.view, this.colours);
-    for (const plot of this.plots) plot.draw(this.front, this.colours);
+    this.colors = readColors();
+    fillTopViewLegend(document.getElementById("top-view-legend"), this.runs, this.view, this.colors);
+    for (const plot of this.plots) plot.draw(this.front, this.colors);
     this.show();
   }
 
   show() {
     if (this.time < this.window[0] || this.time > this.window[1]) {
       this.lookAt();
-      for (const plot of this.plots) plot.draw(this.front, this.colours);
+      for (const plot of this.plots) plot.draw(this.front, this.colors);
     }
     const i = indexAt(this.front.times, this.time);
     const clock = `${inDigits(this.time, 2)} s`;
@@ -121,7 +121,7 @@ class Player {
     const words = [`${inDigits(speedAt(this.front, i), 2)} m/s`, assistState(this.front, i)];
     if (this.front.columns.pedal[0][i] > 0) words.push(`braking: ${on.join(", ") || "no wheel"}`);
     this.state.textContent = words.filter(Boolean).join(" · ");
-    this.view.draw(this.time, this.front, this.follow.checked, this.colours);
+    this.view.draw(this.time, this.front, this.follow.checked, this.colors);
     for (const plot of this.plots) plot.show(this.time, this.front);
   }
 }

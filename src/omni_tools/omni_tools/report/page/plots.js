@@ -1,10 +1,10 @@
 // The plots over time. All share the player's time; the run in front is drawn over the others.
 
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
-// By the number of the colour: some readers see its third and fourth alike.
+// By the number of the color: some readers see its third and fourth alike.
 const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
-// A curve has a label, times, values and the number of its colour; `curves` gives those of a run.
+// A curve has a label, times, values and the number of its color; `curves` gives those of a run.
 // What was recorded less often than everything else is drawn as `dots`.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
@@ -30,11 +30,11 @@ const PLOTS = [
 ];
 
 function byComponent(run, name, labels) {
-  return labels.map((label, colour) => ({ label, colour, times: run.times, values: run.columns[name][colour] }));
+  return labels.map((label, color) => ({ label, color, times: run.times, values: run.columns[name][color] }));
 }
 
 function byWheel(run, columns) {
-  return (columns || []).map((values, colour) => ({ label: run.wheels[colour], colour, times: run.times, values }));
+  return (columns || []).map((values, color) => ({ label: run.wheels[color], color, times: run.times, values }));
 }
 
 function forceCurves(run) {
@@ -42,7 +42,7 @@ function forceCurves(run) {
   return run.forces.wheels.map(({ x, y }, wheel) => {
     const [alongX, alongY] = run.scene.wheels[wheel].active;
     const values = x.map((force, i) => force * alongX + y[i] * alongY);
-    return { label: run.wheels[wheel], colour: wheel, times: run.forces.times, values };
+    return { label: run.wheels[wheel], color: wheel, times: run.forces.times, values };
   });
 }
 
@@ -84,8 +84,8 @@ class Plot {
     return [low - room, high + room];
   }
 
-  // Draws everything but the cursor; needed when the size, the colours or the front run change.
-  draw(front, colours) {
+  // Draws everything but the cursor; needed when the size, the colors or the front run change.
+  draw(front, colors) {
     const { pen, width, height } = prepareCanvas(this.canvas);
     pen.save();
     this.width = width - MARGIN.left - MARGIN.right;
@@ -93,7 +93,7 @@ class Plot {
     pen.translate(MARGIN.left, MARGIN.top);
     pen.font = "12px system-ui, sans-serif";
     pen.lineWidth = 1;
-    this.drawAxes(pen, colours);
+    this.drawAxes(pen, colors);
     pen.beginPath();
     pen.rect(0, 0, this.width, this.height);
     pen.clip();
@@ -101,10 +101,10 @@ class Plot {
     for (const run of [...others, front]) {
       pen.globalAlpha = run === front ? 1 : PALE;
       pen.lineWidth = run === front ? 1.8 : 1.3;
-      if (this.kind.lanes) this.drawLanes(pen, run, colours); else this.drawCurves(pen, run, colours);
+      if (this.kind.lanes) this.drawLanes(pen, run, colors); else this.drawCurves(pen, run, colors);
     }
     pen.restore(); // the clip and the dashes would be there at the next time
-    this.fillLegend(front, colours);
+    this.fillLegend(front, colors);
   }
 
   x(time) {
@@ -115,9 +115,9 @@ class Plot {
     return ((this.range[1] - value) / (this.range[1] - this.range[0])) * this.height;
   }
 
-  drawAxes(pen, colours) {
-    pen.strokeStyle = colours.rule;
-    pen.fillStyle = colours.quiet;
+  drawAxes(pen, colors) {
+    pen.strokeStyle = colors.rule;
+    pen.fillStyle = colors.quiet;
     pen.textAlign = "center";
     const along = roundTicks(...this.span, this.width / 60);
     for (const time of along.ticks) {
@@ -133,14 +133,14 @@ class Plot {
       stroke(pen, [0, this.y(value)], [this.width, this.y(value)]);
       pen.fillText(inDigits(value, up.digits), -6, this.y(value) + 4);
     }
-    pen.strokeStyle = colours.quiet; // zero, and the start of braking
+    pen.strokeStyle = colors.quiet; // zero, and the start of braking
     if (this.range[0] < 0 && this.range[1] > 0) stroke(pen, [0, this.y(0)], [this.width, this.y(0)]);
   }
 
-  drawCurves(pen, run, colours) {
-    for (const { times, values, colour } of this.curves[run.number]) {
-      pen.strokeStyle = colours.series[colour % colours.series.length];
-      pen.setLineDash(this.kind.dots ? [] : DASHES[colour % DASHES.length]);
+  drawCurves(pen, run, colors) {
+    for (const { times, values, color } of this.curves[run.number]) {
+      pen.strokeStyle = colors.series[color % colors.series.length];
+      pen.setLineDash(this.kind.dots ? [] : DASHES[color % DASHES.length]);
       pen.beginPath();
       let drawing = false;
       for (let i = 0; i < times.length; i++) {
@@ -154,13 +154,13 @@ class Plot {
   }
 
   // A lane for each wheel, and in it a strip for each run, filled as far as the brake is on.
-  drawLanes(pen, run, colours) {
+  drawLanes(pen, run, colors) {
     const curves = this.curves[run.number];
     const lane = this.height / curves.length;
     const strip = (0.8 * lane) / this.runs.length;
-    curves.forEach(({ times, colour }, wheel) => {
+    curves.forEach(({ times, color }, wheel) => {
       const top = wheel * lane + 0.1 * lane + run.number * strip;
-      pen.fillStyle = pen.strokeStyle = colours.series[colour % colours.series.length];
+      pen.fillStyle = pen.strokeStyle = colors.series[color % colors.series.length];
       stroke(pen, [0, top + strip], [this.width, top + strip]);
       let from = 0, share = brakeShare(run, wheel, 0);
       for (let i = 1; i < times.length; i++) {
@@ -173,14 +173,14 @@ class Plot {
     });
   }
 
-  fillLegend(front, colours) {
+  fillLegend(front, colors) {
     this.legend.replaceChildren();
-    this.values = this.curves[front.number].map(({ label, colour }) => {
+    this.values = this.curves[front.number].map(({ label, color }) => {
       const entry = element("li", {}, this.legend);
       swatch(entry, [["line", {
         x1: "0", y1: "6", x2: "23", y2: "6", "stroke-width": "3",
-        stroke: colours.series[colour % colours.series.length],
-        "stroke-dasharray": this.kind.lanes || this.kind.dots ? "" : DASHES[colour % DASHES.length].join(" "),
+        stroke: colors.series[color % colors.series.length],
+        "stroke-dasharray": this.kind.lanes || this.kind.dots ? "" : DASHES[color % DASHES.length].join(" "),
       }]]);
       entry.append(label);
       return element("span", { className: "value" }, entry);

@@ -20,34 +20,34 @@ function swatch(parent, shapes) {
   parent.append(picture);
 }
 
-function fillTopViewLegend(list, runs, view, colours) {
+function fillTopViewLegend(list, runs, view, colors) {
   const wheel = (attributes) => ["rect", { x: "3", y: "2", width: "18", height: "8", ...attributes }];
-  const pointer = (colour) => [
-    ["line", { x1: "1", y1: "6", x2: "16", y2: "6", stroke: colour, "stroke-width": "2.5" }],
-    ["path", { d: "M23 6 15 2v8z", fill: colour }],
+  const pointer = (color) => [
+    ["line", { x1: "1", y1: "6", x2: "16", y2: "6", stroke: color, "stroke-width": "2.5" }],
+    ["path", { d: "M23 6 15 2v8z", fill: color }],
   ];
-  const dashes = (colour) => [["line", { x1: "0", y1: "6", x2: "24", y2: "6", stroke: colour, "stroke-dasharray": "6 3" }]];
-  const entries = [[pointer(colours.speed), `velocity (longest ${inDigits(view.topSpeed, 1)} m/s)`]];
+  const dashes = (color) => [["line", { x1: "0", y1: "6", x2: "24", y2: "6", stroke: color, "stroke-dasharray": "6 3" }]];
+  const entries = [[pointer(colors.speed), `velocity (longest ${inDigits(view.topSpeed, 1)} m/s)`]];
   if (runs.some((run) => run.scene)) {
     entries.unshift(
-      [[wheel({ fill: colours.braking, stroke: colours.ink })], "brake on"],
-      [[wheel({ fill: "none", stroke: colours.released, "stroke-width": "3" })], "released"],
-      [[wheel({ fill: "none", stroke: colours.ink })], "pedal up"]
+      [[wheel({ fill: colors.braking, stroke: colors.ink })], "brake on"],
+      [[wheel({ fill: "none", stroke: colors.released, "stroke-width": "3" })], "released"],
+      [[wheel({ fill: "none", stroke: colors.ink })], "pedal up"]
     );
   }
   if (view.topForce > 0) {
-    entries.push([pointer(colours.ink), `force of a wheel when last recorded (longest ${inDigits(view.topForce / 1000, 1)} kN)`]);
+    entries.push([pointer(colors.ink), `force of a wheel when last recorded (longest ${inDigits(view.topForce / 1000, 1)} kN)`]);
   }
   if (runs.some((run) => run.scene && run.scene.load)) {
-    entries.push([[["circle", { cx: "12", cy: "6", r: "5", fill: colours.quiet, stroke: colours.ink }]], "load"]);
+    entries.push([[["circle", { cx: "12", cy: "6", r: "5", fill: colors.quiet, stroke: colors.ink }]], "load"]);
   }
-  if (runs.some((run) => run.scene && run.scene.centreOfGravity)) {
-    entries.push([[["path", { d: "M6 6h12M12 0v12", stroke: colours.ink, "stroke-width": "2.5" }]], "centre of gravity"]);
+  if (runs.some((run) => run.scene && run.scene.centerOfGravity)) {
+    entries.push([[["path", { d: "M6 6h12M12 0v12", stroke: colors.ink, "stroke-width": "2.5" }]], "center of gravity"]);
   }
-  entries.push([dashes(colours.quiet), "line along the initial velocity"]);
+  entries.push([dashes(colors.quiet), "line along the initial velocity"]);
   const patches = new Set(runs.flatMap((run) => (run.scene ? run.scene.patches : [])).map((patch) => patch.friction));
   for (const friction of patches) {
-    entries.push([[wheel({ fill: colours.slippery, "fill-opacity": "0.5", stroke: colours.slippery })], `friction × ${friction}`]);
+    entries.push([[wheel({ fill: colors.slippery, "fill-opacity": "0.5", stroke: colors.slippery })], `friction × ${friction}`]);
   }
   list.replaceChildren();
   for (const [shapes, words] of entries) {

@@ -19,7 +19,7 @@ class TopView {
     this.topForce = Math.max(...runs.map((run) => (run.forces ? run.forces.largest : 0)));
   }
 
-  draw(time, front, follow, colours) {
+  draw(time, front, follow, colors) {
     const [left, low, right, high] = this.bounds;
     const across = this.canvas.getBoundingClientRect().width;
     const tallest = Math.min(0.45 * window.innerHeight, 460);
@@ -30,8 +30,8 @@ class TopView {
     const scale = follow
       ? Math.min(width, height * 1.6) / (FOLLOWED_LENGTHS * this.size)
       : Math.min(width / (right - left), height / (high - low));
-    const [centreX, centreY] = follow ? [pose.x, pose.y] : [(left + right) / 2, (low + high) / 2];
-    this.view = { pen, width, height, scale, centreX, centreY, colours };
+    const [centerX, centerY] = follow ? [pose.x, pose.y] : [(left + right) / 2, (low + high) / 2];
+    this.view = { pen, width, height, scale, centerX, centerY, colors };
     this.drawGround(front);
     const others = this.runs.filter((run) => run !== front);
     for (const run of others) {
@@ -44,13 +44,13 @@ class TopView {
     this.drawArrows(front, time);
   }
 
-  // Lets `draw` work in metres of the ground, x to the right and y up.
+  // Lets `draw` work in meters of the ground, x to the right and y up.
   inWorld(draw) {
-    const { pen, width, height, scale, centreX, centreY } = this.view;
+    const { pen, width, height, scale, centerX, centerY } = this.view;
     pen.save();
     pen.translate(width / 2, height / 2);
     pen.scale(scale, -scale);
-    pen.translate(-centreX, -centreY);
+    pen.translate(-centerX, -centerY);
     draw(pen, 1 / scale); // the second is the length of a pixel
     pen.restore();
   }
@@ -64,34 +64,34 @@ class TopView {
   }
 
   drawGround(front) {
-    const { pen, width, height, scale, centreX, centreY, colours } = this.view;
-    const { ticks, step, digits } = roundTicks(centreX - width / scale / 2, centreX + width / scale / 2, width / 110);
+    const { pen, width, height, scale, centerX, centerY, colors } = this.view;
+    const { ticks, step, digits } = roundTicks(centerX - width / scale / 2, centerX + width / scale / 2, width / 110);
     this.inWorld((world, pixel) => {
-      const [low, high] = [centreY - height / scale / 2, centreY + height / scale / 2];
-      world.strokeStyle = colours.rule;
+      const [low, high] = [centerY - height / scale / 2, centerY + height / scale / 2];
+      world.strokeStyle = colors.rule;
       world.lineWidth = pixel;
       world.beginPath();
       for (const x of ticks) line(world, [x, low], [x, high]);
       const reach = width / scale;
-      for (const y of multiples(step, low, high)) line(world, [centreX - reach, y], [centreX + reach, y]);
+      for (const y of multiples(step, low, high)) line(world, [centerX - reach, y], [centerX + reach, y]);
       world.stroke();
       for (const patch of front.scene ? front.scene.patches : []) {
         polygon(world, patch.outline);
         world.globalAlpha = 0.15 + 0.4 * (1 - Math.min(Math.max(patch.friction, 0), 1));
-        world.fillStyle = colours.slippery;
+        world.fillStyle = colors.slippery;
         world.fill();
         world.globalAlpha = 1;
-        world.strokeStyle = colours.slippery;
+        world.strokeStyle = colors.slippery;
         world.setLineDash([6 * pixel, 3 * pixel]);
         world.stroke();
         world.setLineDash([]);
       }
     });
-    pen.fillStyle = colours.quiet;
+    pen.fillStyle = colors.quiet;
     pen.font = "12px system-ui, sans-serif";
     pen.textAlign = "center";
     for (const x of ticks) {
-      const place = width / 2 + (x - centreX) * scale;
+      const place = width / 2 + (x - centerX) * scale;
       if (place > 20 && place < width - 30) pen.fillText(`${inDigits(x, digits)} m`, place, height - 6);
     }
   }
@@ -101,7 +101,7 @@ class TopView {
     const [x, y] = [run.columns.x[0], run.columns.y[0]];
     const here = poseAt(run, time);
     this.inWorld((pen, pixel) => {
-      pen.strokeStyle = this.view.colours.ink;
+      pen.strokeStyle = this.view.colors.ink;
       const stroke = (from, to, end, strength, width) => {
         pen.globalAlpha = opacity * strength;
         pen.lineWidth = width * pixel;
@@ -123,7 +123,7 @@ class TopView {
     const from = [run.columns.x[0][i], run.columns.y[0][i]];
     const far = 2 * Math.hypot(this.bounds[2] - this.bounds[0], this.bounds[3] - this.bounds[1]);
     this.inWorld((pen, pixel) => {
-      pen.strokeStyle = this.view.colours.quiet;
+      pen.strokeStyle = this.view.colors.quiet;
       pen.lineWidth = pixel;
       pen.setLineDash([8 * pixel, 5 * pixel]);
       pen.beginPath();
@@ -133,24 +133,24 @@ class TopView {
   }
 
   drawVehicle(run, time, opacity) {
-    const { colours } = this.view;
+    const { colors } = this.view;
     const i = indexAt(run.times, time);
     this.inBody(poseAt(run, time), (pen, pixel) => {
       pen.globalAlpha = opacity;
       pen.lineWidth = 1.5 * pixel;
-      pen.strokeStyle = colours.ink;
+      pen.strokeStyle = colors.ink;
       if (!run.scene) {
         polygon(pen, [[0.5, 0], [-0.5, 0.3], [-0.5, -0.3]].map(([x, y]) => [x * POINT_SIZE, y * POINT_SIZE]));
-        pen.fillStyle = colours.chassis;
+        pen.fillStyle = colors.chassis;
         pen.fill();
         pen.stroke();
         return;
       }
-      const { length, width, wheels, load, loadArm, centreOfGravity } = run.scene;
-      pen.fillStyle = colours.chassis;
+      const { length, width, wheels, load, loadArm, centerOfGravity } = run.scene;
+      pen.fillStyle = colors.chassis;
       pen.fillRect(-length / 2, -width / 2, length, width);
       pen.strokeRect(-length / 2, -width / 2, length, width);
-      pen.fillStyle = colours.ink;
+      pen.fillStyle = colors.ink;
       polygon(pen, [[0.48, 0], [0.38, 0.06], [0.38, -0.06]].map(([x, y]) => [x * length, y * length]));
       pen.fill();
       wheels.forEach((wheel, number) => this.drawWheel(pen, pixel, wheel, brakeState(run, number, i), brakeShare(run, number, i)));
@@ -159,27 +159,27 @@ class TopView {
         line(pen, ...loadArm);
         pen.stroke();
       }
-      if (load) disc(pen, load, 0.05 * length, colours.quiet, colours.ink);
-      if (centreOfGravity) cross(pen, centreOfGravity, 0.05 * length, 2.5 * pixel);
+      if (load) disc(pen, load, 0.05 * length, colors.quiet, colors.ink);
+      if (centerOfGravity) cross(pen, centerOfGravity, 0.05 * length, 2.5 * pixel);
     });
   }
 
-  // Filled as strongly as it brakes, hollow while the assistant releases it: not shown by colour alone.
+  // Filled as strongly as it brakes, hollow while the assistant releases it: not shown by color alone.
   drawWheel(pen, pixel, wheel, state, share) {
-    const { colours } = this.view, alpha = pen.globalAlpha;
+    const { colors } = this.view, alpha = pen.globalAlpha;
     polygon(pen, wheel.outline);
-    pen.fillStyle = colours.paper;
+    pen.fillStyle = colors.paper;
     pen.fill();
-    pen.fillStyle = colours.braking;
+    pen.fillStyle = colors.braking;
     pen.globalAlpha = alpha * share;
     pen.fill();
     pen.globalAlpha = alpha;
     pen.lineWidth = (state === "released" ? 3 : 1.5) * pixel;
-    pen.strokeStyle = state === "released" ? colours.released : colours.ink;
+    pen.strokeStyle = state === "released" ? colors.released : colors.ink;
     pen.stroke();
     const reach = 0.6 * wheel.radius;
     const [x, y] = wheel.position;
-    pen.strokeStyle = colours.ink;
+    pen.strokeStyle = colors.ink;
     pen.lineWidth = 1.5 * pixel;
     pen.beginPath();
     line(pen, [x - reach * wheel.active[0], y - reach * wheel.active[1]],
@@ -188,16 +188,16 @@ class TopView {
   }
 
   drawArrows(run, time) {
-    const { colours } = this.view;
+    const { colors } = this.view;
     const i = indexAt(run.times, time);
     const velocity = run.columns.velocity.map((column) => column[i]);
     this.inBody(poseAt(run, time), (pen, pixel) => {
-      if (this.topSpeed > 0) arrow(pen, pixel, [0, 0], velocity, (1.2 * this.size) / this.topSpeed, colours.speed);
+      if (this.topSpeed > 0) arrow(pen, pixel, [0, 0], velocity, (1.2 * this.size) / this.topSpeed, colors.speed);
       if (!run.forces || !run.scene || !(this.topForce > 0) || run.forces.times[0] > time) return;
       const k = indexAt(run.forces.times, time);
       run.scene.wheels.forEach((wheel, number) => {
         const { x, y } = run.forces.wheels[number];
-        arrow(pen, pixel, wheel.position, [x[k], y[k]], (0.8 * this.size) / this.topForce, colours.ink);
+        arrow(pen, pixel, wheel.position, [x[k], y[k]], (0.8 * this.size) / this.topForce, colors.ink);
       });
     });
   }
@@ -231,15 +231,15 @@ function cross(pen, [x, y], reach, width) {
   pen.stroke();
 }
 
-// An arrow along (x, y), `scale` metres of ground per unit; none if it would be a dot.
-function arrow(pen, pixel, [fromX, fromY], [x, y], scale, colour) {
+// An arrow along (x, y), `scale` meters of ground per unit; none if it would be a dot.
+function arrow(pen, pixel, [fromX, fromY], [x, y], scale, color) {
   const length = Math.hypot(x, y) * scale;
   if (!(length > 4 * pixel)) return;
   const head = Math.min(9 * pixel, length);
   pen.save();
   pen.translate(fromX, fromY);
   pen.rotate(Math.atan2(y, x));
-  pen.strokeStyle = pen.fillStyle = colour;
+  pen.strokeStyle = pen.fillStyle = color;
   pen.lineWidth = 2.5 * pixel;
   pen.beginPath();
   line(pen, [0, 0], [length - head, 0]);
