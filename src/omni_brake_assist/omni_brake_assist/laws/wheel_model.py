@@ -2,8 +2,8 @@
 
 The nominal brake follows what is asked of it after a dead time and with a first-order lag. The
 wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
-capacity that has been learned and stays there. That is no tire model: only the sign of its slope and
-its height count, and both are corrected at every step by what the wheel has done.
+capacity that has been learned and stays there. That is no tire model: only the sign of its slope
+and its height count, and both are corrected at every step by what the wheel has done.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from omni_figures.style import (
     BLACK,
     BLUE,
-    GREEN,
     GRAY,
+    GREEN,
     VERMILLION,
     draw_title,
     save_figure,

@@ -24,8 +24,8 @@ from linescan_odometry.odometry import OdometryConfiguration
 from omni_figures.data_table import write_table
 from omni_figures.style import (
     BLUE,
-    GREEN,
     GRAY,
+    GREEN,
     ORANGE,
     PALE,
     draw_title,

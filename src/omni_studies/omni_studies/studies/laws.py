@@ -19,8 +19,8 @@ from omni_figures.data_table import write_columns
 from omni_figures.style import (
     BLACK,
     BLUE,
-    GREEN,
     GRAY,
+    GREEN,
     PURPLE,
     VERMILLION,
     draw_title,

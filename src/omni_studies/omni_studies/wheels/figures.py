@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from omni_figures.style import (
     BLACK,
     BLUE,
-    GREEN,
     GRAY,
+    GREEN,
     ORANGE,
     PURPLE,
     SKY,
