@@ -14,7 +14,7 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
 from omni_bringup import commands
@@ -74,7 +74,8 @@ def _run(words: Sequence[str]) -> int:
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
-        with work:
+        # What a law of the user's prints is no part of the document.
+        with work, redirect_stdout(sys.stderr if as_json else sys.stdout):
             report = command.run(options, Workspace(workspace_folder(), program))
         return _publish(report, program, as_json=as_json)
     except BrokenPipeError:
