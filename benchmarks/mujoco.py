@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from omni_loop.experiment import ExperimentLibrary
-from omni_studies.wheels.engines import ENGINES
-from omni_studies.wheels.mujoco_vehicle import load_mujoco
+from omni_sim.vehicle.mujoco_vehicle import load_mujoco
+from omni_studies.wheels.engines import ENGINES, in_engine
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 DURATION, REPEATS = 1.0, 5  # [s] simulated, while the vehicle still moves; [1]
@@ -33,12 +33,12 @@ def main() -> None:
     vehicle = ExperimentLibrary(CONFIG).load("straight_line", "unassisted").vehicle
     best = dict.fromkeys(ENGINES, float("inf"))
     for _ in range(REPEATS):
-        for name, build in ENGINES.items():
-            machine = build(vehicle, (10.0, 0.0, 0.0))
-            machine.advance(1, 1.0, np.ones(4))  # loads the kernel
+        for name in ENGINES:
+            machine = in_engine(vehicle, name, (10.0, 0.0, 0.0))
+            machine.advance(1, 1.0, np.ones(4), np.zeros(3), traced=False)  # loads the kernel
             steps = round(DURATION / machine.physics_step)
             begin = time.process_time()
-            machine.advance(steps, 1.0, np.ones(4))
+            machine.advance(steps, 1.0, np.ones(4), np.zeros(3), traced=False)
             best[name] = min(best[name], time.process_time() - begin)
     factors = {name: DURATION / spent for name, spent in best.items()}
     metrics = {

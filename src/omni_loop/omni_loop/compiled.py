@@ -252,6 +252,8 @@ def _check(configuration: ExperimentConfiguration) -> None:
         raise ConfigurationError(
             "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
         )
+    if configuration.vehicle.wheel_model == "mujoco":
+        raise ConfigurationError("vehicle.wheel_model", "is mujoco, which the fast loop lacks")
     limits = configuration.brake_assist
     if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
         raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")

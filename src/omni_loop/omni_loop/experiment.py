@@ -37,6 +37,7 @@ from omni_platform.plugins import check_name
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 
 # Where the value of a dotted key may be the name of a file instead of a mapping; a part of a part
 # comes after it.
@@ -122,9 +123,11 @@ class ExperimentConfiguration(SimulatorConfiguration):
         replayed with the same configuration.
 
         Raises:
-            ConfigurationError: the odometry needs such an axle for its twist, or a law or an
-                odometry from outside cannot be imported or made.
+            ConfigurationError: the odometry needs such an axle for its twist, a law or an
+                odometry from outside cannot be imported or made, or MuJoCo is not installed.
         """
+        if self.vehicle.wheel_model == "mujoco":
+            load_mujoco()
         own_law(self.brake_assist, PlatformGeometry.from_wheels(self.brake_assist.wheels))
         if self.own_odometry:
             make_odometry(self.own_odometry, self.odometry)

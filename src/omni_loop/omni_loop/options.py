@@ -24,9 +24,16 @@ class LoopOptions(Configuration):
         description="your own odometry, whose lines are rendered; stands for --set feedback=",
     )
 
+    simulator: str | None = option(
+        None,
+        choices=("single", "rollers", "mujoco"),
+        description="physics of the vehicle; stands for --set vehicle.wheel_model=",
+    )
+
     @property
     def changes(self) -> list[str]:
         """All of them as ``dotted.key=value`` texts."""
         law = [f"brake_assist.law={self.law}"] if self.law is not None else []
         odometry = [f"feedback={self.odometry}"] if self.odometry is not None else []
-        return [*law, *odometry, *self.overrides]
+        simulator = [f"vehicle.wheel_model={self.simulator}"] if self.simulator is not None else []
+        return [*law, *odometry, *simulator, *self.overrides]

@@ -22,8 +22,8 @@ from omni_sim.flow_sensor import FlowSensorArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.measurement import Readings, Truth, build_instruments, draws, measure
 from omni_sim.texture.cache import TextureCache
+from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.overload import Overload, OverloadWatch
-from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.velocity_sensor import VelocitySensor
 
 
@@ -102,7 +102,7 @@ class Simulator:
         # The world-fixed direction of the maneuver does not apply to another driver.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         vehicle, ground = configuration.vehicle, configuration.ground
-        self.vehicle = Vehicle(
+        self.vehicle = build_vehicle(
             vehicle,
             FrictionMap(ground.friction, ground.patches),
             simulation.physics_step,

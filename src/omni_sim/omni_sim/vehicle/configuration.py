@@ -130,8 +130,9 @@ class VehicleConfiguration(Configuration):
     wheel_model: str = parameter(
         "single",
         description="Model of every wheel: 'single' with one idealized roller (section 2.4.2), or "
-        "'rollers' with free rollers of their own (section 2.4.1)",
-        choices=("single", "rollers"),
+        "'rollers' with free rollers of their own (section 2.4.1), or 'mujoco' with such rollers "
+        "in MuJoCo, an optional package",
+        choices=("single", "rollers", "mujoco"),
     )
     contact: str = parameter(
         "ideal",
@@ -236,13 +237,21 @@ class VehicleConfiguration(Configuration):
                 raise ConfigurationError(
                     f"conditions.{name}", f"is no wheel; known: {', '.join(self.wheels)}{hint}"
                 )
-        if self.contacts_move:
+        if self.contacts_move or self.wheel_model == "mujoco":
             _ = self.roller_geometries  # refuses rollers that do not fit
         if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:
             raise ConfigurationError(
                 "passive_losses.roller_mass",
                 "belongs to the wheel model 'single'; individual rollers have rollers.inertia",
             )
+        lacking = {
+            "contact": self.contact != "ideal",
+            "suspension.stiffness": self.suspension.stiffness > 0.0,
+            "passive_losses": self.passive_losses.active,
+        }
+        for place in (place for place, used in lacking.items() if used):
+            if self.wheel_model == "mujoco":
+                raise ConfigurationError(place, "is not part of wheel_model 'mujoco'")
         self._check_heights()
         if self.body.mass + self.load.mass <= 0.0:
             raise ConfigurationError("body.mass", "body and load together must have a mass")

@@ -1,7 +1,7 @@
 """The forklift in another engine: swerve and stopping distance in MuJoCo beside ours.
 
 The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
-and in MuJoCo (`omni_studies.wheels.mujoco_vehicle` says what is modeled how), unassisted and with
+and in MuJoCo (`omni_sim.vehicle.mujoco_vehicle` says what is modeled how), unassisted and with
 the brake assistant itself in the loop. MuJoCo is optional; without it the study says how to install
 it. Beside the cases it shows why the wheels of that model are sprung.
 """
@@ -29,11 +29,11 @@ from omni_figures.style import (
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
+from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest
-from omni_studies.wheels.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest, in_engine
 
 _LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
 _COLORS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
@@ -72,9 +72,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     cases = [(case, variant) for case in _CASES for variant in _VARIANTS]
     for index, (case, variant) in enumerate(cases):
         study.report(index / len(cases), f"{_CASES[case]}, {variant}")
-        for engine, build in ENGINES.items():
-            machine = build(vehicle, _twist(case, options.speed))
-            stops[case, variant, engine] = brake_to_rest(machine, experiments[variant].brake_assist)
+        for engine in ENGINES:
+            moving = in_engine(vehicle, engine, _twist(case, options.speed))
+            stops[case, variant, engine] = brake_to_rest(moving, experiments[variant].brake_assist)
     metrics = _metrics(stops) | _mismounted(vehicle)
     files = (
         save_figure(_draw(stops), study.folder / "paths.png"),
@@ -124,8 +124,8 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
         loads = []
         for height in (0.0 * offsets, offsets):
             machine = MujocoVehicle(vehicle, suspension=stiffness, height_offset=height)
-            machine.advance(4000, 1.0, np.ones(len(offsets)))
-            loads.append(machine.wheel_load)
+            machine.advance(4000, 1.0, np.ones(len(offsets)), np.zeros(3), traced=False)
+            loads.append(machine.wheels["load"])
         high = {next(iter(vehicle.wheels)): WheelCondition(mounted=_MISMOUNTED)}
         springs = SuspensionConfiguration(stiffness=stiffness)
         ours = [

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +24,8 @@ from omni_sim.run_progress import (
     run_outcome,
 )
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_studies.wheels.mujoco_vehicle import MujocoVehicle
 
 PERIOD = 0.01
 """Control period [s]."""
@@ -40,64 +38,13 @@ _IMU = ImuConfiguration(
 )
 
 
-class Machine(Protocol):
-    """A vehicle in any engine."""
-
-    physics_step: float
-
-    @property
-    def pose(self) -> FloatArray:
-        """x, y [m], yaw [rad] of base_link in the world frame, shape (3,)."""
-
-    @property
-    def twist(self) -> FloatArray:
-        """Of base_link in the body frame [m/s, m/s, rad/s], shape (3,)."""
-
-    @property
-    def wheel_speed(self) -> FloatArray:
-        """Wheel speeds [rad/s], shape (N,)."""
-
-    def advance(self, n_steps: int, pedal: float, enable: ArrayLike, /) -> object:
-        """Advance by some physics steps under constant brakes, the clutches open."""
+ENGINES = ("single", "rollers", "mujoco")
+"""Wheel models of a vehicle: our two, and MuJoCo's."""
 
 
-class PlanarMachine:
-    """Our own vehicle as a `Machine`."""
-
-    def __init__(self, configuration: VehicleConfiguration, twist: ArrayLike) -> None:
-        self._vehicle = Vehicle(configuration, twist=twist)
-        self.physics_step = self._vehicle.physics_step
-
-    @property
-    def pose(self) -> FloatArray:
-        """x, y [m], yaw [rad] of base_link in the world frame, shape (3,)."""
-        return self._vehicle.pose
-
-    @property
-    def twist(self) -> FloatArray:
-        """Of base_link in the body frame [m/s, m/s, rad/s], shape (3,)."""
-        return self._vehicle.twist
-
-    @property
-    def wheel_speed(self) -> FloatArray:
-        """Wheel speeds [rad/s], shape (N,)."""
-        return self._vehicle.wheels["speed"]
-
-    def advance(self, n_steps: int, pedal: float, enable: ArrayLike) -> object:
-        """Advance by some physics steps under constant brakes, the clutches open."""
-        return self._vehicle.advance(n_steps, pedal, enable, np.zeros(3), traced=False)
-
-
-ENGINES: dict[str, Callable[[VehicleConfiguration, ArrayLike], PlanarMachine | MujocoVehicle]] = {
-    "single": lambda vehicle, twist: PlanarMachine(_on(vehicle, "single"), twist),
-    "rollers": lambda vehicle, twist: PlanarMachine(_on(vehicle, "rollers"), twist),
-    "mujoco": lambda vehicle, twist: MujocoVehicle(vehicle, twist=twist),
-}
-"""How to build the vehicle in each engine: our two wheel models, and MuJoCo."""
-
-
-def _on(vehicle: VehicleConfiguration, wheel_model: str) -> VehicleConfiguration:
-    return dataclasses.replace(vehicle, wheel_model=wheel_model)
+def in_engine(configuration: VehicleConfiguration, engine: str, twist: ArrayLike) -> Vehicle:
+    """Return a vehicle at the origin in an engine, moving with a body twist, shape (3,)."""
+    return build_vehicle(dataclasses.replace(configuration, wheel_model=engine), twist=twist)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,30 +96,30 @@ class _Informed:
         return self._assist.update(demand).enable
 
 
-def brake_to_rest(machine: Machine, assistant: BrakeAssistConfiguration) -> Stop:
+def brake_to_rest(vehicle: Vehicle, assistant: BrakeAssistConfiguration) -> Stop:
     """Brake fully until the vehicle stands; the assistant is told the truth.
 
     Args:
-        machine: at speed. Until the pedal goes down it rolls as if no force acted on it.
+        vehicle: at speed. Until the pedal goes down it rolls as if no force acted on it.
         assistant: which may be switched off.
     """
     informed, rolling = _Informed(assistant), PlatformKinematics.of(assistant.wheels)
-    steps = round(PERIOD / machine.physics_step)
-    first = machine.twist
+    steps = round(PERIOD / vehicle.physics_step)
+    first = vehicle.twist
     for index in range(-_BEFORE, 0):
         turned = first[2] * index * PERIOD
         cos, sin = math.cos(turned), math.sin(turned)
         v_x, v_y = cos * first[0] + sin * first[1], cos * first[1] - sin * first[0]
         twist = np.array([v_x, v_y, first[2]])
-        where = machine.pose + np.array([0.0, 0.0, turned])
+        where = vehicle.pose + np.array([0.0, 0.0, turned])
         informed.enable(0.0, where, twist, rolling.wheel_speeds(twist))
-    path, rest = [machine.pose], rest_memory()
+    path, rest = [vehicle.pose], rest_memory()
     for index in itertools.count(1):
-        enable = informed.enable(1.0, machine.pose, machine.twist, machine.wheel_speed)
-        machine.advance(steps, 1.0, enable)
-        path.append(machine.pose)
+        enable = informed.enable(1.0, vehicle.pose, vehicle.twist, vehicle.wheels["speed"])
+        vehicle.advance(steps, 1.0, enable, np.zeros(3), traced=False)
+        path.append(vehicle.pose)
         stamp = round(index * PERIOD * 1e9)
-        outcome = run_outcome(_END, rest, stamp, 1.0, rim_speed(machine.twist))
+        outcome = run_outcome(_END, rest, stamp, 1.0, rim_speed(vehicle.twist))
         if outcome != RUNNING:
             break
     pose = np.array(path)

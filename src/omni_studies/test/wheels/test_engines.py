@@ -12,8 +12,8 @@ import pytest
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.loads import GRAVITY
-from omni_studies.wheels.engines import ENGINES, brake_to_rest
-from omni_studies.wheels.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
+from omni_studies.wheels.engines import ENGINES, brake_to_rest, in_engine
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 needs_mujoco = pytest.mark.skipif(
@@ -36,7 +36,7 @@ def test_a_machine_brakes_to_rest_and_the_assistant_keeps_it_straight(engine: st
     swerves = {}
     for variant in ("unassisted", "assisted"):
         setup = experiment(variant)
-        stop = brake_to_rest(ENGINES[engine](setup.vehicle, (10.0, 0.0, 0.0)), setup.brake_assist)
+        stop = brake_to_rest(in_engine(setup.vehicle, engine, (10.0, 0.0, 0.0)), setup.brake_assist)
         assert stop.stopped
         swerves[variant] = abs(stop.swerve)
     assert swerves["unassisted"] > 30.0
@@ -48,8 +48,10 @@ def test_a_machine_brakes_to_rest_and_the_assistant_keeps_it_straight(engine: st
 def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: float) -> None:
     setup = experiment(variant)
     stops = {
-        engine: brake_to_rest(build(setup.vehicle, (10.0, 0.0, 0.0)), setup.brake_assist)
-        for engine, build in ENGINES.items()
+        engine: brake_to_rest(
+            in_engine(setup.vehicle, engine, (10.0, 0.0, 0.0)), setup.brake_assist
+        )
+        for engine in ENGINES
     }
     assert stops["mujoco"].stopped
     for engine in ("single", "rollers"):
@@ -61,12 +63,12 @@ def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: floa
 def test_wheels_on_springs_carry_the_weight_and_forgive_a_millimeter() -> None:
     vehicle = experiment("unassisted").vehicle
     weight = (vehicle.body.mass + vehicle.load.mass) * GRAVITY
-    level, askew = (
+    level, tilted = (
         MujocoVehicle(vehicle, height_offset=offset) for offset in (0.0, [0.001, 0.0, 0.0, 0.0])
     )
-    for machine in (level, askew):
-        machine.advance(4000, 1.0, np.ones(4))
-        assert machine.wheel_load.sum() == pytest.approx(weight, rel=0.01)
-    change = askew.wheel_load - level.wheel_load
+    for machine in (level, tilted):
+        machine.advance(4000, 1.0, np.ones(4), np.zeros(3), traced=False)
+        assert machine.wheels["load"].sum() == pytest.approx(weight, rel=0.01)
+    change = tilted.wheels["load"] - level.wheels["load"]
     # Diagonal wheels give and take alike; springs of 200 N/mm share a warp of 1 mm by quarters.
     np.testing.assert_allclose(change, [-50.0, 50.0, -50.0, 50.0], atol=15.0)

@@ -1,0 +1,361 @@
+"""The vehicle on individual rollers in another engine: MuJoCo's rigid bodies and contacts.
+
+Chassis, load, wheels and every roller are bodies of their own. Each wheel is mounted on a vertical
+spring: a rigid chassis on four wheels is statically indeterminate, and a millimeter of height would
+decide which three of them carry. Rollers are ellipsoids that touch the wheel's envelope at their
+middle and where the next one takes over. Friction is Coulomb's, with the sliding force of the
+vehicle's tire on the ground under the wheel, at the load that the wheel's spring shows when a call
+begins; there is no slip curve. The brake is dry friction in the wheel's joint, the drive a velocity
+servo there.
+
+Assumed where the planar vehicle needs nothing: the body is a homogeneous box as long and wide as
+the chassis with the height of its center of gravity in its middle, and the load is a sphere.
+
+Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-based control", IROS
+2012. The package is optional, see `requirements/mujoco.in`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omni_platform.configuration import ConfigurationError
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_sim.ground.elevation import ElevationConfiguration
+from omni_sim.ground.friction import FrictionMap, friction_at
+from omni_sim.tire.model import curve_at
+from omni_sim.vehicle import state as layout
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.dynamics import in_turned_frame
+from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.plant import static_loads
+from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
+from omni_sim.wheel.brake_pressure import ask, press
+
+INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
+
+_DAMPING_RATIO = 0.5  # of the vehicle on its springs
+_SOFTNESS = 0.002  # time constant of contacts and of the brakes' friction [s]
+_LEAST_LOAD = 10.0  # at which friction is looked up [N]
+
+
+def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: Any) -> Vehicle:
+    """Return a vehicle with the engine of its wheel model; arguments as of `Vehicle`."""
+    kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
+    return kind(configuration, *others, **options)
+
+
+def load_mujoco() -> Any:
+    """Import MuJoCo, without its windows.
+
+    Raises:
+        ConfigurationError: it is not installed; says how to.
+    """
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise ConfigurationError("mujoco", f"is not installed; {INSTALL}") from error
+
+
+class MujocoVehicle(Vehicle):
+    """A vehicle on individual rollers in MuJoCo, on flat ground.
+
+    Its state is written after each call of `advance`: motion, wheel speeds and angles, loads on the
+    springs, torques of the brakes, and the forces of the contacts along the active directions.
+    """
+
+    def __init__(
+        self,
+        configuration: VehicleConfiguration,
+        *others: Any,
+        suspension: float = 2.0e5,
+        height_offset: ArrayLike = 0.0,
+        **options: Any,
+    ) -> None:
+        """Build the vehicle and place it, rolling on its springs at rest.
+
+        Args:
+            configuration: what the vehicle is made of.
+            *others: the other arguments of `Vehicle`.
+            suspension: stiffness of each wheel's spring [N/m].
+            height_offset: by how much each wheel is mounted too high [m], a number or shape (N,).
+            **options: keyword arguments of `Vehicle`.
+
+        Raises:
+            ConfigurationError: MuJoCo is not installed, or the ground is not flat.
+            VehicleInputError: a number is out of range.
+        """
+        self._mujoco = load_mujoco()
+        self._stiffness = suspension
+        offsets = np.asarray(height_offset, dtype=np.float64)
+        self._offsets = np.broadcast_to(offsets, len(configuration.wheels))
+        super().__init__(configuration, *others, **options)
+
+    def _build_state(
+        self, friction: FrictionMap, elevation: ElevationConfiguration | None
+    ) -> layout.State:
+        state = super()._build_state(friction, elevation)
+        if len(state.terrain.parts):
+            raise ConfigurationError("ground.elevation", "must be flat for wheel_model 'mujoco'")
+        configuration, n = self.configuration, len(state.wheels)
+        self._loads = static_loads(state.plant)
+        lines = _model(
+            configuration, self._loads, self._offsets, self._stiffness, self.physics_step
+        )
+        self._model = self._mujoco.MjModel.from_xml_string("\n".join(lines))
+        self._data = self._mujoco.MjData(self._model)
+        joints = [self._model.joint(f"wheel_{i}") for i in range(n)]
+        self._hinges = np.array([int(joint.dofadr[0]) for joint in joints])
+        self._angles = np.array([int(joint.qposadr[0]) for joint in joints])
+        springs = [self._model.joint(f"spring_{i}") for i in range(n)]
+        self._springs = np.array([int(joint.qposadr[0]) for joint in springs])
+        count = configuration.rollers.count  # the plane is the first geometry
+        self._geometries = 1 + np.arange(n * count).reshape(n, count)
+        return state
+
+    def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
+        """Put the vehicle somewhere, wheels and rollers turning as it moves.
+
+        Args:
+            pose: x, y [m], yaw [rad] of base_link in the world frame.
+            twist: of base_link in the body frame [m/s, m/s, rad/s].
+        """
+        super().place(pose, twist)
+        data, (x, y, yaw), moving = self._data, np.asarray(pose), np.asarray(twist)
+        self._mujoco.mj_resetData(self._model, data)
+        data.qpos[:7] = x, y, 0.0, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
+        data.qpos[self._angles] = self._start_angle
+        data.qvel[:2] = in_turned_frame(moving[0], moving[1], -yaw)
+        data.qvel[5] = moving[2]
+        speeds = data.qvel[self._hinges] = self.drive_speeds(moving)
+        geometry, rollers = self.kinematics.geometry, self.configuration.rollers
+        for i, hub in enumerate(self.kinematics.wheel_velocities(moving)):
+            n_x, n_y = geometry.active[i]
+            sliding = hub - speeds[i] * geometry.radius[i] * geometry.rolling[i]
+            spin = (sliding[0] * n_y - sliding[1] * n_x) / rollers.radius
+            for k in range(rollers.count):
+                data.qvel[self._model.joint(f"roller_{i}_{k}").dofadr[0]] = spin
+        self._mujoco.mj_forward(self._model, data)
+        self._write_back(np.zeros(len(speeds)))
+
+    def drive_speeds(self, twist: ArrayLike) -> FloatArray:
+        """Return the wheel speeds that the drive commands for a body twist, Eq. (28).
+
+        Args:
+            twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
+
+        Returns:
+            With the radii of the wheels, which carry their loads on springs [rad/s], (..., N).
+        """
+        return self.kinematics.wheel_speeds(np.asarray(twist))
+
+    def _run(
+        self, n_steps: int, control: layout.Control, *, traced: bool, logged: bool
+    ) -> layout.Log:
+        if logged or control.force_x or control.force_y:
+            raise VehicleInputError("wheel_model 'mujoco' has neither pushes nor logs of each step")
+        plant, pressure, data = self.state.plant, self.state.pressure, self._data
+        log = layout.Log.of(n_steps, len(self._hinges), traced=traced, logged=False)
+        ask(pressure, control.brake, control.enable)
+        limits = self._set_friction()
+        self._model.actuator_gainprm[:, 0] = control.drive_stiffness
+        self._model.actuator_biasprm[:, 2] = -control.drive_stiffness
+        start, twist = self.pose[2], control.twist
+        for k in range(n_steps + 1):
+            pose, rates = self._base()
+            self.state.body["yaw"] = pose[2]
+            if traced:
+                log.trajectory[k] = *pose, *rates
+            if k == n_steps:
+                break
+            turned = pose[2] - start if control.in_world else 0.0
+            ahead = *in_turned_frame(twist[0], twist[1], turned), twist[2]
+            data.ctrl[:] = self.drive_speeds(ahead)
+            press(pressure)
+            torque = plant.brake_share * pressure.acting
+            speed = np.abs(data.qvel[self._hinges])
+            self._model.dof_frictionloss[self._hinges] = np.minimum(
+                torque, plant.brake_power / np.maximum(speed, 1e-9)
+            )
+            self._mujoco.mj_step(self._model, data)
+        self._write_back(limits)
+        loads, counters = self.state.wheels["load"], self.state.counters[0]
+        self._tipping = bool(np.count_nonzero(loads > 0.0) < 3)
+        counters["tipping_steps"] += n_steps * self._tipping
+        counters["overloaded_steps"] += n_steps * np.count_nonzero(loads > plant.largest_load)
+        return log
+
+    def _set_friction(self) -> FloatArray:
+        """Set the friction of each wheel's rollers; return its largest force [N], shape (N,)."""
+        plant, (x, y, yaw) = self.state.plant, self.pose
+        limits = np.empty(len(self._hinges))
+        for i, (mount, load) in enumerate(
+            zip(self.configuration.wheels.values(), self.state.wheels["load"], strict=True)
+        ):
+            a, b = in_turned_frame(mount.x, mount.y, -yaw)
+            friction = plant.grip[i] * friction_at(plant.friction, plant.patches, x + a, y + b)
+            carried = min(max(float(load), _LEAST_LOAD), plant.largest_load)
+            limits[i] = curve_at(plant.tire, carried, friction).slide_force
+            self._model.geom_friction[self._geometries[i], 0] = limits[i] / carried
+        return limits
+
+    def _base(self) -> tuple[FloatArray, FloatArray]:
+        """Return x, y [m], yaw [rad] of base_link and their rates in the world, each (3,)."""
+        w, x, y, z = self._data.qpos[3:7]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        yaw += 2.0 * math.pi * round((self.state.body[0]["yaw"] - yaw) / (2.0 * math.pi))
+        place, velocity = self._data.qpos, self._data.qvel
+        return np.array([*place[:2], yaw]), np.array([*velocity[:2], velocity[5]])
+
+    def _write_back(self, limits: FloatArray) -> None:
+        """Write the planar state from MuJoCo's; the wheels' friction limits are given [N]."""
+        data, body, wheels = self._data, self.state.body[0], self.state.wheels
+        (x, y, yaw), (v_x, v_y, rate) = self._base()
+        g_x, g_y = in_turned_frame(*self.masses.center, -yaw)
+        for name, value in (
+            *(("x", x + g_x), ("y", y + g_y), ("yaw", yaw)),
+            *(("v_x", v_x - rate * g_y), ("v_y", v_y + rate * g_x), ("yaw_rate", rate)),
+        ):
+            body[name] = value
+        wheels["speed"], wheels["angle"] = data.qvel[self._hinges], data.qpos[self._angles]
+        # As the springs show it, without their dampers.
+        wheels["load"] = self._loads + self._stiffness * (data.qpos[self._springs] - self._offsets)
+        dry = data.efc_type == self._mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        torques = dict(zip(data.efc_id[dry], data.efc_force[dry], strict=True))
+        wheels["brake"] = [torques.get(hinge, 0.0) for hinge in self._hinges]
+        force = np.zeros((len(wheels), 3))
+        for index, contact in enumerate(data.contact):
+            push = np.zeros(6)
+            self._mujoco.mj_contactForce(self._model, data, index, push)
+            wheel = (max(contact.geom) - 1) // self._geometries.shape[1]
+            force[wheel] += contact.frame.reshape(3, 3).T @ push[:3]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        in_body = force[:, :2] @ np.array([[cos, -sin], [sin, cos]])
+        wheels["force"] = np.sum(in_body * self.kinematics.geometry.active, axis=1)
+        reference = self.kinematics.geometry.radius * np.abs(wheels["speed"])
+        wheels["slip"] = self.slip_velocity / (reference + self.state.plant.slip_speed)
+        wheels["limit"] = limits
+        wheels["sliding"] = np.abs(wheels["force"]) >= 0.99 * limits
+
+    @property
+    def attitude(self) -> FloatArray:
+        """Height of base_link [m], roll, pitch [rad] of the chassis on its springs, shape (3,)."""
+        w, x, y, z = self._data.qpos[3:7]
+        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        return np.array([self._data.qpos[2], roll, math.asin(2.0 * (w * y - z * x))])
+
+
+def _model(
+    vehicle: VehicleConfiguration,
+    loads: FloatArray,
+    offsets: FloatArray,
+    suspension: float,
+    physics_step: float,
+) -> Iterator[str]:
+    """Write a vehicle in MuJoCo's format.
+
+    Args:
+        vehicle: what it is made of.
+        loads: of the wheels at rest [N], shape (N,).
+        offsets: by how much each wheel is mounted too high [m], shape (N,).
+        suspension: stiffness of each wheel's spring [N/m].
+        physics_step: [s].
+    """
+    mass = float(loads.sum()) / GRAVITY
+    n, rollers = len(vehicle.wheels), vehicle.rollers
+    damping = 2.0 * _DAMPING_RATIO * math.sqrt(suspension * mass / n)
+    soft = f"{_SOFTNESS:g} 1"
+    yield "<mujoco><compiler angle='radian' autolimits='true'/>"
+    yield (
+        f"<option timestep='{physics_step:g}' gravity='0 0 -{GRAVITY:g}' cone='elliptic' "
+        "impratio='10' integrator='implicitfast' solver='Newton'/>"
+    )
+    yield f"<default><geom friction='0 0 0' condim='3' solref='{soft}'/></default>"
+    yield "<worldbody><geom type='plane' size='1 1 1' contype='0' conaffinity='1'/>"
+    yield "<body name='base'><freejoint/>"
+    roller_mass = 2.0 * rollers.inertia / rollers.radius**2
+    wheel_mass = rollers.count * roller_mass
+    body, load = vehicle.body, vehicle.load
+    # In the planar vehicle the wheels' mass and moment about the vertical are the body's.
+    reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
+    chassis = body.mass - n * wheel_mass
+    yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
+    box = (vehicle.chassis_width, vehicle.chassis_length, 2.0 * body.height)
+    roll = chassis / 12.0 * (box[0] ** 2 + box[2] ** 2)
+    pitch = chassis / 12.0 * (box[1] ** 2 + box[2] ** 2)
+    yaw_inertia = min(yaw_inertia, 0.999 * (roll + pitch))  # what any rigid body keeps
+    yield (
+        f"<inertial pos='{body.x} {body.y} {body.height}' mass='{chassis}' "
+        f"diaginertia='{roll} {pitch} {yaw_inertia}'/>"
+    )
+    if load.mass > 0.0:
+        ball = max(load.yaw_inertia, 1e-3)
+        yield (
+            f"<body pos='{load.x} {load.y} {load.height}'><inertial pos='0 0 0' "
+            f"mass='{load.mass}' diaginertia='{ball} {ball} {ball}'/></body>"
+        )
+    geometry = PlatformKinematics(vehicle.wheels).geometry
+    for i, mount in enumerate(vehicle.wheels.values()):
+        distance = mount.radius - rollers.radius
+        u_x, u_y = geometry.rolling[i]
+        axis = np.array([-u_y, u_x, 0.0])
+        rest = (wheel_mass * GRAVITY - loads[i]) / suspension + offsets[i]
+        hub = max(vehicle.wheel_inertia - wheel_mass * distance**2, 0.1 * vehicle.wheel_inertia)
+        yield f"<body pos='{mount.x} {mount.y} {mount.radius}'>"
+        yield (
+            f"<joint name='spring_{i}' type='slide' axis='0 0 1' stiffness='{suspension}' "
+            f"springref='{rest}' damping='{damping}'/>"
+        )
+        yield (
+            f"<joint name='wheel_{i}' type='hinge' axis='{_numbers(axis)}' armature='{hub}' "
+            f"solreffriction='{soft}'/>"
+        )
+        yield "<inertial pos='0 0 0' mass='0.01' diaginertia='1e-4 1e-4 1e-4'/>"
+        lowest = np.array([*geometry.active[i], 0.0])
+        tilt = abs(float(geometry.active[i] @ geometry.rolling[i]))  # sin(delta)
+        for k in range(rollers.count):
+            angle = 2.0 * math.pi * k / rollers.count
+            place = _turned(np.array([0.0, 0.0, -distance]), axis, angle)
+            along = _turned(lowest, axis, angle)
+            # The ellipsoid that fills the envelope in the middle and at the change of rollers.
+            half = distance * math.tan(math.pi / rollers.count) / tilt
+            change = mount.radius - distance / math.cos(math.pi / rollers.count)
+            length = half / math.sqrt(1.0 - (change / rollers.radius) ** 2)
+            across = roller_mass * (rollers.radius**2 / 4.0 + half**2 / 3.0)
+            yield f"<body pos='{_numbers(place)}' zaxis='{_numbers(along)}'>"
+            yield f"<joint name='roller_{i}_{k}' type='hinge' axis='0 0 1'/>"
+            yield (
+                f"<inertial pos='0 0 0' mass='{roller_mass}' "
+                f"diaginertia='{across} {across} {rollers.inertia}'/>"
+            )
+            size = f"{rollers.radius} {rollers.radius} {length}"
+            yield f"<geom type='ellipsoid' size='{size}' contype='1' conaffinity='0'/></body>"
+        yield "</body>"
+    yield f"</body></worldbody><actuator>{_drives(n, vehicle.drive.max_torque)}</actuator></mujoco>"
+
+
+def _drives(n: int, limit: float) -> str:
+    """Return the velocity servos of the wheels, disengaged, with their largest torque [N m]."""
+    return "".join(
+        f"<velocity joint='wheel_{i}' kv='0' forcerange='{-limit} {limit}'/>" for i in range(n)
+    )
+
+
+def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+    """Turn a vector about a unit axis (Rodrigues)."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    along = float(axis @ vector) * (1.0 - cos) * axis
+    return np.asarray(cos * vector + sin * np.cross(axis, vector) + along, dtype=np.float64)
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
