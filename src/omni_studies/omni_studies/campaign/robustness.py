@@ -87,7 +87,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
     for cause in CAUSES[:-1]:
         if not open_limits:
             break
-        drawn = _without(drawn, cause)
+        drawn = without(drawn, cause)
         still = violations(compare(braking, drawn))
         causes |= {limit: cause for limit in open_limits if limit not in still}
         open_limits = tuple(limit for limit in open_limits if limit in still)
@@ -118,7 +118,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
     )
 
 
-def _without(drawn: Tree, cause: str) -> Tree:
+def without(drawn: Tree, cause: str) -> Tree:
     """Return what has been drawn without one of its adversities."""
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}

@@ -31,6 +31,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import parameter, to_mapping
+from omni_studies.campaign.law_trials import LawTrial, LawTrials, compare
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
@@ -109,6 +110,14 @@ class Options(CampaignOptions):
     law: tuple[str, ...] = parameter(
         (), description="a law of one's own, as module:Class, beside ours on every experiment"
     )
+    random: int = parameter(
+        0,
+        description="run this many random stops in place of the experiments and compare every "
+        "--law with the first one (default: allocation alone)",
+        minimum=0,
+        maximum=10**6,
+    )
+    seed: int = parameter(0, description="seed of the first random stop", minimum=0)
 
 
 class _Case(NamedTuple):
@@ -229,6 +238,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for law in options.law:  # refused before anything runs
         changes = (f"brake_assist.law={law}",)
         study.experiments.load("straight_line", "assisted", changes).check_drivable()
+    if options.random:
+        return _run_random(options, study)
     work = LawStops(study.experiments, _cases(study.experiments, options))
     path = study.folder / "stops.csv"
     numbers = range(len(work))
@@ -239,6 +250,20 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         return StudyResult(metrics, files, (f"{len(stops)} of {len(work)} cases were run.",))
     files = (*files, save_figure(_front(metrics, options.law), study.folder / "laws.png"))
     return StudyResult(metrics, files, _findings(metrics))
+
+
+def _run_random(options: Options, study: StudyRun) -> StudyResult:
+    """Compare the laws on random stops."""
+    laws = options.law or ("allocation",)
+    work = LawTrials(study.experiments, laws, options.seed)
+    path = study.folder / "trials.csv"
+    numbers = range(options.random * len(work.cases))
+    given = options, path, work.fingerprint, study.report
+    trials = run_campaign(work, numbers, LawTrial, *given)
+    if len(trials) < len(numbers):
+        return StudyResult({}, (path,), (f"{len(trials)} of {len(numbers)} stops were run.",))
+    labels = [_label(law) for law in laws]
+    return StudyResult(compare(trials, labels if len(set(labels)) == len(laws) else laws), (path,))
 
 
 def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:

@@ -157,3 +157,15 @@ def test_a_piece_of_the_study_holds_its_numbers_against_their_limits(tmp_path: P
     assert short.at_most == 9.0
     assert len(result.metrics) == 4  # two stops, each with distance and rotation
     assert (tmp_path / "stops.csv").read_text().count("\n") >= 3
+
+
+def test_random_stops_compare_laws_in_pairs(tmp_path: Path) -> None:
+    options = laws.Options(random=1, seed=3, workers=1, law=("sliding_mode", "allocation"))
+    metrics = laws.run(options, StudyRun(LIBRARY, tmp_path)).metrics
+    for kind in ("proportional", "on_off"):
+        mode, allocation = (
+            metrics[f"worst_ratio.{law}_{kind}"].value for law in ("sliding_mode", "allocation")
+        )
+        change = metrics[f"distance_change.allocation_{kind}"].value
+        assert change == pytest.approx(100.0 * (allocation / mode - 1.0))
+    assert metrics["worst_ratio.sliding_mode_on_off"].value > 0.5

@@ -1,0 +1,141 @@
+"""Random stops that compare control laws in pairs, on proportional and on on-off brakes.
+
+A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, without
+sensor failures, and in addition what a law may not know: brake lag, nominal or unmodelled, and
+errors of the nominal torque, mass and wheel inertia.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.metrics import Metric
+from omni_platform.brakes import ON_OFF, PROPORTIONAL
+from omni_platform.quantities import FloatArray
+from omni_studies.campaign.random_braking import RandomBraking, draw
+from omni_studies.campaign.robustness import (
+    DISTANCE_FACTOR,
+    ORIENTATION_LIMIT,
+    SHORTEST_DISTANCE,
+    without,
+)
+
+_KINDS = (PROPORTIONAL, ON_OFF)
+_ALL_ON = ""  # in place of a law
+_LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # of the brakes [s]
+_LARGEST_ERROR = 1.6  # factor between true and nominal torque, mass and inertia [1]
+
+
+class LawTrial(NamedTuple):
+    """One stop.
+
+    Attributes:
+        seed: number of the trial, `LawTrials.cases` for each seed.
+        distance: stopping distance [m].
+        rotation: change of orientation [deg].
+        stopped: whether the vehicle came to rest, 0 or 1.
+    """
+
+    seed: int
+    distance: float
+    rotation: float
+    stopped: int
+
+
+class LawTrials:
+    """Runs one stop after the other; sent to the workers.
+
+    Args:
+        library: where the vehicles are.
+        laws: that are compared; each seed is also run with all brakes on.
+        first: the first seed.
+    """
+
+    def __init__(self, library: ExperimentLibrary, laws: Sequence[str], first: int) -> None:
+        self._braking = RandomBraking(library)
+        self._first = first
+        self.cases = tuple((kind, law) for kind in _KINDS for law in (_ALL_ON, *laws))
+
+    @property
+    def fingerprint(self) -> str:
+        """A digest of what is run."""
+        return "-".join((self._braking.fingerprint, str(self._first), *map(str, self.cases)))
+
+    def __call__(self, number: int) -> LawTrial:
+        """Run a trial."""
+        seed, case = divmod(number, len(self.cases))
+        run = run_fast_loop(self.configuration(self._first + seed, *self.cases[case]))
+        return LawTrial(number, run.stopping_distance, run.orientation_change, int(run.stopped))
+
+    def configuration(self, seed: int, kind: str, law: str) -> ExperimentConfiguration:
+        """Return the experiment of a seed.
+
+        Args:
+            seed: of what is drawn.
+            kind: of the brakes, `PROPORTIONAL` or `ON_OFF`.
+            law: its name, empty for all brakes on.
+        """
+        variant = "assisted" if law else "unassisted"
+        base = self._braking.configurations(without(draw(seed), "failure"))[variant]
+        random = np.random.default_rng([seed, 1])
+        lag = str(random.choice(["none", "nominal", "unmodelled"]))
+        dead_time = float(random.uniform(0.0, _LARGEST_DEAD_TIME))
+        time_constant = float(random.uniform(0.0, _LARGEST_TIME_CONSTANT))
+        torque, mass, inertia = _LARGEST_ERROR ** random.uniform(-1.0, 1.0, 3)
+        brake = dataclasses.replace(base.vehicle.brake, kind=kind)
+        lagging = dataclasses.replace(brake, dead_time=dead_time, time_constant=time_constant)
+        nominal = lagging if lag == "nominal" else brake
+        assist = base.brake_assist
+        assist = dataclasses.replace(
+            assist,
+            law=law or assist.law,
+            brake=dataclasses.replace(nominal, max_torque=brake.max_torque * torque),
+            nominal_mass=assist.nominal_mass * mass,
+            wheel_inertia=assist.wheel_inertia * inertia,
+        )
+        vehicle = dataclasses.replace(base.vehicle, brake=brake if lag == "none" else lagging)
+        return dataclasses.replace(base, vehicle=vehicle, brake_assist=assist)
+
+
+def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
+    """Return how the laws compare with the first one and with all brakes on.
+
+    Args:
+        trials: of whole seeds, in the order of `LawTrials`.
+        laws: their names.
+    """
+    shape = -1, len(_KINDS), 1 + len(laws)
+    distance, rotation, stopped = (
+        np.reshape([getattr(trial, name) for trial in trials], shape)
+        for name in ("distance", "rotation", "stopped")
+    )
+    distance = np.maximum(distance, SHORTEST_DISTANCE)
+    metrics: dict[str, Metric] = {}
+    for k, kind in enumerate(_KINDS):
+        free = distance[:, k, 0]
+        for j, law in enumerate(laws, start=1):
+            ratio = distance[:, k, j] / free
+            turned = rotation[:, k, j] - rotation[:, k, 0]
+            broken = (ratio > DISTANCE_FACTOR) | (turned > ORIENTATION_LIMIT)
+            broken |= stopped[:, k, j] < stopped[:, k, 0]
+            found = {
+                "median_ratio": Metric(float(np.median(ratio)), "1"),
+                "p95_ratio": Metric(float(np.quantile(ratio, 0.95)), "1"),
+                "worst_ratio": Metric(float(np.max(ratio)), "1"),
+                "extra_rotation": Metric(float(np.max(turned)), "deg"),
+                "violations": Metric(float(np.sum(broken)), "1"),
+            }
+            if j > 1:
+                change: FloatArray = 100.0 * (distance[:, k, j] / distance[:, k, 1] - 1.0)
+                error = float(np.std(change)) / math.sqrt(max(change.size - 1, 1))
+                found["distance_change"] = Metric(float(np.mean(change)), "%")
+                found["distance_change_error"] = Metric(error, "%")
+            metrics |= {f"{name}.{law}_{kind}": metric for name, metric in found.items()}
+    return metrics
