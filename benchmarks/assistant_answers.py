@@ -1,9 +1,9 @@
 """Measure how late the brake assistant's node answers in real time: from a twist to its enables.
 
-One stop from 10 m/s after the other is told to a node of its own, 100 times a second, with pedal,
-wheel speeds and IMU. Timed is what a vehicle waits for: from the twist's publication until the
-enables of its stamp are heard, over two hops of DDS, in wall-clock time on a machine as busy as
-this one. Started by ``chrt -f 50``, the node has real-time priority too.
+Stops from 10 m/s are published to a node of its own, 100 times a second, with pedal, wheel speeds
+and IMU. Measured is the time from the twist's publication until the enables of its stamp are
+received, over two hops of DDS, in wall-clock time under the load of this machine. Started by
+``chrt -f 50``, the node has real-time priority too.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SHARES = (50.0, 99.0, 99.9)
 
 
 class Vehicle(Node):
-    """Tells the assistant of stops and notes when it answers.
+    """Publishes stops to the assistant and records when it answers.
 
     Args:
         wheels: their names.
@@ -137,7 +137,7 @@ def main() -> None:
 
 
 def stop_and_go(run: FastRun) -> FloatArray:
-    """Return a stop and the way back to its first speed, which may be told over and over."""
+    """Return a stop and the acceleration back to its first speed, which may be repeated."""
     moving = np.column_stack([run.twist, run.record.wheel_speed])
     share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
     moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])
@@ -147,7 +147,7 @@ def stop_and_go(run: FastRun) -> FloatArray:
 
 
 def drive(vehicle: Vehicle, duration: float) -> None:
-    """Tell the node of a step every period, for as long as asked [s]."""
+    """Publish a step every period for a duration [s]."""
     executor = EventsExecutor()
     executor.add_node(vehicle)
     while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:

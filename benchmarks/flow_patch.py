@@ -1,10 +1,10 @@
-"""A patch of 64 x 64 pixels beside a line of 1024: what the same number of pixels a second tells.
+"""Compare a patch of 64 x 64 pixels with a line of 1024 at the same number of pixels per second.
 
 Both see 50 mm of the ground along the axis. The line camera takes 2500 lines/s, 20 mm wide; the
 patch, square, 625 frames/s. Both have 10 ms: the line camera a batch through the whole odometry of
 one camera, the patch seven frames through OpenCV's phase correlation and Lucas-Kanade, consecutive
-ones where it moves far, else the first and the last. Told is the error of the velocity along the
-axis.
+ones where it moves far, else the first and the last. Reported is the error of the velocity along
+the axis.
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
     ./omni exec python benchmarks/flow_patch.py [--json] [--runs N]
@@ -136,15 +136,22 @@ def main() -> int:
                 seeds = range(1, options.runs + 1)
                 lines = np.array([line_error(texture, velocity, seed) for seed in seeds])
                 flow = np.array([patch_error(cv2, texture, velocity, seed) for seed in seeds])
-                told = lines[np.isfinite(lines)]
+                measured = lines[np.isfinite(lines)]
                 case = f"{kind}_{angle:.0f}_{speed:g}"
-                rmse = math.sqrt(float(np.mean(told**2))) if len(told) else math.nan
+                rmse = math.sqrt(float(np.mean(measured**2))) if len(measured) else math.nan
                 patch_rmse = math.sqrt(float(np.mean(flow**2)))
                 metrics[f"patch_rmse.{case}"] = {"value": patch_rmse, "unit": "m/s"}
-                if len(told):
+                if len(measured):
                     metrics[f"line_rmse.{case}"] = {"value": rmse, "unit": "m/s"}
-                metrics[f"line_measured.{case}"] = {"value": len(told) / len(lines), "unit": "1"}
-                share = "" if len(told) == len(lines) else f" ({100 * len(told) // len(lines)} %)"
+                metrics[f"line_measured.{case}"] = {
+                    "value": len(measured) / len(lines),
+                    "unit": "1",
+                }
+                share = (
+                    ""
+                    if len(measured) == len(lines)
+                    else f" ({100 * len(measured) // len(lines)} %)"
+                )
                 cells.append(f"{1e3 * rmse:.3g}{share} | {1e3 * patch_rmse:.3g}")
             if not options.json:
                 print(f"{kind + f', {angle:.0f} deg':28}" + "".join(f"{c:>24}" for c in cells))

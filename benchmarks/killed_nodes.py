@@ -46,7 +46,7 @@ class Outcome:
         returncode: of the command.
         complaint: what it said.
         distance: from the pedal to rest [m]; not a number where nothing was recorded to the end.
-        rotation: of the vehicle meanwhile [deg], likewise.
+        rotation: of the vehicle from the pedal to rest [deg]; NaN where the recording ends early.
     """
 
     returncode: int
@@ -175,9 +175,9 @@ def main() -> None:
     generator = random.Random(options.seed)
     trials: list[tuple[str, Outcome]] = []
     with tempfile.TemporaryDirectory() as scratch:
-        honest = Path(scratch) / "honest"
+        reference = Path(scratch) / "reference"
         stops = [
-            undisturbed(honest),
+            undisturbed(reference),
             undisturbed(Path(scratch) / "unassisted", "--set", "brake_assist.enabled=false"),
         ]
         folder = Path(scratch) / "run"
@@ -191,7 +191,7 @@ def main() -> None:
                     share = generator.random()
                     shutil.rmtree(folder, ignore_errors=True)
                     found = trial(
-                        folder, node, action, share, real_time=real_time, size=recorded(honest)
+                        folder, node, action, share, real_time=real_time, size=recorded(reference)
                     )
                 mode = "real time" if real_time else "lockstep"
                 trials.append((f"{mode}, {action} {node} at {share:.2f}", found))

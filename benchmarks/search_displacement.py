@@ -155,7 +155,7 @@ def other_searches(repetitions: int) -> dict[str, dict[str, float | str]]:
 class MatchTemplateSearch:
     """The full search by Pearson's correlation with OpenCV, over shifts within +/- n/2.
 
-    The older line lies between n/2 black pixels on either side, so that all shifts are covered;
+    The older line is between n/2 black pixels on either side, so that all shifts are covered;
     `matchTemplate` gives the sum of products at each, and sums over the true overlaps normalize it.
     """
 

@@ -47,13 +47,13 @@ def main() -> None:
     options = parser.parse_args()
     metrics = {}
     with tempfile.TemporaryDirectory() as scratch:
-        for listened in (False, True):
+        for subscribed in (False, True):
             for name in ("simulator", "linescan_odometry", "brake_assist", "recorder"):
                 times = [
-                    stop_time(name, Path(scratch) / f"{name}{listened}{i}", listened=listened)
+                    stop_time(name, Path(scratch) / f"{name}{subscribed}{i}", subscribed=subscribed)
                     for i in range(options.repetitions)
                 ]
-                case = f"{name}_{'heard' if listened else 'unheard'}"
+                case = f"{name}_{'subscribed' if subscribed else 'alone'}"
                 metrics[f"stop_time_median.{case}"] = statistics.median(times)
                 metrics[f"stop_time_worst.{case}"] = max(times)
     if options.json:
@@ -83,7 +83,7 @@ def node_of(name: str, scratch: Path) -> NodeProcess:
     return dataclasses.replace(process, arguments=[*process.arguments, "-p", "subscribers:=0"])
 
 
-def stop_time(name: str, scratch: Path, *, listened: bool) -> float:
+def stop_time(name: str, scratch: Path, *, subscribed: bool) -> float:
     """Return how long a running node takes to end after one SIGINT [s].
 
     Raises:
@@ -97,7 +97,7 @@ def stop_time(name: str, scratch: Path, *, listened: bool) -> float:
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain)
         watcher = Node("watcher", context=context)
-        if listened:
+        if subscribed:
             for topic in ("wheel_states", "brake/enable", "joint_states"):
                 watcher.create_subscription(JointState, topic, lambda _: None, 10)
         command = [str(find_executable(node.package, node.executable)), *node.arguments]

@@ -74,7 +74,7 @@ def explain_install(output: str, log: Path, step: str = "installing the packages
     Args:
         output: What pip has printed.
         log: The file with the details, which the sentence names.
-        step: What has failed, where the output does not tell why.
+        step: What has failed, for output that does not contain the reason.
     """
     network = (
         r"name resolution|new connection|Connection (?:refused|reset)|connection broken|"

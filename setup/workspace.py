@@ -84,7 +84,7 @@ def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | Non
 
 
 def is_below(path: str, folders: Sequence[str]) -> bool:
-    """Tell whether `path` is one of `folders` or in one of them."""
+    """Return whether `path` is one of `folders` or in one of them."""
     return any(path == folder or path.startswith(folder.rstrip("/") + "/") for folder in folders)
 
 
@@ -241,18 +241,18 @@ def write_stamp(folder: Path, identity: Mapping[str, object], **more: object) ->
 
 
 def holds(stamp: Mapping[str, object], identity: Mapping[str, object]) -> bool:
-    """Tell whether a stamp says all of `identity`."""
+    """Return whether a stamp contains all of `identity`."""
     return all(stamp.get(name) == value for name, value in identity.items())
 
 
 def environment_ready(workspace: Workspace) -> bool:
-    """Tell whether the environment is complete and has the packages of the lock file."""
+    """Return whether the environment is complete and has the packages of the lock file."""
     stamp = read_stamp(workspace.venv)
     return workspace.python.exists() and holds(stamp, environment_identity(workspace))
 
 
 def build_ready(workspace: Workspace) -> bool:
-    """Tell whether the build is complete and its inputs are as they were."""
+    """Return whether the build is complete and its inputs are as they were."""
     stamp = read_stamp(workspace.install)
     identity = build_identity(read_stamp(workspace.venv))
     return holds(stamp, identity) and stamp.get("state") == files_state(

@@ -187,7 +187,7 @@ def test_a_page_that_falls_silent_brakes(page: Page) -> None:
     page.drive_to(2.0)
     page.demand = None
     page.until(lambda state: state["pedal"] == 1.0)
-    assert page.state["source"] == "nobody"
+    assert page.state["source"] == "none"
     page.until(lambda state: abs(state["twist"][0]) < 0.05)
     page.drive_to(0.5)  # and goes on when it speaks again
 
@@ -268,10 +268,10 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
 ) -> None:
     """After all others, for the drive is over then; what was recorded is whole."""
     page.drive_to(2.0)
-    (seat,) = processes_of("omni_bringup", drive.process.pid, "driver")
-    os.kill(seat, signal.SIGSTOP)
+    (driver,) = processes_of("omni_bringup", drive.process.pid, "driver")
+    os.kill(driver, signal.SIGSTOP)
     onlooker.wait(lambda: onlooker.pedal == 1.0 and abs(onlooker.speed) < 0.05)
-    os.kill(seat, signal.SIGKILL)
+    os.kill(driver, signal.SIGKILL)
     assert drive.process.wait(PATIENCE) == 1
     with AnyReader([recording]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}

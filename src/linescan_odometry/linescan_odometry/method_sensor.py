@@ -23,7 +23,7 @@ from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.view.flat_field import FlatField
 from linescan_odometry.view.grain import Keyframe
-from omni_platform.aside import aside
+from omni_platform.background import in_background
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3  # identical neighbors that the noise of a live camera rules out
@@ -109,7 +109,7 @@ class MethodOdometry:
             self._keyframe.reset()
             reading = nothing.reading
             return lambda: reading
-        work = aside(partial(self._measure, joined), worth=joined.lines.size >= _BACKGROUND)
+        work = in_background(partial(self._measure, joined), worth=joined.lines.size >= _BACKGROUND)
         self._finish_last = cache(work)
         return self._finish_last
 

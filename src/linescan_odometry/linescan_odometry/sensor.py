@@ -30,7 +30,7 @@ from linescan_odometry.view.grain import Keyframe
 from linescan_odometry.view.sharp import follows, sharp_pixels, sharpened, steps
 from linescan_odometry.view.still import STRUCTURE, StillView, structure_of, without_defects
 from linescan_odometry.view.structures import StructureCounter
-from omni_platform.aside import aside
+from omni_platform.background import in_background
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 
@@ -213,7 +213,7 @@ class SensorOdometry:
             lines = self._flat_field.apply(seen)
             self._still.learn(seen)
             self._seen = seen
-            pairs = aside(partial(self._matcher.match, lines), worth=lines.size >= LONG)
+            pairs = in_background(partial(self._matcher.match, lines), worth=lines.size >= LONG)
             whole = None
             if self._moving:
                 whole = self._whitened.begin(lines, settled=not self._flat_field.learning)

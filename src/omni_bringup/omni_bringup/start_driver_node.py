@@ -1,4 +1,4 @@
-"""Starts the process of the driver's seat; light, so that a signal finds a handler at once."""
+"""Starts the process of the driver's node; light, so that a signal finds a handler at once."""
 
 from omni_ros.start import start_node
 

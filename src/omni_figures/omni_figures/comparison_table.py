@@ -16,7 +16,7 @@ from rich.text import Text
 
 from omni_loop.metrics import Metric
 
-_SMALL = 0.2  # [m] below which lengths are told in millimeters
+_SMALL = 0.2  # [m] below which lengths are shown in millimeters
 _DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 _ANY_WIDTH = 10_000  # more than any table needs
@@ -109,7 +109,7 @@ def _table(
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit of a row and its entries in it: lengths of millimeters are told as such.
+    """Return the unit of a row and its entries in it: short lengths are in millimeters.
 
     Args:
         entries: of one quantity, None where a column lacks it.
@@ -125,7 +125,7 @@ def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric |
 def _in_row(
     quantity: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]], metric: Metric
 ) -> list[Metric]:
-    """Return a metric as its row tells it."""
+    """Return a metric in the unit of its row."""
     unit, _ = in_small_units([metrics.get(quantity) for metrics in metrics_by_variant.values()])
     return [_times(metric, 1000.0, unit) if unit != metric.unit else metric]
 

@@ -11,7 +11,7 @@ import numpy as np
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
 
-# The mount of a wheel does not tell its width: drawn this wide, in diameters.
+# Width of a drawn wheel in diameters; the configuration has no wheel width.
 _WHEEL_WIDTH = 0.45
 
 
@@ -94,7 +94,7 @@ class Scene:
 
     @property
     def drawn_points(self) -> FloatArray:
-        """Points in the body frame [m] between which all of the vehicle lies, shape (M, 2)."""
+        """Points in the body frame [m] whose convex hull contains the vehicle, shape (M, 2)."""
         points = [self.chassis, *self.wheel_outlines]
         points += [np.array([p]) for p in (self.load, self.center_of_gravity) if p is not None]
         return np.concatenate(points)

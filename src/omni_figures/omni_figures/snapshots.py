@@ -3,7 +3,7 @@
 The first snapshot is the start of braking, the last one the final position. Those between them
 follow at about equal distances along the longest path of all variants, at round times, and as
 many as there is room for. Every variant shows the same moments, so that they compare; where its
-vehicle or arrow would lie on one that is already there, it shows a moment close by, or none.
+vehicle or arrow would overlap an earlier one, a moment close by is shown, or none.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from omni_platform.quantities import FloatArray
 _MOST_BETWEEN = 5
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
 _SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, the best first
-# Arrows shorter than this, in lengths of the chassis, say nothing.
+# Arrows shorter than this are omitted, in lengths of the chassis.
 _SHORTEST_ARROW = 0.1
-# How far the tip of an arrow or a load on its arm stays away from other snapshots, likewise.
+# Least distance of an arrow's tip or of a load from other snapshots, in lengths of the chassis.
 _CLEARANCE = 0.1
 
 
@@ -145,7 +145,7 @@ def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
 def _free_instants(
     scene: Scene, span: _Span, instants: Iterable[float], step: float, arrow_scale: float
 ) -> list[float]:
-    """Return times at or near `instants` at which no snapshot lies on another, in order."""
+    """Return times at or near `instants` at which no snapshots overlap, in order."""
     last = len(span.history.stamp_ns) - 1
     taken = [snapshot_outlines(scene, span.history, i, arrow_scale) for i in (span.start, last)]
     free = []

@@ -1,6 +1,6 @@
 """What the project's figures share: colors, sizes, and how they reach a file.
 
-Colors are those of M. Okabe and K. Ito, which readers with any common color vision tell apart.
+Colors are those of M. Okabe and K. Ito, which readers with any common color vision can distinguish.
 Figures are made with matplotlib's objects, never with pyplot. Importing this module makes
 ``omni.mplstyle`` the look of all figures of the process.
 """

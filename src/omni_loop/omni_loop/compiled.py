@@ -1,10 +1,9 @@
 """The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
 
-Vehicle and control law are those of the simulator and of the brake assistant, the same compiled
-functions; what is left out is what such a run does not
-need: line cameras, odometry and messages. A run gives the same bits as
-`loop.run_closed_loop` with ``feedback: velocity_sensor``. A law from outside is asked between
-the two compiled halves of a step.
+It calls the compiled functions of the simulator and of the brake assistant and leaves out line
+cameras, odometry and messages. A run gives the same bits as `loop.run_closed_loop` with
+``feedback: velocity_sensor``. A user's control law is called between the two compiled halves of a
+step.
 """
 
 from __future__ import annotations
@@ -70,8 +69,8 @@ class Record(NamedTuple):
     Attributes:
         motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
             in the body frame [m/s, m/s, rad/s], shape (T, 6).
-        feedback: twist that the brake assistant was told [m/s, m/s, rad/s], shape (T, 3).
-        trusted: whether the fail-safe let the assistant release brakes, shape (T,).
+        feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
+        trusted: whether all inputs were valid, so that brakes could be released, shape (T,).
         energy: of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
         wheel_angle: [rad], shape (T, N).
         wheel_speed: [rad/s], shape (T, N).
@@ -105,7 +104,7 @@ class FastRun:
         wheel_names: of the columns.
         period_ns: control period [ns].
         pedal: the driver's brake demand 0..1, shape (T,).
-        record: what was written down.
+        record: time histories.
         stopped: whether the vehicle came to rest within the limit of the duration.
         tipping_steps: physics steps in which the vehicle would have tipped over.
     """
@@ -163,7 +162,7 @@ class FastRun:
 
 
 class _Loop(NamedTuple):
-    """What the loop kernel needs beside vehicle and law; T stamps at most."""
+    """Inputs of the loop kernel besides vehicle and law; T stamps at most."""
 
     period_ns: int
     steps: int
@@ -174,21 +173,21 @@ class _Loop(NamedTuple):
     brake_torque: float
     clutch_threshold: float
     clutch_stiffness: float
-    measures: bool  # whether anybody listens to IMU and encoders, or a sensor lies
+    measures: bool  # whether IMU and encoders are simulated: they are used, or a fault is injected
     enabled: bool
     end: End
 
 
 class _Sensors(NamedTuple):
-    """Sensors with what they remember, and their noise; K stamps of a piece of the run."""
+    """Sensors with their state and noise; K stamps of a chunk of the run."""
 
     velocity: SensorConstants
-    held: NDArray[np.void]  # of the velocity sensor
-    draws: FloatArray  # of its noise, -1..1, for one sample after the other, (T or 1, 3)
-    drawn: IntArray  # how many of them, (1,)
+    held: NDArray[np.void]  # last sample of the velocity sensor
+    draws: FloatArray  # uniform noise of the velocity sensor by sample, -1..1, (T or 1, 3)
+    drawn: IntArray  # number of samples taken so far, (1,)
     instruments: Instruments
     noise: FloatArray  # standard normal draws of the others, (K, D)
-    rest: NDArray[np.void]  # since when the vehicle stands still
+    rest: NDArray[np.void]  # time since which the vehicle is at rest
 
 
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
@@ -198,8 +197,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         configuration: the whole loop.
 
     Raises:
-        ConfigurationError: the feedback is optical, or its stamps are too far apart for the
-            assistant.
+        ConfigurationError: the feedback is optical, or the sampling period of the velocity sensor
+            is too long for the assistant.
     """
     _check(configuration)
     driver = ScriptedDriver(configuration.maneuver)
@@ -222,8 +221,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     if loop.measures:
         seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
         noise = np.random.default_rng(seed)
-    desk = _new_desk(len(vehicle.wheel_names), loop.steps)
-    run = _Run(vehicle.state, assist, memory, sensors, loop, desk, record)
+    scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
+    run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
     used, outcome = 0, RUNNING
     while outcome == RUNNING and used < stamps:
         time = used * loop.period_ns * 1e-9
@@ -232,7 +231,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         last = min(_CHUNK * (used // _CHUNK + 1), stamps)
         if later.size:
             last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
-        if loop.measures and used % _CHUNK == 0:  # drawn piece by piece: most runs are short
+        if loop.measures and used % _CHUNK == 0:  # drawn by chunk: most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
@@ -250,7 +249,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
 def _check(configuration: ExperimentConfiguration) -> None:
     if configuration.feedback != "velocity_sensor":
         raise ConfigurationError(
-            "feedback", f"is {configuration.feedback}, the fast loop has only the velocity_sensor"
+            "feedback", f"is {configuration.feedback}, must be velocity_sensor in the fast loop"
         )
     if configuration.vehicle.wheel_model == "mujoco":
         raise ConfigurationError("vehicle.wheel_model", "is mujoco, which the fast loop lacks")
@@ -312,8 +311,8 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
     )
 
 
-class _Desk(NamedTuple):
-    """Arrays that a stamp is worked on with, N wheels."""
+class _Scratch(NamedTuple):
+    """Scratch buffers of one stamp, N wheels."""
 
     covariance: FloatArray  # (3, 3)
     imu: FloatArray  # (3,)
@@ -326,8 +325,8 @@ class _Desk(NamedTuple):
     log: Log  # of a control period
 
 
-def _new_desk(wheels: int, steps: int) -> _Desk:
-    return _Desk(
+def _new_scratch(wheels: int, steps: int) -> _Scratch:
+    return _Scratch(
         np.empty((3, 3)),
         np.full(3, np.nan),
         np.full(wheels, np.nan),
@@ -341,41 +340,41 @@ def _new_desk(wheels: int, steps: int) -> _Desk:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _advance(state: State, loop: _Loop, desk: _Desk, stamp: int, yaw: float) -> None:
+def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does."""
-    pedal, twist = loop.pedal[stamp], desk.command
+    pedal, twist = loop.pedal[stamp], scratch.command
     for j in range(3):
         twist[j] = loop.command[stamp, j]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     control = Control(
         pedal * loop.brake_torque,
-        desk.enable,
+        scratch.enable,
         loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
         twist,
         loop.hold_world,
         0.0,
         0.0,
     )
-    dynamics.advance(state, control, desk.log)
+    dynamics.advance(state, control, scratch.log)
 
 
 class _Run(NamedTuple):
-    """A run on its way."""
+    """State of a run in progress."""
 
     state: State
     assist: Constants
     memory: Memory
     sensors: _Sensors
     loop: _Loop
-    desk: _Desk
+    scratch: _Scratch
     record: Record
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _listen(run: _Run, stamp: int) -> Inputs:
-    """Return what the assistant hears at a stamp; record the motion and the feedback."""
-    state, sensors, loop, desk = run.state, run.sensors, run.loop, run.desk
+    """Return the inputs of the assistant at a stamp; record the motion and the feedback."""
+    state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
     base_motion(state.body[0], state.plant.center, motion)
@@ -385,28 +384,30 @@ def _listen(run: _Run, stamp: int) -> Inputs:
     sensors.drawn[0] += due
     taken_ns = read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
-        for i in range(desk.angle.size):
-            desk.angle[i], desk.speed[i] = state.wheels[i].angle, state.wheels[i].speed
+        for i in range(scratch.angle.size):
+            scratch.angle[i], scratch.speed[i] = state.wheels[i].angle, state.wheels[i].speed
         truth = Truth(
             stamp,
             loop.period_ns,
             motion,
             (state.body[0].tilt_x, state.body[0].tilt_y),
-            desk.angle,
-            desk.speed,
+            scratch.angle,
+            scratch.speed,
         )
         noise = sensors.noise[stamp % sensors.noise.shape[0]]
-        measure(sensors.instruments, truth, noise, Readings(feedback, desk.imu, desk.wheel_speed))
-    state_covariance(velocity, feedback, desk.covariance)
+        measure(
+            sensors.instruments, truth, noise, Readings(feedback, scratch.imu, scratch.wheel_speed)
+        )
+    state_covariance(velocity, feedback, scratch.covariance)
     validity = VALID if loop.measures else MISSING
     return Inputs(
         now_ns,
         loop.pedal[stamp],
         loop.enabled,
         GOOD,
-        TwistSample(taken_ns, feedback, desk.covariance, VALID),
-        WheelSample(now_ns, desk.wheel_speed, validity),
-        ImuSample(now_ns, desk.imu[0], desk.imu[1:], validity),
+        TwistSample(taken_ns, feedback, scratch.covariance, VALID),
+        WheelSample(now_ns, scratch.wheel_speed, validity),
+        ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity),
     )
 
 
@@ -415,52 +416,52 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
     for stamp in range(first, last):
         inputs = _listen(run, stamp)
-        assist_step(run.assist, run.memory, inputs, run.desk.error, run.desk.enable)
-        outcome = _go_on(run, stamp)
+        assist_step(run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable)
+        outcome = _record_and_advance(run, stamp)
         if outcome != RUNNING:
             return stamp + 1, outcome
     return last, RUNNING
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop with a law from outside between its two compiled halves; as `_run_part`."""
-    error, enable = run.desk.error, run.desk.enable
+    """Do what `_run_part` does, with a user's law between the two compiled halves of a step."""
+    error, enable = run.scratch.error, run.scratch.enable
     for stamp in range(first, last):
-        inputs, ready, motion = _hear(run, stamp)
+        inputs, ready, motion = _receive(run, stamp)
         answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
         act(run.assist, run.memory, inputs, Asked(ready, motion, answer), error, enable)
-        outcome = _go_on(run, stamp)
+        outcome = _record_and_advance(run, stamp)
         if outcome != RUNNING:
             return stamp + 1, outcome
     return last, RUNNING
 
 
 @kernel
-def _hear(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
-    """Return what the assistant hears, whether to ask the law and what to ask it with."""
+def _receive(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
+    """Return the inputs of the assistant, whether the law is to be called, and its input."""
     inputs = _listen(run, stamp)
-    run.desk.error[:] = 0.0
+    run.scratch.error[:] = 0.0
     ready, motion = listen(run.assist, run.memory, inputs)
     return inputs, ready, motion
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _go_on(run: _Run, stamp: int) -> int:
-    """Record a stamp and advance unless the run is over; return how far it is."""
-    state, loop, desk, record = run.state, run.loop, run.desk, run.record
+def _record_and_advance(run: _Run, stamp: int) -> int:
+    """Record a stamp and advance unless the run is over; return the outcome so far."""
+    state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
     record.trusted[stamp] = not run.memory.step[0].faulty
     stored = energies(state)
     record.energy[stamp] = stored.translation + stored.rotation + stored.spin + stored.elastic
-    for i in range(desk.enable.size):
+    for i in range(scratch.enable.size):
         wheel = state.wheels[i]
         record.wheel_angle[stamp, i] = wheel.angle
         record.wheel_speed[stamp, i] = wheel.speed
         record.brake_torque[stamp, i] = wheel.brake
-        record.enable[stamp, i] = desk.enable[i]
-        record.error[stamp, i] = desk.error[i]
+        record.enable[stamp, i] = scratch.enable[i]
+        record.error[stamp, i] = scratch.error[i]
     motion = record.motion[stamp]
     now_ns, speed = stamp * loop.period_ns, rim_speed(motion[3:6])
     outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == RUNNING:
-        _advance(state, loop, desk, stamp, motion[2])
+        _advance(state, loop, scratch, stamp, motion[2])
     return outcome

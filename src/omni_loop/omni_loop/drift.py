@@ -55,15 +55,15 @@ def absolute_error(truth: FloatArray, path: FloatArray) -> float:
 
 
 def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
-    """Return the error of a path over pieces of the way.
+    """Return the error of a path over segments of the path.
 
     Args:
         truth: poses x, y, yaw [m, m, rad], shape (T, 3).
-        path: likewise, at the same stamps.
-        delta: way between the two poses of a piece [m].
+        path: poses x, y, yaw at the same stamps [m, m, rad], shape (T, 3).
+        delta: length of a segment [m].
 
     Returns:
-        Root mean square of the error's translation [m], NaN without a piece, and their number.
+        Root mean square of the error's translation [m], NaN without a segment; number of segments.
     """
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
     pairs, first, way = [], 0, 0.0

@@ -1,10 +1,10 @@
 """Experiments: one typed configuration for the whole loop, its variants, and overrides.
 
-An experiment file says only what differs from the defaults. Parts are named and found in
-``config/``: ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``; a
-vehicle names its tire in the same way. A variant and a ``--set`` override are laid over the result
-in turn, so that every value of the tree can be reached by its dotted key. Where one of them names
-another part, this comes first, and what the others say of the part is laid over it.
+An experiment file lists only values that differ from the defaults. Parts are referred to by name:
+``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``, and a vehicle refers
+to its tire in the same way. The variant and then each ``--set`` override are merged into the
+result; every value can be reached by its dotted key. If a variant or an override names another
+part, that part is read first, and the other values for it are merged into it.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from omni_sim.configuration import SimulationConfiguration, SimulatorConfigurati
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 
-# Where the value of a dotted key may be the name of a file instead of a mapping; a part of a part
-# comes after it.
+# Dotted keys whose value may be the name of a file instead of a mapping, and the folder of the
+# file. A nested part comes after the one that contains it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
-_DEMANDS = "maneuver.demands"  # whose value may be a table or a recording
-_DEEPEST = 20  # parts of a key
-_LONGEST_BATCH = 0.4  # of which half can be told as a delay [s]
+_DEMANDS = "maneuver.demands"  # key whose value may be a table or a recording
+_DEEPEST = 20  # levels of a dotted key
+_LONGEST_BATCH = 0.4  # [s], twice the largest `feedback_delay`
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 # Files of a vehicle's own folder, by kind.
 _IN_FOLDER = {"vehicles": "vehicle.yaml", "experiments": "experiment.yaml"}
 _EXPERIMENTS = "experiments"
-# What must be said of a vehicle, in a file of its own or in an experiment.
+# Values that a vehicle must define, in its own file or in an experiment.
 _REQUIRED = (
     *("wheels", "chassis_length", "chassis_width", "body", "body.yaw_inertia"),
     *("tire", "brake", "brake.max_torque", "drive", "drive.max_torque", "drive.stiffness"),
@@ -57,7 +57,7 @@ _REQUIRED = (
 )
 
 FEEDBACKS = ("optical", "velocity_sensor")
-"""What the brake assistant may listen to without a class from outside."""
+"""Built-in sources of the twist for the brake assistant."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,36 +67,36 @@ class ExperimentConfiguration(SimulatorConfiguration):
     description: str = parameter("", description="What the experiment shows")
     feedback: str = parameter(
         "optical",
-        description="What the brake assistant listens to: optical is the line-scan odometry, "
+        description="Source of the assistant's twist: optical is the line-scan odometry, "
         "velocity_sensor the noisy sampled velocity sensor (60), (61); my_module:MyOdometry is a "
-        "class of your own that hears the lines, see docs/extending.md",
+        "class of your own that receives the lines, see docs/extending.md",
     )
     odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
     brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
 
     @property
-    def hears_lines(self) -> bool:
+    def uses_lines(self) -> bool:
         """Whether the brake assistant depends on the lines of the cameras."""
         return self.feedback != "velocity_sensor"
 
     @property
     def twist_period(self) -> float:
-        """Time between two twists that the assistant hears [s], 0 if every step has its own."""
-        return 0.0 if self.hears_lines else self.velocity_sensor.sample_time
+        """Time between two twists that the assistant receives [s], 0 for one in every step."""
+        return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
     def own_odometry(self) -> str:
-        """Name of the odometry from outside that hears the lines, empty for the built-in one."""
+        """Name of the user's odometry class, empty for the built-in odometry."""
         return "" if self.feedback in FEEDBACKS else self.feedback
 
     def check_consistency(self) -> None:
-        """Refuse a loop in which a node would wait for what nobody sends.
+        """Refuse a loop in which a node would wait for messages that no node publishes.
 
-        Nodes must know the wheels and line cameras that there are. Their places may differ, which
-        misleads the nodes; their names say who is meant.
+        Nodes must be configured with the names of the vehicle's wheels and line cameras. The
+        configured positions may differ from the true ones, to study such errors.
 
         Raises:
-            ConfigurationError: names the wheel or camera, or the feedback.
+            ConfigurationError: names of wheels or cameras differ, or the feedback does not fit.
         """
         super().check_consistency()
         check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
@@ -107,24 +107,24 @@ class ExperimentConfiguration(SimulatorConfiguration):
         if not self.sensors and max(rates, default=0.0) * self.simulation.control_period < 1.0:
             raise ConfigurationError(
                 "flow_sensors",
-                "without line cameras one must measure in every control period of "
+                "without line cameras, one must measure in every control period of "
                 f"{self.simulation.control_period:g} s; set its rate",
             )
-        if self.hears_lines and not self.simulation.render_lines:
+        if self.uses_lines and not self.simulation.render_lines:
             raise ConfigurationError(
                 "simulation.render_lines",
                 "must be true for optical feedback; feedback=velocity_sensor needs no lines",
             )
 
     def check_drivable(self) -> None:
-        """Refuse what cannot work with a simulated vehicle, and parts from outside that fail.
+        """Refuse odometries that need an axle, and user's classes that cannot be created.
 
-        Such a vehicle has no axle that grips sideways; a recording may be of one that has, and be
-        replayed with the same configuration.
+        A simulated vehicle has no axle that resists lateral slip. A recorded vehicle may have one,
+        so this is not checked for replays.
 
         Raises:
-            ConfigurationError: the odometry needs such an axle for its twist, a law or an
-                odometry from outside cannot be imported or made, or MuJoCo is not installed.
+            ConfigurationError: the odometry needs such an axle for its twist, a user's law or
+                odometry cannot be imported or created, or MuJoCo is not installed.
         """
         if self.vehicle.wheel_model == "mujoco":
             load_mujoco()
@@ -139,7 +139,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
         except ConfigurationError:
             raise ConfigurationError(
                 "odometry.kinematics.constraint",
-                "wheels with rollers slip sideways, so no axle of this vehicle can stand in for a "
+                "wheels with rollers slip sideways, so no axle of this vehicle can replace a "
                 f"sensor; {', '.join(odometry.all_sensors)} must measure the twist by themselves",
             ) from None
 
@@ -169,8 +169,8 @@ class ExperimentLibrary:
 
         Args:
             experiment: its name.
-            overrides: ``dotted.key=value`` texts; where one replaces the control law, a variant
-                that is there for its law is left out.
+            overrides: ``dotted.key=value`` texts; if one replaces the control law, variants that
+                differ in their law are left out.
         """
         variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
         if not any(words.startswith("brake_assist.law=") for words in overrides):
@@ -183,7 +183,7 @@ class ExperimentLibrary:
         return sorted(path.stem for path in (self._folder / kind).glob("*.yaml"))
 
     def named(self, experiment: str, part: str) -> str:
-        """Return the name that an experiment has for a part, such as ``ground``; empty if none."""
+        """Return the name of an experiment's part, such as ``ground``; empty if it is inline."""
         found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
         return found if isinstance(found, str) else ""
 
@@ -218,23 +218,23 @@ class ExperimentLibrary:
             raise ConfigurationError(
                 join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
             )
-        # Whatever is said of a part is laid over the one that is named last, also if said before.
+        # Values for a part are merged into the part that is named last, whatever their order.
         named: dict[str, str] = {}
         layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
         names = [_nest(path, named[path]) for path in _PARTS if path in named]
         for layer in (*names, *layers):
             tree = merge(tree, self._resolve(layer, near=near))
-        # The nodes are told where things are mounted, unless an experiment misleads them.
+        # Nodes are configured with the true mounting unless an experiment sets another one.
         for kind in ("sensors", "flow_sensors"):
-            _tell(tree, "odometry", kind, tree.get(kind))
+            _set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        _tell(tree, "brake_assist", "wheels", wheels)
+        _set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
             _check_complete(vehicle, "vehicle", experiment)
-            _tell(tree, "brake_assist", "brake", vehicle.get("brake"))
-            _tell(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
-        _tell(tree, "brake_assist", "feedback_delay", _age_of_twist(tree))
+            _set_default(tree, "brake_assist", "brake", vehicle.get("brake"))
+            _set_default(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
+        _set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -250,7 +250,7 @@ class ExperimentLibrary:
         return from_mapping(_VehicleAlone, self._resolve({"vehicle": name})).vehicle
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
-        """Read line cameras alone; whether their placement is singular is not asked.
+        """Read line cameras alone, without a check that their placement is regular.
 
         Args:
             name: of a file in ``sensors/``, or a path that ends in ``.yaml``.
@@ -317,7 +317,7 @@ class ExperimentLibrary:
 
 
 def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
-    """Return the effective configuration that lies beside a recording, with overrides.
+    """Return the effective configuration stored with a recording, with overrides.
 
     Args:
         text: of a ``configuration.yaml`` as a run writes it.
@@ -339,14 +339,14 @@ def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentC
 
 
 def _nearest(name: str, near: Path | None) -> str:
-    """Return a path that is given relative to the file that names it; other names as they are."""
+    """Resolve a path relative to the file that contains it; return other names unchanged."""
     if near is not None and name.endswith(".yaml") and (near / name).is_file():
         return str(near / name)
     return name
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Refuse a vehicle for which another one's values would stand in unseen."""
+    """Refuse a vehicle that would silently take a default for a value specific to a vehicle."""
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):
@@ -354,13 +354,13 @@ def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
         if value is None:
             raise ConfigurationError(
                 join_key(key, required),
-                f"is missing in {name}, and no other vehicle's value would do; measure it, or take "
-                "the estimate that ./omni new-vehicle makes",
+                f"is missing in {name} and has no default; measure it, or use the estimate of "
+                "./omni new-vehicle",
             )
 
 
 class _Part(dict[str, Any]):
-    """A part read by its name: it replaces what was there instead of being laid over it."""
+    """A part read from a file: it replaces the value before instead of being merged into it."""
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -408,7 +408,7 @@ LARGEST_YAML = 1 << 20
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML in which 1e-3 is a number, which YAML 1.1 takes for a text, and no key is repeated."""
+    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and refuses repeated keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
@@ -428,7 +428,7 @@ _Loader.add_implicit_resolver(
 
 
 def load_yaml(text: str) -> Any:
-    """Return what a YAML text says, with numbers such as 1e-3 as numbers.
+    """Return the content of a YAML text, with numbers such as 1e-3 as numbers.
 
     Raises:
         yaml.YAMLError: it is no YAML.
@@ -462,36 +462,36 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
     return variants
 
 
-def _tell(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Lay what the tree tells a node over the truth; what does not fit is left to be refused."""
-    told = tree.get(node, {})
-    if isinstance(told, Mapping) and truth is not None:
-        tree[node] = merge({name: truth}, told)
+def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Set a value of a node to the true one where the tree does not configure it."""
+    configured = tree.get(node, {})
+    if isinstance(configured, Mapping) and truth is not None:
+        tree[node] = merge({name: truth}, configured)
 
 
-def _age_of_twist(tree: Mapping[str, Any]) -> float | None:
-    """Return by how much the odometry's twist is older than its stamp [s]; None if it is not known.
+def _twist_delay(tree: Mapping[str, Any]) -> float | None:
+    """Return the delay of the odometry's twist relative to its stamp [s]; None if unknown.
 
-    It is the mean over a batch of lines and bears the stamp of the newest: half a batch.
+    The twist is the mean over a batch of lines, stamped with the newest: the delay is half a batch.
     """
     if tree.get("feedback", "optical") != "optical":
         return None
     simulation = tree.get("simulation", {})
-    told = simulation.get("control_period") if isinstance(simulation, Mapping) else None
-    period = SimulationConfiguration().control_period if told is None else told
+    configured = simulation.get("control_period") if isinstance(simulation, Mapping) else None
+    period = SimulationConfiguration().control_period if configured is None else configured
     usable = isinstance(period, int | float) and 0.0 < period <= _LONGEST_BATCH
     return 0.5 * period if usable else None
 
 
-def _check_names(key: str, told: Iterable[str], true: Iterable[str]) -> None:
-    if set(told) != set(true):
+def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> None:
+    if set(names) != set(known):
         raise ConfigurationError(
-            key, f"names {', '.join(told)}, must name what there is: {', '.join(true)}"
+            key, f"has the names {', '.join(names)}, must have: {', '.join(known)}"
         )
 
 
 def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay one tree over another; mappings merge, anything else replaces."""
+    """Merge a tree into another; values that are not mappings replace those before."""
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)

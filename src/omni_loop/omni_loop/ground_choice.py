@@ -75,10 +75,10 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
 
 
 def is_picture(ground: str) -> bool:
-    """Tell a picture from the name of a ground: by its suffix, or as a file that is no YAML.
+    """Return whether a ground is given by a picture: by its suffix, or as a file other than YAML.
 
     Args:
-        ground: what stands for the ground.
+        ground: name of a ground or path of a file.
     """
     path = Path(ground)
     return path.suffix.lower() in _SUFFIXES or (path.suffix != ".yaml" and path.is_file())

@@ -25,32 +25,32 @@ from omni_sim.simulator import Observation, Simulator
 
 
 class Plant(Protocol):
-    """What is braked: the simulator."""
+    """The vehicle to be braked: the simulator."""
 
     def observe(self) -> Observation:
         """Return state and measurements at the current stamp."""
 
     def advance(self, brake_enable: FloatArray) -> None:
-        """Go on by one control period with these shares of the brake pressure, shape (N,)."""
+        """Advance by one control period with these shares of the brake pressure [1], shape (N,)."""
 
 
 class Estimator(Protocol):
-    """What tells the controller how the plant moves: an odometry, or a velocity sensor."""
+    """Source of the body twist: an odometry or a velocity sensor."""
 
     def estimate(self, observation: Observation) -> TwistSample:
-        """Return the twist that the measurements show; called once per stamp."""
+        """Return the twist estimated from the measurements; called once per stamp."""
 
 
 class Controller(Protocol):
-    """What decides which brakes act: the brake assistant."""
+    """Decides which brakes act: the brake assistant."""
 
     def update(self, demand: BrakeDemand) -> Decision:
-        """Answer the driver's demand."""
+        """Return the brake enables for the driver's demand."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
-    """What each part of the loop said at a control stamp.
+    """Outputs of the parts of the loop at a control stamp.
 
     Attributes:
         observation: of the plant.
@@ -68,8 +68,8 @@ def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterato
 
     Args:
         plant: advances by a control period after every moment but the last that is asked for.
-        estimator: hears every observation.
-        controller: answers every one.
+        estimator: receives every observation.
+        controller: called with every estimate.
     """
     while True:
         observation = plant.observe()
@@ -91,7 +91,7 @@ def _demand(observation: Observation, feedback: TwistSample) -> BrakeDemand:
 
 
 class SensorEstimator:
-    """Takes the velocity sensor at its word."""
+    """Passes the readings of the velocity sensor through."""
 
     def estimate(self, observation: Observation) -> TwistSample:
         """Return its reading."""
@@ -99,10 +99,10 @@ class SensorEstimator:
 
 
 class LineEstimator:
-    """Hands the lines of the cameras to an odometry.
+    """Passes the lines of the cameras to an odometry.
 
     Attributes:
-        last: what it answered last.
+        last: its latest estimate, None before the first.
     """
 
     def __init__(self, odometry: Odometry) -> None:
@@ -110,7 +110,7 @@ class LineEstimator:
         self.last: TwistEstimate | None = None
 
     def estimate(self, observation: Observation) -> TwistSample:
-        """Return what the odometry makes of the lines since the last stamp."""
+        """Return the twist over the lines since the last stamp."""
         for name, batch in observation.line_batches.items():
             self._odometry.match(name, batch)  # while the next is rendered
         self.last = self._odometry.update({**observation.line_batches, **observation.flows})
@@ -118,7 +118,7 @@ class LineEstimator:
 
 
 def make_estimator(configuration: ExperimentConfiguration) -> Estimator:
-    """Return what the brake assistant of a configuration listens to."""
+    """Return the source of the twist for the brake assistant of a configuration."""
     if configuration.own_odometry or configuration.feedback == "optical":
         return LineEstimator(make_odometry(configuration.own_odometry, configuration.odometry))
     return SensorEstimator()
@@ -149,17 +149,17 @@ def run_closed_loop(
 def _until_over(
     configuration: ExperimentConfiguration, moments: Iterable[Moment]
 ) -> Iterator[tuple[Moment, TwistSample | None]]:
-    """Yield the moments of a run with what an odometry says at each, None without lines."""
+    """Yield the moments of a run with the twist of the odometry at each, None without lines."""
     progress = RunProgress(configuration)
-    # An odometry on which the assistant does not depend is heard by the record alone.
-    witness: Estimator | None = None
-    if configuration.simulation.render_lines and not configuration.hears_lines:
-        witness = LineEstimator(make_odometry("", configuration.odometry))
+    # The assistant does not depend on this odometry; its estimate is only recorded.
+    recorded: Estimator | None = None
+    if configuration.simulation.render_lines and not configuration.uses_lines:
+        recorded = LineEstimator(make_odometry("", configuration.odometry))
     for moment in moments:
-        if witness is not None:
-            yield moment, witness.estimate(moment.observation)
+        if recorded is not None:
+            yield moment, recorded.estimate(moment.observation)
         else:
-            yield moment, moment.feedback if configuration.hears_lines else None
+            yield moment, moment.feedback if configuration.uses_lines else None
         progress.update(moment.observation)
         if progress.finished:
             return
@@ -172,7 +172,7 @@ def record(
 
     Args:
         wheel_names: of the plant.
-        moments: one per control stamp, with what an odometry said, None if there is none.
+        moments: one per control stamp, with the twist of the odometry, None if there is none.
     """
     samples: dict[str, list[Any]] = {}
     states: list[str] = []

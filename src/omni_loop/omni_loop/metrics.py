@@ -98,8 +98,8 @@ class RestCriterion:
     comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
     that from then on it never again exceeds the larger `rocking` limits. A vehicle that slows down
     at a reaches this `speed` / a early (20 ms at 5 m/s^2).
-    A run ends by another rule, `omni_sim.run_progress.run_outcome`: while it goes on nobody knows
-    whether the vehicle will rock once more, so it must have stood still for a while.
+    A run ends by another rule, `omni_sim.run_progress.run_outcome`: future rocking is not known
+    while it goes on, so the vehicle must have been at rest for a while.
 
     Attributes:
         speed: of `base_link` [m/s].
@@ -148,7 +148,7 @@ def run_metrics(
 
 
 def still_rolls(history: RunHistory) -> bool:
-    """Tell whether a vehicle moves at the end of its history though its pedal is down."""
+    """Return whether a vehicle moves at the end of its history though its pedal is down."""
     start = history.brake_start
     if start is None or not history.pedal[-1] > 0.0:
         return False

@@ -19,7 +19,7 @@ MOST = 1000
 """Runs of a sweep at most."""
 
 SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
-"""What table and picture of a sweep tell."""
+"""Quantities in the table and the figure of a sweep."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SweptRun:
 
 
 def is_swept(override: str) -> bool:
-    """Tell whether a ``dotted.key=value`` text stands for several values."""
+    """Return whether a ``dotted.key=value`` text stands for several values."""
     _, _, value = override.partition("=")
     return "," in value and not value.lstrip().startswith(("[", "{", '"', "'"))
 

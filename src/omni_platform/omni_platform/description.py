@@ -21,8 +21,8 @@ def urdf(
 ) -> str:
     """Return a vehicle as a URDF.
 
-    `base_link` lies on the ground under the platform's center. The joint of a wheel has the wheel's
-    name, so that `wheel_states` are its joint states; a camera's frame lies in its footprint, x
+    `base_link` is on the ground under the platform's center. The joint of a wheel has the wheel's
+    name, so that `wheel_states` are its joint states; a camera's frame is in its footprint, x
     along the measuring direction.
 
     Args:

@@ -1,6 +1,6 @@
 """Where the wheels sit and which way they push: the directions of Figures 13 and 14.
 
-Frames follow REP-103: the body frame `base_link` lies at the geometric center of the platform,
+Frames follow REP-103: the body frame `base_link` is at the geometric center of the platform,
 x forward, y left, z up. `k` is the unit ground normal, so that for vectors in the ground plane
 ``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
 

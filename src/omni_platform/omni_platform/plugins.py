@@ -100,7 +100,7 @@ def load_class(
         raise ConfigurationError(
             key,
             f"{name!r}: cannot import {module_name!r} ({type(error).__name__}: {error}); it must "
-            "lie in the working directory or on PYTHONPATH",
+            "be in the working directory or on PYTHONPATH",
         ) from None
     found = getattr(module, class_name, None)
     if not isinstance(found, type):

@@ -1,4 +1,4 @@
-"""A rosbag2 folder as it lies on the disk: its metadata and its files.
+"""A rosbag2 folder on the disk: its metadata and its files.
 
 Nothing outside the folder is ever opened, whatever ``metadata.yaml`` names, and nothing that is
 not a regular file. A single ``.mcap`` file counts as a bag without metadata.
@@ -36,7 +36,7 @@ _VEHICLE_TOPIC = re.compile(
     r"|line_scan/[^/]+/lines)"
 )
 _INFORMATION = "rosbag2_bagfile_information"
-_WINDOW_NS = 1_000_000_000  # [ns] by which a message may lie too late in the file
+_WINDOW_NS = 1_000_000_000  # [ns] by which a message may be out of order in the file
 _MOST_WAITING = 1 << 27  # [B] of messages held back at a time
 
 
@@ -148,7 +148,7 @@ def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]
 
 
 def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:
-    """Return every message, file after file, in the order in which they lie there.
+    """Return every message, file after file, in the order of the files.
 
     Raises:
         BagError: a file is damaged, cut off or foreign at this place.

@@ -108,7 +108,7 @@ class McapSummary:
 
 
 class McapMessages:
-    """Reads the messages of one file in the order in which they lie there.
+    """Reads the messages of one file in the order of the file.
 
     Args:
         path: a regular file.

@@ -75,7 +75,7 @@ class RecorderNode(Node):
             self.writer, {topic.name: topic.definition for topic in topics}
         )
         self._begin()
-        heard = []
+        guarded = []
         for topic, kind in kinds.items():
             qos = QoSProfile(
                 depth=configuration.queue_depth,
@@ -85,8 +85,8 @@ class RecorderNode(Node):
             callback = partial(self._on_message, topic)
             subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
             if topic not in SHARED_TOPICS:
-                heard.append(subscription)
-        self._guard = PublisherGuard(self, heard)
+                guarded.append(subscription)
+        self._guard = PublisherGuard(self, guarded)
         self._strict = configuration.strict
 
     def _prepare_transforms(

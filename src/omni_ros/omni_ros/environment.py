@@ -18,7 +18,7 @@ REPORT_VARIABLE = "OMNI_REPORT_FD"
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
-_LARGEST_DOMAIN = 232  # the UDP ports of a larger one would lie above 65535
+_LARGEST_DOMAIN = 232  # the UDP ports of a larger one would exceed 65535
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 

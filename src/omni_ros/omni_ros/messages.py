@@ -61,8 +61,8 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: CDR with its encapsulation header, of a type that begins with a
             `builtin_interfaces/Time`.
-        of_list: whether it begins with a list of messages of such a type instead, the first of
-            which tells.
+        of_list: whether it begins with a list of messages of such a type instead; the stamp of
+            the first one is returned.
 
     Returns:
         The stamp, or None where it is missing or before zero, which no recording can hold.

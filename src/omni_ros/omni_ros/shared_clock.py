@@ -1,4 +1,4 @@
-"""The publisher of simulated time: of several simulators in a ROS domain the first one."""
+"""Simulated time is published by the first of several simulators in a ROS domain."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ _PERIOD = 0.1  # [s] between two checks of the publishers
 class SharedClock:
     """Publishes `/clock` only while no other node does, so that time never runs back.
 
-    It listens before it talks: a simulator that joins others has no publisher of `/clock` until
-    its publisher has gone.
+    A simulator that joins others creates its publisher of `/clock` once theirs has ended.
 
     Args:
         node: that publishes.
-        alone: talk at once, as in a ROS domain of one's own.
+        alone: publish at once, as in a ROS domain without other simulators.
     """
 
     def __init__(self, node: Node, alone: bool) -> None:
@@ -36,10 +35,10 @@ class SharedClock:
         now = time.monotonic()
         if now >= self._due:
             self._due = now + _PERIOD
-            self._look_who_tells()
+            self._check_publishers()
         return self._publisher
 
-    def _look_who_tells(self) -> None:
+    def _check_publishers(self) -> None:
         own = (self._node.get_namespace(), self._node.get_name())
         others = sorted(
             (tuple(other.endpoint_gid), other.node_namespace, other.node_name)
@@ -48,7 +47,7 @@ class SharedClock:
         if self._publisher is None and not others:
             self._publisher = advertise(self._node, Clock, _TOPIC)
         elif others and others[0][1:] != own:
-            # Two that began at the same moment see the same order, and so agree without a word.
+            # Two that began at the same moment see the same order and make the same choice.
             if self._publisher is not None:
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None

@@ -62,7 +62,7 @@ class StatusReporter:
     Args:
         node: the node.
         period: of the steady clock [s], 0 for none.
-        first: what holds until something is known.
+        first: status until the first update.
     """
 
     def __init__(self, node: Node, period: float, first: Status) -> None:
@@ -71,28 +71,28 @@ class StatusReporter:
         self._name = node.get_fully_qualified_name().removeprefix("/")
         self._status = first
         self._key: Hashable = None
-        self._said_ns = -1
+        self._published_ns = -1
         self._logged = OK  # level of what was logged last
-        self._said = False  # since the last look of the timer
-        self._heard: float | None = None  # when there was news, on the steady clock [s]
+        self._published = False  # since the last call of the timer
+        self._updated: float | None = None  # time of the last update on the steady clock [s]
         if period > 0.0:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Take what holds at a stamp [ns]; publish it if the key is another, or after a second."""
-        self._heard = time.monotonic()
-        age_ns = stamp_ns - self._said_ns
-        changed = key != self._key or self._said_ns < 0
+        """Set the status at a stamp [ns]; publish it if the key changes, or after a second."""
+        self._updated = time.monotonic()
+        age_ns = stamp_ns - self._published_ns
+        changed = key != self._key or self._published_ns < 0
         self._status = status
         if changed or not 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
             if changed and key != self._key:
                 self._log(status)
             self._key = key
-            self._said_ns = stamp_ns
-            self._say(stamp_ns, status)
+            self._published_ns = stamp_ns
+            self._publish(stamp_ns, status)
 
     def _log(self, status: Status) -> None:
-        """Show on the screen what needs attention, and its end."""
+        """Log a warning while the status needs attention, and its end."""
         if status.level > OK:
             self._node.get_logger().warning(status.message)
         elif self._logged > OK:
@@ -100,19 +100,21 @@ class StatusReporter:
         self._logged = status.level
 
     def _repeat(self) -> None:
-        silence = 0.0 if self._heard is None else time.monotonic() - self._heard
+        silence = 0.0 if self._updated is None else time.monotonic() - self._updated
         if silence > _SILENCE:
             words = f"no input for {silence:.0f} s; before: {self._status.message}"
-            self._say(self._now_ns(), dataclasses.replace(self._status, level=ERROR, message=words))
-        elif not self._said:
-            self._say(self._now_ns(), self._status)
-        self._said = False
+            self._publish(
+                self._now_ns(), dataclasses.replace(self._status, level=ERROR, message=words)
+            )
+        elif not self._published:
+            self._publish(self._now_ns(), self._status)
+        self._published = False
 
     def _now_ns(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
 
-    def _say(self, stamp_ns: int, status: Status) -> None:
-        self._said = True
+    def _publish(self, stamp_ns: int, status: Status) -> None:
+        self._published = True
         self._publisher.publish(
             diagnostics(stamp_ns, self._name, status.level, status.message, status.values)
         )

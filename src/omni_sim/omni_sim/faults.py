@@ -148,10 +148,10 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
 
 
 @lean
-def _lie(  # noqa: PLR0911, PLR0912 - a line for each kind
+def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
 ) -> float:
-    """Return what a failed axis reads; letters as in the head of the module."""
+    """Return the reading of a faulty axis; symbols as in the docstring of the module."""
     kind: float = row[_KIND]
     a: float = row[_AMPLITUDE]
     period: float = row[_PERIOD]
@@ -223,4 +223,6 @@ def corrupt(
                 # Of the twist only the velocities change places: they have one unit.
                 pair = 2 if channel == TWIST and j < 2 else size
                 other = true[(j + 1) % pair] if j < pair else true[j]
-                values[j] = _lie(row, tau, true[j], faults.held[k, j], delayed[j], other, draw[j])
+                values[j] = _faulty_reading(
+                    row, tau, true[j], faults.held[k, j], delayed[j], other, draw[j]
+                )

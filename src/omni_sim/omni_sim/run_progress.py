@@ -13,7 +13,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Observation
 
-_NEWS = 0.01  # smallest change of the share worth telling
+_NEWS = 0.01  # smallest reported change of the completed share [1]
 _REACH = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
 
 # How far a run is.

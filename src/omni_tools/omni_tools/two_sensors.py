@@ -1,6 +1,6 @@
 """Reference: displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
 
-The reference point R lies on the line between the sensors, sensor 1 at the distance d_1 to its
+The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to its
 left (+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors
 ``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``: an angle from a difference of x means
 sensors along y, and in the order of (75) counter-clockwise is positive if sensor 1 is on the left.

@@ -174,7 +174,7 @@ class BrakeAdapterNode(Node):
         if self._silent("enable", enable_timeout) or late:
             enable = np.ones(len(enable))
             problems.append("enables are late" if late else "no enables")
-            # Without the assistant nobody releases a brake, and no demand is not no braking.
+            # Without enables all brakes act, and a missing pedal means full braking.
             pedal = 1.0
         elif not np.all((enable >= 0.0) & (enable <= 1.0)):
             problems.append("an enable is missing or outside [0, 1]")

@@ -30,7 +30,7 @@ _PRODUCT = 0x49  # of both chips
 _DARK = 0x1F  # upper byte of the longest exposure
 _MOVED = 0x80  # bit of the motion register
 _OTOS_FAULTS = 0xC0  # status bits: the optical chip or the IMU has failed
-_OTOS_WARNINGS = 0x03  # likewise: tilted, or the optical tracking is poor
+_OTOS_WARNINGS = 0x03  # status bits: the chip is tilted, or its optical tracking is poor
 
 
 class FlowChipError(Exception):

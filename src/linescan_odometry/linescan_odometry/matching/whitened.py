@@ -55,7 +55,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
-from omni_platform.aside import aside
+from omni_platform.background import in_background
 from omni_platform.kernels import kernel, njit
 
 Cross = NDArray[np.complex128]
@@ -210,7 +210,7 @@ class WhitenedMatcher:
         if len(lines) < FEWEST_LINES:
             return lambda: None
         work = partial(self._match, self._faded(lines), settled, True)
-        return aside(work, worth=lines.size >= LONG)
+        return in_background(work, worth=lines.size >= LONG)
 
     def _faded(self, lines: Lines) -> Filtered:
         seen: Filtered = np.empty(lines.shape, np.float32)

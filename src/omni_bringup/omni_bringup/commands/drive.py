@@ -49,7 +49,7 @@ class Options(Configuration):
         None, description="control law, built in or my_module:MyLaw (default: the experiment's)"
     )
     no_ice: bool = parameter(
-        False, description="without the patch of ice that lies ahead where the ground has no other"
+        False, description="leave out the patch of ice that a ground without patches gets"
     )
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
@@ -91,7 +91,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
     clean_up_on_signals()
     library = workspace.library()
-    seat: dict[str, Any] = {
+    parameters: dict[str, Any] = {
         "max_speed": options.max_speed,
         "host": options.host,
         "port": options.port,
@@ -110,12 +110,12 @@ def run(options: Options, workspace: Workspace) -> Report:
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
             process_group(node_environment(domain)) as group,
         ):
-            driven = Path(scratch), seat | choices, folder, options.lines
+            driven = Path(scratch), parameters | choices, folder, options.lines
             for node in drive_nodes(configuration, *driven):
                 group.start(node)
             if folder is not None:
                 write_beside_bag(configuration, folder, group.running[0])
-            for chosen in _follow(group, domain, seat):
+            for chosen in _follow(group, domain, parameters):
                 try:
                     wanted = dataclasses.replace(options, **chosen)
                     configuration, options = _compose(library, wanted, workspace), wanted
@@ -195,7 +195,7 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
 def drive_nodes(
     configuration: ExperimentConfiguration,
     scratch: Path,
-    seat: Mapping[str, Any],
+    parameters: Mapping[str, Any],
     folder: Path | None,
     lines: bool = False,
 ) -> list[NodeProcess]:
@@ -204,7 +204,7 @@ def drive_nodes(
     Args:
         configuration: the whole loop.
         scratch: folder for the files of their parameters.
-        seat: parameters of the driver's node.
+        parameters: parameters of the driver's node.
         folder: rosbag2 folder to record to, if any.
         lines: whether the lines of the cameras are recorded, nearly all of the size.
     """
@@ -219,10 +219,10 @@ def drive_nodes(
         }
         nodes.append(graph.recorder(configuration, folder, scratch, chosen=topics))
     listeners = 1 + len(nodes)  # besides the driver, who may come later
-    optical = configuration.hears_lines
+    optical = configuration.uses_lines
     return [
         *nodes,
-        graph.driver(configuration, scratch, seat),
+        graph.driver(configuration, scratch, parameters),
         graph.odometry(configuration, scratch, lockstep=False, listeners=listeners + optical),
         graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
         graph.simulator(
@@ -236,31 +236,33 @@ def drive_nodes(
     ]
 
 
-def _follow(group: ProcessGroup, domain: int, seat: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _follow(
+    group: ProcessGroup, domain: int, parameters: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
     """Print the address of the page once it is served, watch the nodes, and yield its choices.
 
     Args:
         group: the nodes.
         domain: theirs.
-        seat: parameters of the driver's node; keeps its address for one that follows it.
+        parameters: parameters of the driver's node; keeps its address for one that follows it.
 
     Raises:
         ProcessError: a node has ended.
     """
     from omni_bringup.graph.process_group import wait_for
 
-    reach = "this machine" if _is_local(seat["host"]) else "any machine that reaches it"
+    reach = "this machine" if _is_local(parameters["host"]) else "any machine that reaches it"
     driver = next(process for process in group.running if process.node.name == "driver")
     while True:
         group.raise_if_ended()
         for document in driver.new_reports():
             if "choose" in document:
                 yield document["choose"]
-            elif "token" not in seat:
+            elif "token" not in parameters:
                 # Standard output holds the address alone, for programs.
                 print(document["url"], flush=True)
-                place, seat["token"] = document["url"].rstrip("/").rsplit("/", 1)
-                seat["port"] = int(place.rsplit(":", 1)[1])
+                place, parameters["token"] = document["url"].rstrip("/").rsplit("/", 1)
+                parameters["port"] = int(place.rsplit(":", 1)[1])
             if "url" in document:
                 print(
                     f"omni drive: open this address in a browser of {reach}; for cmd_vel: "

@@ -1,1 +1,1 @@
-"""Driving by hand: the page, its server and the driver's seat."""
+"""Driving by hand: the page, its server and the node of the driver."""

@@ -1,4 +1,4 @@
-"""The driver's seat as a node: a person's page or `cmd_vel` in, demands on the vehicle out.
+"""Node of the driver: page or `cmd_vel` in, demands on the vehicle out.
 
 The contract (topics, parameters, timeouts) is in the README of this package.
 """
@@ -25,7 +25,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from omni_bringup.drive.seat import DriverSeat
+from omni_bringup.drive.demand_source import DemandSource
 from omni_bringup.drive.server import Demand, DriveServer
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
@@ -55,7 +55,7 @@ class Choice(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DriverConfiguration(Configuration):
-    """Parameters of the driver's seat."""
+    """Parameters of the node of the driver."""
 
     wheels: Mapping[str, WheelMount] = parameter(description="Wheels of the platform by name")
     chassis_length: float = parameter(description="Length of the platform", unit="m", above=0.0)
@@ -101,19 +101,19 @@ class DriverConfiguration(Configuration):
 
 
 class DriverNode(Node):
-    """Publishes the demands of the person in the seat, and shows the motion of the vehicle."""
+    """Publishes the demands of the selected source and shows the motion of the vehicle."""
 
     def __init__(self) -> None:
         super().__init__("driver")
         configuration = declare_configuration(self, DriverConfiguration)
         self._wheels = tuple(configuration.wheels)
-        self.seat = DriverSeat(configuration.page_timeout, configuration.command_timeout)
+        self.source = DemandSource(configuration.page_timeout, configuration.command_timeout)
         speed = configuration.max_speed
         self._choices = configuration.choices
         choices = {kind: dataclasses.asdict(one) for kind, one in self._choices.items()}
         try:
             self.server = DriveServer(
-                self.seat,
+                self.source,
                 largest=(speed, speed, configuration.max_yaw_rate),
                 greeting={"vehicle": _drawing(configuration), "choices": choices},
                 receive=self._receive,
@@ -153,7 +153,7 @@ class DriverNode(Node):
 
     def say_demand(self) -> None:
         """Publish what holds now."""
-        demand = self.seat.demand(time.monotonic())
+        demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
         self._command.publish(planar_twist(self._stamp_ns, np.array(demand.twist)))
@@ -173,7 +173,7 @@ class DriverNode(Node):
     def _on_command(self, message: TwistStamped | Twist) -> None:
         twist = message.twist if isinstance(message, TwistStamped) else message
         values = (twist.linear.x, twist.linear.y, twist.angular.z)
-        self.seat.take_command(values, time.monotonic())
+        self.source.take_command(values, time.monotonic())
 
     def _on_truth(self, message: Odometry) -> None:
         self._stamp_ns = to_nanoseconds(message.header.stamp)

@@ -25,7 +25,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
-from omni_bringup.drive.seat import DriverSeat, Twist
+from omni_bringup.drive.demand_source import DemandSource, Twist
 
 _LARGEST_MESSAGE = 1024  # [B] that a page may send at once
 _FILES = {
@@ -100,7 +100,7 @@ def _within(value: Any, lowest: float) -> float:
 
 
 class DriveServer:
-    """Serves the page and puts whoever has opened it last into the driver's seat.
+    """Serves the page; the page opened last is the source of the demand.
 
     Attributes:
         url: address of the page, token included.
@@ -108,7 +108,7 @@ class DriveServer:
 
     def __init__(
         self,
-        seat: DriverSeat,
+        source: DemandSource,
         *,
         largest: Twist,
         greeting: Mapping[str, Any],
@@ -120,7 +120,7 @@ class DriveServer:
         """Take the port.
 
         Args:
-            seat: whose page this is.
+            source: selects the source of the demand.
             largest: body twist that a full stick means [m/s, m/s, rad/s].
             greeting: sent to a page when it opens.
             receive: called with the messages of a page other than pedal and stick.
@@ -131,7 +131,7 @@ class DriveServer:
         Raises:
             OSError: the port is taken.
         """
-        self._seat = seat
+        self._source = source
         self._largest = largest
         self._greeting = json.dumps(greeting)
         self._receive = receive
@@ -167,7 +167,7 @@ class DriveServer:
 
     async def _drive(self, page: ServerConnection) -> None:
         before, self._driver = self._driver, page
-        self._seat.open_page()
+        self._source.open_page()
         if before is not None:
             await before.close(TAKEN_OVER, "another page has taken over")
         try:
@@ -182,7 +182,7 @@ class DriveServer:
         finally:
             if page is self._driver:
                 self._driver = None
-                self._seat.close_page()
+                self._source.close_page()
 
     def _take(self, text: str | bytes) -> None:
         demand = parse_demand(text)
@@ -194,7 +194,7 @@ class DriveServer:
             stick[1] / reach * self._largest[1],
             stick[2] * self._largest[2],
         )
-        self._seat.take_page(demand.pedal, twist, self._clock())
+        self._source.take_page(demand.pedal, twist, self._clock())
         self._receive(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:

@@ -95,7 +95,7 @@ def odometry(
     configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
 ) -> NodeProcess:
     """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
-    listeners = listeners or _RECORDER + 1 + configuration.hears_lines
+    listeners = listeners or _RECORDER + 1 + configuration.uses_lines
     parameters = _flat(configuration.odometry) | _timing(lockstep) | _listeners(listeners)
     if configuration.own_odometry:
         parameters["own_odometry"] = configuration.own_odometry
@@ -125,7 +125,7 @@ def brake_assist(
         | {"await_imu": configuration.imu.enabled, "twist_period": configuration.twist_period}
     )
     remaps = []
-    if not configuration.hears_lines:
+    if not configuration.uses_lines:
         remaps = ["-r", f"{topics.TWIST.name}:={topics.VELOCITY_SENSOR.name}"]
     return _node(
         "brake_assist",
@@ -153,9 +153,9 @@ def simulator(
         "mode": "lockstep" if lockstep else "real_time",
         "driver": "topics" if driven else "scripted",
         "lines_recorded": lines_recorded,
-        "await_odometry": not configuration.hears_lines and configuration.simulation.render_lines,
+        "await_odometry": not configuration.uses_lines and configuration.simulation.render_lines,
     }
-    # The seat decides between its page and a teleoperation node on cmd_vel.
+    # The driver's node selects between its page and a teleoperation node on cmd_vel.
     remaps = ["-r", "cmd_vel:=driver/cmd_vel"] if driven else []
     return _node("simulator", "omni_sim", "simulator", parameters, scratch, remaps)
 
@@ -163,7 +163,7 @@ def simulator(
 def driver(
     configuration: ExperimentConfiguration, scratch: Path, options: Mapping[str, Any]
 ) -> NodeProcess:
-    """Return the process of the driver's seat: page and `cmd_vel`; `options` are parameters."""
+    """Return the process of the driver's node: page and `cmd_vel`; `options` are parameters."""
     wheels = flatten(configuration.brake_assist)
     ground = _flat(configuration.ground)
     shown = {key: value for key, value in wheels.items() if key.startswith("wheels.")}

@@ -73,7 +73,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
 
 def feedback_topic(configuration: ExperimentConfiguration) -> Topic:
     """Return the topic from which the brake assistant takes the twist."""
-    return topics.TWIST if configuration.hears_lines else topics.VELOCITY_SENSOR
+    return topics.TWIST if configuration.uses_lines else topics.VELOCITY_SENSOR
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
@@ -103,7 +103,7 @@ def replay_configuration(
     """Return the configuration for a replay.
 
     Args:
-        bag: the recording; the configuration that lies beside it is used.
+        bag: the recording; the configuration stored with it is used.
         library: of the experiments.
         experiment: take the last variant of this one instead; None for that of the recording.
         overrides: ``dotted.key=value`` texts.
@@ -120,12 +120,12 @@ def replay_configuration(
 def recorded_configuration(
     bag: Bag, overrides: Sequence[str], option: str, remedy: str
 ) -> ExperimentConfiguration:
-    """Return the configuration that lies beside a recording.
+    """Return the configuration stored with a recording.
 
     Args:
         bag: the recording.
         overrides: ``dotted.key=value`` texts.
-        option: that stands in for it where there is none.
+        option: option that replaces it if there is none.
         remedy: what to do with the option, in words.
 
     Raises:
@@ -144,8 +144,8 @@ def recorded_configuration(
 
 
 def node_listeners(plan: ReplayPlan, node: str) -> int:
-    """Return how many will listen to each output of a node: recorder, player, other nodes."""
-    hears_odometry = BRAKE_ASSIST in plan.nodes and (
+    """Return the number of subscribers of each output of a node: recorder, player, other nodes."""
+    subscribes_odometry = BRAKE_ASSIST in plan.nodes and (
         feedback_topic(plan.configuration) == topics.TWIST
     )
-    return 2 + (node == ODOMETRY and hears_odometry)
+    return 2 + (node == ODOMETRY and subscribes_odometry)

@@ -21,7 +21,7 @@ from omni_recording.write import RecordingError, Rosbag2Writer
 
 _DEFAULT_DEPTH = 10
 _LARGEST_QOS = 1 << 16  # characters
-_LARGEST_NOTE = 1 << 24  # [B] of a file that lies beside the recording
+_LARGEST_NOTE = 1 << 24  # [B] of a file stored with the recording
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _word(value: Any) -> str:
 
 
 def _copy_notes(path: Path, folder: Path) -> None:
-    """Take along what lies beside the recording, such as the configuration of the run."""
+    """Copy the files stored with the recording, such as the configuration of the run."""
     for file in sorted(path.iterdir()):
         try:
             regular = file.is_file() and file.stat().st_size <= _LARGEST_NOTE

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
-from omni_platform.aside import aside
+from omni_platform.background import in_background
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import LineBatch
 from omni_sim.camera.camera import LineCameraArray
@@ -96,7 +96,7 @@ class _Batches(Mapping[str, LineBatch]):
     ) -> None:
         # The last one first: whoever asks in turn begins at the other end.
         self._rendering = {
-            name: aside(partial(render, name, exposures[name]))
+            name: in_background(partial(render, name, exposures[name]))
             for name in reversed(tuple(exposures))
         }
         self._names = tuple(exposures)

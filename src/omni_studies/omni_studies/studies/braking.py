@@ -112,12 +112,12 @@ def run_experiment(
     }
     for variant, configuration in list(configurations.items()):
         assistant = configuration.brake_assist
-        if assistant.enabled and assistant.second_opinion and not configuration.hears_lines:
+        if assistant.enabled and assistant.second_opinion and not configuration.uses_lines:
             alone = library.load(experiment, variant, (*overrides, _TWIST_ALONE))
             configurations[variant + _ALONE] = alone
     histories, feedback = {}, {}
     for variant, configuration in configurations.items():
-        if not configuration.hears_lines:
+        if not configuration.uses_lines:
             run = run_fast_loop(configuration)
             histories[variant], feedback[variant] = run.history(), run.record.feedback
         else:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from omni_platform.aside import ALONE
+from omni_platform.background import ALONE
 
 _PATIENCE = 1.0  # [s] after which a worker that has nothing to do looks for who started it
 _MOST_DEATHS = 3  # of workers, one after the other, over the same work

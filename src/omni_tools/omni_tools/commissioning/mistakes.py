@@ -21,13 +21,14 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_tools.commissioning.signals import Motions, Signals
 
-_FITS = 0.06  # largest error of a wheel's angles, as a share of those predicted
-_HEADING = math.radians(2.0)  # of a twist sensor, from which it is reported
-_SCALE = 0.05  # of twist sensor and gyro, likewise
-_OFFSET = 0.03  # [m] of a twist sensor, likewise
-_FORCE = 0.05  # [m/s^2] of an acceleration that shows the axes of an IMU
-_LATEST = 0.3  # [s] after which a brake must have answered
-_RESPONDS = 0.03  # smallest rise of the slip of a wheel that brakes
+_FITS = 0.06  # largest error of a wheel's angles relative to the predicted ones
+# Smallest errors that are reported, of twist sensor and gyro.
+_HEADING = math.radians(2.0)  # mounting angle of a twist sensor [rad]
+_SCALE = 0.05  # scale of twist sensor and gyro [1]
+_OFFSET = 0.03  # mounting position of a twist sensor [m]
+_FORCE = 0.05  # [m/s^2] acceleration that identifies the axes of an IMU
+_LATEST = 0.3  # [s] after which a brake must have responded
+_RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
 _OFTEN = 0.3  # share of the stop in which a wheel must have been braked to be judged
 _CLEARLY = 0.4  # by which the correlations of two exchanged brakes must be larger
 _DELAY = 0.02  # [s] by which a dead time may differ from that of the file

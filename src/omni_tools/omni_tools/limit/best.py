@@ -1,14 +1,14 @@
-"""The shortest stop that is known: optimal control by someone who knows the vehicle in full.
+"""The shortest known stop: optimal control with full knowledge of the vehicle.
 
-Direct transcription: pose, twist and wheel speeds at the points of a two-stage Radau rule, brake
-torques constant over an interval, all unknowns of one nonlinear program that IPOPT solves. The
-wheels' spin, slip and the transfer of the loads are those of the simulator, but for what is smooth
-here and not there: the tire's curve is a sine of an arctangent with the same slope, peak and
-sliding force, slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, loads and tires follow at once.
-The stop ends at `END_SPEED`; what is left of the way is that of the mean deceleration so far.
+Direct transcription: pose, twist and wheel speeds at the points of a two-stage Radau rule and brake
+torques constant over an interval are the unknowns of one nonlinear program that IPOPT solves.
+Wheel spin, slip and load transfer are modeled as in the simulator, except that functions are
+smooth: the tire's curve is a sine of an arctangent with the same slope, peak and sliding force,
+slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, and loads and tires have no lag. The stop ends at
+`END_SPEED`; the remaining distance is that of the mean deceleration up to there.
 
-A local optimum proves nothing: the certificate is in `bounds`, and between the two lies what is
-not known.
+A local optimum is no proof that no shorter stop exists. `bounds` computes a certified lower bound;
+the true minimum is between the two.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from omni_tools.limit.forces import LimitVehicle
 
 INTERVALS = 50
 END_SPEED = 0.3
-"""At which a stop is taken to be over [m/s]."""
+"""Speed at which a stop ends [m/s]."""
 
 _SMOOTH_SPEED = 0.3  # of the denominator of the slip [m/s]
-_RISE_TIME = 0.02  # of a brake from nothing to all its torque [s]
-_RELEASED = 0.1  # rim speed below which a brake may hold against either sense [m/s]
+_RISE_TIME = 0.02  # of a brake from zero to full torque [s]
+_RELEASED = 0.1  # rim speed below which the brake torque may have either sign [m/s]
 _LEAST_LOAD = 20.0  # [N]
-_CALM = 1e-5  # weight of changes of torque, which make the answer unique
+_CALM = 1e-5  # weight of torque changes, which makes the solution unique
 _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 # Radau IIA, two stages.
 _STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
@@ -47,10 +47,10 @@ _STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
-    """A stop, at the ends of M intervals, and what it comes to.
+    """A planned stop, at the ends of M intervals.
 
     Attributes:
-        distance: from start to rest, straight [m]; NaN where no local optimum was found.
+        distance: straight line from start to rest [m]; NaN if no local optimum was found.
         rotation: change of heading [deg].
         time: [s], shape (M + 1,).
         state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
@@ -71,7 +71,7 @@ class _Tire(NamedTuple):
 
     Attributes:
         peak: polynomial of the peak over the load, highest power first [N].
-        peak_slip: likewise of its slip [1].
+        peak_slip: polynomial of the slip at the peak over the load, highest power first [1].
         shape: B, C, E.
     """
 

@@ -1,14 +1,14 @@
-"""The shortest stop that is possible: integrated over the way, with patches, pedal and brake lag.
+"""Lower bound of the stopping distance, integrated along the path, with patches and brake lag.
 
-Whatever holds the brakes back (pedal, dead time, lag) only ever grows less while a stop goes on,
-and friction depends on where the wheels are. So the least distance is that of the strongest
-deceleration at every place: ``d(v^2)/ds = -2 a(s, t)``; being slower at a place means being there
-later, with no less torque. A wheel's spin cannot add to it: a braked wheel turns no faster than
+Pedal ramp, dead time and lag limit the brakes less and less during a stop, and friction depends on
+the positions of the wheels. The shortest distance therefore results from the strongest deceleration
+at every position: ``d(v^2)/ds = -2 a(s, t)``; a slower vehicle arrives at a position later, when no
+less torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no faster than
 rolling, so the impulse of its force is at most that of its brake.
 
-A stop that keeps heading and line passes over known ground; where a wheel comes within
-`EDGE_MARGIN` of an edge the better friction counts. For stops with any heading and path a wheel may
-be anywhere that its distance traveled allows.
+For a stop that keeps heading and line the ground under each wheel is known; within `EDGE_MARGIN` of
+an edge the higher friction is used. For stops with any heading and path a wheel may be anywhere
+within the distance traveled.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from omni_sim.vehicle.dynamics import in_turned_frame
 from omni_tools.limit.forces import Case, Deceleration, LimitVehicle
 
 EDGE_MARGIN = 0.02
-"""How near an edge of a patch counts as beyond it [m]."""
+"""Distance from an edge of a patch within which the higher friction is used [m]."""
 
 KEPT = math.radians(0.5)
-"""By how much a stop that keeps its heading may turn, and its motion leave the line [rad]."""
+"""Allowed deviation of the heading and of the direction of motion [rad]."""
 
-_TIME_STEP = 2e-3  # of the torque that builds up [s]
-_PLACES = 200  # along the way over patches
-_LEAST = 1e-6  # deceleration that is none [m/s^2]
-_LEVELS = 64  # of the torque at which brakes that build up are taken, the next one above
-_SKETCHED_LEVELS = 12  # likewise of a sketch, the next one below
+_TIME_STEP = 2e-3  # of the torque build-up [s]
+_PLACES = 200  # positions along the path over patches
+_LEAST = 1e-6  # deceleration below which the vehicle does not stop [m/s^2]
+_LEVELS = 64  # of torque during build-up, rounded up
+_SKETCHED_LEVELS = 12  # of torque during build-up in a sketch, rounded down
 _SKETCHED_HEADINGS = 12
-_WEAK = "friction or brakes end before the vehicle stands"
-_SLOPE = "the ground is not level, and gravity's pull along it is left out"
-_SPRUNG = "the chassis is sprung, and how it swings the wheel loads is left out"
+_WEAK = "friction or brakes are too weak to stop the vehicle"
+_SLOPE = "the ground is not level, and the slope force is not modeled"
+_SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Maneuver:
-    """The motion when the pedal goes down, and how the brakes then come.
+    """Motion at the start of braking, and the pedal.
 
     Attributes:
         pose: x, y [m], yaw [rad] of base_link, shape (3,).
         twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
-        pedal: its final position [1].
-        ramp_time: that the pedal takes [s].
+        pedal: final position of the pedal [1].
+        ramp_time: time the pedal takes to get there [s].
     """
 
     pose: FloatArray
@@ -351,7 +351,7 @@ class _Straight(_Cases):
 
     @property
     def first_strict(self) -> Deceleration | None:
-        """Likewise, without the wheels that the motion does not drag."""
+        """As `first`, without the force of locked wheels that the motion does not drive."""
         case = Case(self.friction(0.0, 0.0), True, standing=False)
         return self._limit.strongest(self._direction, case)
 
@@ -415,7 +415,7 @@ class _OneHeading(_AnyHeading):
 
 
 def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Return how far a point lies beyond each patch's sides, along and across [m]."""
+    """Return how far a point is beyond each patch's sides, along and across [m]."""
     d_x, d_y = x - table[:, 0], y - table[:, 1]
     along = np.abs(d_x * table[:, 2] + d_y * table[:, 3]) - table[:, 4]
     across = np.abs(d_y * table[:, 2] - d_x * table[:, 3]) - table[:, 5]

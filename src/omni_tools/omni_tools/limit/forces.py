@@ -1,17 +1,18 @@
-"""The strongest deceleration that the wheels of a vehicle can make: a small convex program.
+"""The strongest deceleration that the wheels of a vehicle can produce: a small convex program.
 
 A wheel ``i`` pushes along its active direction only, ``f_i n_wi`` with ``|f_i| <= P(N_i)``, the
 peak of its tire's curve. The loads are affine in the forces (`omni_sim.vehicle.loads`) and ``P`` is
 concave, so the forces that friction allows are a convex set. It is enclosed in a polyhedron by
-tangents of ``P``, over which a linear program finds the largest deceleration; the answer of its
-dual is a bound that no forces exceed, and its forces, shrunk until they obey the true ``P``, exist.
+tangents of ``P``, over which a linear program finds the largest deceleration. The dual solution is
+an upper bound for all forces; the primal forces, scaled down until they obey the true ``P``, are
+feasible.
 
-Neglected, each to the side on which the result stays a bound: the wheels' spin (the body feels
-only the forces of the ground, however the wheels turn), and their slip (the peak is there at once).
-Loads follow the acceleration at once; `bounds` says what their lag can yield. A wheel may lift off:
-then the loads leave their plane, and only weight and moments need to balance. So beside the stops
-with all wheels on the ground there are those in which the plane would pull at wheel ``j``; and
-where the vehicle could tip over, no more is asked of the loads than that they carry the weight.
+Neglected, each such that the result stays a bound: wheel spin (only the ground's forces act on the
+body, however the wheels turn) and slip (the peak force is reached at once). Loads follow the
+acceleration without lag; `bounds` accounts for the lag. A wheel may lift off: then the loads leave
+their plane, and only weight and moments need to balance. So in addition to stops with all wheels on
+the ground, stops are computed in which the plane would give wheel ``j`` a negative load; where the
+vehicle could tip over, the loads only need to carry the weight.
 """
 
 from __future__ import annotations
@@ -32,26 +33,27 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon
 
 _TANGENTS = 97
-_FIRST = 16  # every so many tangents are in the first program, others when they are needed
-_GRID_ERROR = 1e-3  # of a tangent's height, which is taken from a grid of loads [N]
-_EXCESS = 1e-3  # by which a force may exceed a tangent that is left out [N]
-# A wheel whose active direction is this square to the motion is not dragged either way [1].
+_FIRST = 16  # one tangent in so many is in the first program, others are added as needed
+_GRID_ERROR = 1e-3  # error of a tangent's height from the grid of loads [N]
+_EXCESS = 1e-3  # largest excess of a force over an omitted tangent [N]
+# Cosine of the angle between active direction and motion below which the motion does not drive a
+# wheel [1].
 _STANDING = 1e-9
-_ITERATIONS = 16  # of loads and forces
-_NEARLY = 1.02  # by which they may exceed friction before they are shrunk [1]
+_ITERATIONS = 16  # of the loads under the forces
+_NEARLY = 1.02  # factor by which forces may exceed friction before they are scaled down [1]
 
 PLANE, BALANCE, SUM = range(3)
-"""What is asked of the loads: their plane, the balance of weight and moments, the weight."""
+"""Load models: in a plane, balance of weight and moments, balance of weight alone."""
 
 
 class Deceleration(NamedTuple):
     """The strongest deceleration along a direction.
 
     Attributes:
-        bound: which no forces exceed, from the dual program [m/s^2].
-        feasible: of forces that exist [m/s^2].
-        force: those forces [N], shape (N,).
-        load: the loads under them [N], (N,).
+        bound: upper bound for all forces, from the dual program [m/s^2].
+        feasible: deceleration by feasible forces [m/s^2].
+        force: the feasible forces [N], shape (N,).
+        load: wheel loads under these forces [N], shape (N,).
     """
 
     bound: float
@@ -61,14 +63,14 @@ class Deceleration(NamedTuple):
 
 
 class Case(NamedTuple):
-    """Under which conditions the strongest deceleration is sought.
+    """Conditions under which the strongest deceleration is computed.
 
     Attributes:
-        friction: factor of the ground under each wheel [1], shape (N,).
-        straight: whether no moment, no force across and no force that would drive may act.
-        torque: that every brake can exert [N m].
+        friction: friction factor of the ground under each wheel [1], shape (N,).
+        straight: whether yaw moment, lateral force and driving forces must be zero.
+        torque: largest torque of every brake [N m].
         lag: share of the acceleration that the loads do not follow yet [1].
-        standing: whether wheels that the motion does not drag may hold against a push.
+        standing: whether locked wheels that the motion does not drive may exert a force.
     """
 
     friction: FloatArray
@@ -79,14 +81,14 @@ class Case(NamedTuple):
 
 
 class LimitVehicle:
-    """What the limit needs to know of a vehicle.
+    """The properties of a vehicle on which the limit depends.
 
     Attributes:
         masses: body and load together.
         position: of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: of the active directions about the center of gravity [m], shape (N,).
-        torque_force: force that a brake told 1 N m can hold at its wheel [1/m], shape (N,).
+        torque_force: largest wheel force per commanded brake torque [1/m], shape (N,).
         grip: factor on the friction under each wheel [1], shape (N,).
         strongest_peak: of the tire at any load, on ground of friction 1 [N].
     """
@@ -121,7 +123,7 @@ class LimitVehicle:
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
 
     def _tangents(self) -> tuple[FloatArray, FloatArray]:
-        """Return slopes [1] and offsets [N] of lines that lie above ``P`` everywhere."""
+        """Return slopes [1] and offsets [N] of lines that are above ``P`` everywhere."""
         fine = np.linspace(0.0, self._tire.largest_load, 16 * (_TANGENTS - 1) + 1)
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
@@ -225,7 +227,7 @@ class LimitVehicle:
         return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
 
     def loose(self, friction: FloatArray) -> float:
-        """Return a bound of the deceleration [m/s^2] whatever the loads of the moment may be."""
+        """Return an upper bound of the deceleration [m/s^2] for any wheel loads."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
         return float(len(self.active) * mean[0] / self.masses.mass) + GRAVITY * self._loss
 
@@ -235,8 +237,8 @@ class LimitVehicle:
         """Solve the linear program with one model of the loads.
 
         Args:
-            direction: as in `strongest`.
-            case: likewise.
+            direction: of the motion in the body frame [1], shape (2,).
+            case: friction, torque and constraints.
             model: PLANE, BALANCE or SUM.
             lifted: a wheel at which the plane would pull.
         """
@@ -372,7 +374,7 @@ def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)
-    # Where the lines meet outside of the interval, the farthest point lies in a direction itself.
+    # Where the lines meet outside of the interval, the farthest point is in one of the directions.
     if across <= 0.0 or one <= other * cos:
         return max(one, other)
     return math.hypot(one, across)

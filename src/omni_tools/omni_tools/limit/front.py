@@ -58,8 +58,8 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
     """Return the best stops that are known, and those of the laws, by name.
 
     Args:
-        load: makes the experiment with the changes of a law; sensors are taken to be ideal.
-        maneuver: its motion as the pedal goes down.
+        load: composes the experiment with the overrides of a law; sensors are taken to be ideal.
+        maneuver: motion at the start of braking.
 
     Raises:
         ConfigurationError: CasADi is missing, or the ground is not of one friction.
@@ -74,13 +74,13 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
         run = run_fast_loop(load((*_IDEAL, *changes)))
         stops[law] = Stop(run.stopping_distance, run.orientation_change)
     for rotation in ROTATIONS:
-        told = f"brake_assist.max_rotation={rotation}"
-        run = run_fast_loop(load((*_IDEAL, *_ALLOCATION, told)))
+        setting = f"brake_assist.max_rotation={rotation}"
+        run = run_fast_loop(load((*_IDEAL, *_ALLOCATION, setting)))
         stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
         plan = optimal.plan(rotation, run.history())
         if plan.distance < best.distance or math.isnan(best.distance):
             best = Stop(plan.distance, plan.rotation)
-        stops[f"best_{rotation:g}"] = best  # which turns less may be shorter, or all that is found
+        stops[f"best_{rotation:g}"] = best  # a smaller rotation may give the shorter stop
     return stops
 
 

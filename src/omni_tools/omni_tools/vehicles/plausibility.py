@@ -106,32 +106,32 @@ def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tup
 
 
 class RemarkingLibrary(ExperimentLibrary):
-    """Experiments and vehicles by name, of which it is said once what does not fit together."""
+    """Experiment library that reports implausible values, each remark once."""
 
-    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+    def __init__(self, folder: Path, report: Callable[[str], None]) -> None:
         super().__init__(folder)
-        self._say = say
-        self._said: set[str] = set()
+        self._report = report
+        self._reported: set[str] = set()
 
     def load(
         self, experiment: str, variant: str, overrides: Iterable[str] = ()
     ) -> ExperimentConfiguration:
         """Compose an experiment as `ExperimentLibrary` does."""
         loaded = super().load(experiment, variant, overrides)
-        self._tell(remarks(loaded))
+        self._remark(remarks(loaded))
         return loaded
 
     def vehicle(self, name: str) -> VehicleConfiguration:
         """Read a vehicle as `ExperimentLibrary` does."""
         loaded = super().vehicle(name)
-        self._tell(vehicle_remarks(loaded))
+        self._remark(vehicle_remarks(loaded))
         return loaded
 
-    def _tell(self, words: Iterable[str]) -> None:
-        for remark in words:
-            if remark not in self._said:
-                self._said.add(remark)
-                self._say(remark)
+    def _remark(self, remarks: Iterable[str]) -> None:
+        for remark in remarks:
+            if remark not in self._reported:
+                self._reported.add(remark)
+                self._report(remark)
 
 
 def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:

@@ -1,5 +1,5 @@
-// Drives the vehicle: tells the driver's node pedal and stick 20 times a second and draws what it
-// answers. Whatever keeps this page from speaking (closed, hidden, halted) brakes the vehicle.
+// Drives the vehicle: sends pedal and stick to the driver's node 20 times a second and draws its
+// answers. A page that sends nothing (closed, hidden, halted) brakes the vehicle.
 "use strict";
 
 const HEARTBEAT = 50; // [ms]
@@ -168,13 +168,13 @@ function follow() {
   if (!(state.pedal > 0)) { stop = null; return; }
   if (!stop) {
     if (!state.start || state.start.time < state.time - LATEST) return; // of a stop before
-    stop = { ...state.start, turned: 0, yaw: state.start.pose[2], done: state.start.speed < MOVING, helped: 0, heard: 0 };
+    stop = { ...state.start, turned: 0, yaw: state.start.pose[2], done: state.start.speed < MOVING, helped: 0, states: 0 };
   }
   if (stop.done) return;
   const change = state.pose[2] - stop.yaw;
   stop.turned += Math.atan2(Math.sin(change), Math.cos(change));
   stop.yaw = state.pose[2];
-  stop.heard += 1;
+  stop.states += 1;
   stop.helped += HELPS.includes(state.assist_state);
   if (speed + Math.abs(rate) > REST) return;
   stop.done = true;
@@ -182,7 +182,7 @@ function follow() {
 }
 
 function card(distance) {
-  const helped = stop.helped / stop.heard;
+  const helped = stop.helped / stop.states;
   const row = document.createElement("li");
   row.className = helped > 0.2 ? "helps" : "";
   const how = helped > 0.2 ? `assisted ${law && `by ${law.replaceAll("_", " ")}`}` : "unassisted";
@@ -207,7 +207,7 @@ function tabulate() {
   }));
 }
 
-// What the assistant does, where nobody can overlook it: graded, and a fault in words.
+// State of the assistant as a banner, with the reason of a fault.
 const BANNERS = {
   assisting: "ASSISTING", dead_reckoning: "DEAD RECKONING", all_errors_positive: "ASSISTING: all brakes on",
   below_speed_threshold: "STANDING: all brakes on", disabled: "ASSISTANT OFF", inactive: "READY",
@@ -246,7 +246,7 @@ function write() {
   $("speed").textContent = Math.hypot(vx, vy).toFixed(2);
   $("yaw").textContent = String(Math.round(yawRate * 180 / Math.PI) || 0);
   $("time").textContent = state.time.toFixed(1);
-  $("source").textContent = { page: "this page", cmd_vel: "cmd_vel", nobody: "nobody: full braking" }[state.source] ?? "–";
+  $("source").textContent = { page: "this page", cmd_vel: "cmd_vel", none: "none: full braking" }[state.source] ?? "–";
   $("pedal").style.width = `${100 * (state.pedal ?? 0)}%`;
   $("assist").checked = state.assist;
   announce();
@@ -367,7 +367,7 @@ function drawWheel(pen, color, wheel, condition) {
   pen.rotate(wheel.heading);
   pen.fillStyle = pen.strokeStyle = color(condition);
   pen.lineWidth = 0.04;
-  // Filled where the brake acts, so that it does not take a color to tell.
+  // Filled where the brake acts, so that the state does not depend on color alone.
   if (condition === "released") pen.setLineDash([0.06, 0.05]);
   if (condition === "braking") pen.fillRect(-length / 2, -width / 2, length, width);
   pen.strokeRect(-length / 2, -width / 2, length, width);

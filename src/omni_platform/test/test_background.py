@@ -5,17 +5,17 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from omni_platform import aside
+from omni_platform import background
 
 
 @pytest.fixture(params=["1", ""], ids=["one thread", "two threads"])
 def begin(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[[Callable[[], int]], Callable[[], int]]]:
-    monkeypatch.setenv(aside.ALONE, request.param)
-    aside._queue.cache_clear()
-    yield aside.aside
-    aside._queue.cache_clear()
+    monkeypatch.setenv(background.ALONE, request.param)
+    background._queue.cache_clear()
+    yield background.in_background
+    background._queue.cache_clear()
 
 
 Begin = Callable[[Callable[[], int]], Callable[[], int]]
@@ -44,9 +44,9 @@ def test_an_error_reaches_whoever_asks_and_nobody_else(begin: Begin) -> None:
 
 
 def test_whoever_waits_does_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(aside.ALONE, raising=False)
+    monkeypatch.delenv(background.ALONE, raising=False)
     monkeypatch.setattr("os.sched_getaffinity", lambda _pid: {0, 1})
-    aside._queue.cache_clear()
+    background._queue.cache_clear()
     begun, let_go = threading.Event(), threading.Event()
 
     def held() -> str:
@@ -58,14 +58,14 @@ def test_whoever_waits_does_what_is_left(monkeypatch: pytest.MonkeyPatch) -> Non
         let_go.set()
         return threading.current_thread().name
 
-    first = aside.aside(held)
+    first = background.in_background(held)
     begun.wait()
-    second = aside.aside(last)
-    assert first() == "aside"
+    second = background.in_background(last)
+    assert first() == "background"
     assert second() == threading.current_thread().name
-    aside._queue.cache_clear()
+    background._queue.cache_clear()
 
 
 def test_what_is_not_worth_it_stays_here() -> None:
-    work = aside.aside(threading.current_thread, worth=False)
+    work = background.in_background(threading.current_thread, worth=False)
     assert work is threading.current_thread

@@ -1,9 +1,8 @@
-"""One more thread for long kernels, which let go of the interpreter while they run.
+"""A single background thread for numba kernels that release the GIL.
 
-Python itself goes on in one thread at a time, and whoever waits for the other to let go of it costs
-both some ten microseconds. So what is done aside is one kernel of some tenths of a millisecond with
-hardly any Python around it: then two processors do two of them in the time of one. Where there is
-but one processor, or others have work for each, the work is done where its result is asked for.
+A thread that waits for the GIL costs some ten microseconds. So work in the background should be one
+kernel of some tenths of a millisecond with little Python around it; two processors then run two
+kernels in the time of one. With a single processor the work is done when its result is needed.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ ALONE = "OMNI_ONE_THREAD"
 
 
 class _Work(Generic[_T]):
-    """What is done once, by whoever comes first."""
+    """Work that is done once, by the first thread that gets to it."""
 
     def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]]) -> None:
         self._work = work
@@ -32,7 +31,7 @@ class _Work(Generic[_T]):
         self._error: BaseException | None = None
 
     def do(self) -> None:
-        """Do it, unless that has begun."""
+        """Do the work unless another thread has begun it."""
         if not self._begun.acquire(blocking=False):
             return
         try:
@@ -42,7 +41,7 @@ class _Work(Generic[_T]):
         self._under_way.release()
 
     def result(self) -> _T:
-        """Return its result; meanwhile do what others wait for."""
+        """Return the result; while waiting, do other queued work."""
         self.do()
         while self._under_way.locked():
             try:
@@ -57,7 +56,7 @@ class _Work(Generic[_T]):
 
 @cache
 def _queue() -> SimpleQueue[_Work[Any]] | None:
-    """Return what the other thread works through, None where there is none."""
+    """Return the queue of the background thread, None if there is no such thread."""
     if len(os.sched_getaffinity(0)) < 2 or os.environ.get(ALONE):
         return None
     queue: SimpleQueue[_Work[Any]] = SimpleQueue()
@@ -66,20 +65,20 @@ def _queue() -> SimpleQueue[_Work[Any]] | None:
         while True:
             queue.get().do()
 
-    threading.Thread(target=work, name="aside", daemon=True).start()
+    threading.Thread(target=work, name="background", daemon=True).start()
     return queue
 
 
 os.register_at_fork(after_in_child=_queue.cache_clear)  # a fork does not have the thread
 
 
-def aside(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
-    """Begin a work, and return what hands over its result; called once.
+def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
+    """Queue work for the background thread, and return a function that returns its result.
 
-    What nobody has begun by then is done by whoever asks.
+    The returned function is called once; it does the work itself if it has not begun.
 
     Args:
-        work: mostly one long kernel.
+        work: usually one long kernel.
         worth: whether it takes some tenths of a millisecond.
     """
     queue = _queue() if worth else None
