@@ -1,0 +1,142 @@
+"""``./omni check-node``: check whether a node of anybody's keeps the contract of its topics.
+
+An odometry or a brake assistant is fed a recording in real time: as it is, with a gap in one input,
+with values that cannot be used, and ended while it brakes. A simulator is listened to while its
+enables are answered. Each breach is one sentence; the exit code is 1 if there is any.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omni_bringup.command_report import Report, entries
+from omni_bringup.workspace import Workspace
+from omni_platform.command_options import json_option, option
+from omni_platform.configuration import Configuration, parameter
+
+if TYPE_CHECKING:
+    from omni_loop.experiment import ExperimentConfiguration
+
+WORK = "checking the node"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Options of ``omni check-node``."""
+
+    node: str = option(
+        positional=True,
+        metavar="NODE",
+        choices=("odometry", "simulator", "brake_assist"),
+        description="what the node is in place of: odometry, simulator or brake_assist",
+    )
+    recording: Path | None = option(
+        None,
+        metavar="BAG",
+        description="recording of ./omni run to feed (default: bags/small_stop/assisted)",
+    )
+    start: str | None = option(
+        None,
+        metavar="COMMAND",
+        description="command that starts the node in a ROS domain of its own (default: it runs in "
+        "that of ROS_DOMAIN_ID)",
+    )
+    duration: float = parameter(
+        10.0, description="how long a simulator is listened to", unit="s", above=1.0, maximum=600.0
+    )
+    json: bool = json_option()
+
+
+def run(options: Options, workspace: Workspace) -> Report:
+    """Feed the node, or listen to it, and report what breaks the contract."""
+    from omni_bringup.node_check.exchange import Partner
+    from omni_bringup.replay.plan import recorded_configuration
+    from omni_recording.folder import open_vehicle
+
+    recording = options.recording or workspace.folder / "bags" / "small_stop" / "assisted"
+    remedy = "give a recording that ./omni run has made"
+    configuration = recorded_configuration(open_vehicle(recording), (), "BAG", remedy)
+    with _node(options.start) as (domain, alive), closing(Partner(domain)) as partner:
+        if options.node == "simulator":
+            values, breaches = _check_simulator(partner, configuration, options.duration)
+        else:
+            values, breaches = _check_answers(
+                partner, recording, configuration, options.node, alive
+            )
+    return Report(
+        name="check-node",
+        metrics=entries({**values, "breaches.all": (len(breaches), "1")}),
+        details={"node": options.node, "breaches": breaches},
+        text=breaches or [f"the {options.node} keeps its contract"],
+        ok=not breaches,
+    )
+
+
+@contextmanager
+def _node(command: str | None) -> Iterator[tuple[int, Any]]:
+    """Start the node if it has a command; yield its ROS domain, and whether it runs."""
+    from omni_bringup.graph.domain import reserved_domain
+    from omni_ros.environment import chosen_domain, node_environment
+
+    if command is None:
+        yield chosen_domain(os.environ) or 0, lambda: True
+        return
+    with reserved_domain() as domain:
+        process = subprocess.Popen(
+            shlex.split(command), env=node_environment(domain), stdin=subprocess.DEVNULL
+        )
+        try:
+            yield domain, lambda: process.poll() is None
+        finally:
+            process.terminate()
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _check_answers(
+    partner: Any, recording: Path, configuration: ExperimentConfiguration, node: str, alive: Any
+) -> tuple[dict[str, tuple[float, str]], list[str]]:
+    from omni_bringup.node_check import contract
+    from omni_bringup.node_check.exchange import feed
+    from omni_bringup.replay.plan import feedback_topic
+    from omni_platform import topics
+
+    if node == "odometry":
+        lines = [topics.lines(name) for name in configuration.odometry.sensors]
+        flows = [topics.flow(name) for name in configuration.odometry.flow_sensors]
+        inputs, output = [*lines, *flows], topics.TWIST
+        faulty = paced = inputs[0]
+    else:
+        faulty, paced, output = feedback_topic(configuration), topics.PEDAL, topics.ENABLE
+        inputs = [topics.WHEEL_STATES, topics.IMU, faulty, paced]
+    exchange = feed(partner, recording, inputs, faulty, paced, output, alive)
+    breaches = [*contract.common_breaches(exchange, node, output.name)]
+    if node == "odometry":
+        breaches += contract.twist_breaches(exchange)
+    else:
+        breaches += contract.enable_breaches(exchange, list(configuration.vehicle.wheels))
+    return contract.metrics(exchange), breaches
+
+
+def _check_simulator(
+    partner: Any, configuration: ExperimentConfiguration, duration: float
+) -> tuple[dict[str, tuple[float, str]], list[str]]:
+    from omni_bringup.node_check import contract
+    from omni_bringup.node_check.simulator import Enables
+    from omni_platform import topics
+
+    wheels = list(configuration.vehicle.wheels)
+    partner.await_node(topics.PEDAL.path, lambda: True)
+    enables = Enables(partner.node, wheels)
+    seen = enables.watch(partner, duration)
+    breaches = [*contract.simulator_breaches(seen, wheels), *enables.breaches(seen)]
+    return {f"messages.{key}": (len(found), "1") for key, found in seen.items()}, breaches

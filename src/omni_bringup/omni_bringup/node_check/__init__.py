@@ -1,0 +1,1 @@
+"""Whether a node of anybody's keeps the contract of its topics."""

@@ -1,0 +1,169 @@
+"""What a node's messages must be; each function returns a sentence for each breach."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from omni_bringup.node_check.exchange import Answer, Exchange
+from omni_platform.quantities import SECOND_NS
+from omni_ros.messages import planar_twist_of, to_nanoseconds
+
+LARGEST_AGE = {"odometry": 0.1, "brake_assist": 0.05}
+"""Age of a twist that the assistant refuses, and of enables for which vehicles brake all wheels
+[s]."""
+LEAST_ANSWERED = 0.95
+"""Share of the inputs that are answered [1]."""
+LEAST_RATE = 90.0
+"""Of wheel speeds and pedal [1/s]."""
+
+_WARM_UP = 0.5  # [s] that a node may take to load what it computes with
+_SILENCE = 0.15  # [s] after which an assistant without inputs must not release a brake
+_RECOVERY = 0.5  # [s] within which a node measures again after a fault
+_MEASURED = 1.0  # largest variance of a velocity that is measured [m^2/s^2]
+
+
+def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
+    """Return answered share, 99th percentile of the age and number of answers."""
+    first = [one for one in exchange.answers if one.phase == "recorded"]
+    sent = exchange.sent["recorded"]
+    answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
+    begun = exchange.sent["recorded"][0] + round(_WARM_UP * SECOND_NS)
+    ages = [one.age for one in first if one.stamp_ns >= begun]
+    age = float(np.percentile(ages, 99)) if ages else 0.0
+    return {
+        "answered.recorded": (100.0 * answered, "%"),
+        **({"age_p99.recorded": (1e3 * age, "ms")} if ages else {}),
+        "answers.all": (len(exchange.answers), "1"),
+    }
+
+
+def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
+    """Yield what is wrong with publishers, rate, age and stamps."""
+    if len(exchange.publishers) != 1:
+        yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
+    if not all(exchange.publishers):
+        yield f"{topic} is published best effort; its subscribers ask for reliable"
+    found = metrics(exchange)
+    if found["answered.recorded"][0] < 100.0 * LEAST_ANSWERED:
+        yield (
+            f"{found['answered.recorded'][0]:.0f} % of the inputs were answered with their stamp; "
+            f"at least {100.0 * LEAST_ANSWERED:.0f} % must be"
+        )
+    age, _ = found.get("age_p99.recorded", (0.0, "ms"))
+    if age > 1e3 * LARGEST_AGE[node]:
+        yield (
+            f"1 % of the answers came later than {age:.0f} ms; an older one than "
+            f"{1e3 * LARGEST_AGE[node]:.0f} ms is not used"
+        )
+    stamps = [one.stamp_ns for one in exchange.answers]
+    for before, after in itertools.pairwise(stamps):
+        if after < before:
+            yield f"stamps go back, from {before / SECOND_NS:.3f} to {after / SECOND_NS:.3f} s"
+            break
+    newest = max(max(sent) for sent in exchange.sent.values() if sent)
+    if stamps and max(stamps) > newest:
+        yield "a stamp is later than that of the newest input"
+
+
+def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
+    """Yield what is wrong with the enables of a brake assistant for some wheels."""
+    for one in exchange.answers:
+        if sorted(one.message.name) != sorted(wheels):
+            yield f"brake/enable names {', '.join(one.message.name)}; must be {', '.join(wheels)}"
+            break
+    for one in exchange.answers:
+        values = np.asarray(one.message.effort, dtype=np.float64)
+        if len(values) != len(wheels) or not np.all((values >= 0.0) & (values <= 1.0)):
+            yield f"effort {values.tolist()} in phase {one.phase!r}: one share of 0 to 1 per wheel"
+            break
+    for one in exchange.answers:
+        late = one.phase == "silence" and one.silence > _SILENCE
+        if late and np.any(np.asarray(one.message.effort) < 1.0):
+            yield (
+                f"a brake is released {one.silence:.2f} s after the last input; without inputs all "
+                "brakes must be on"
+            )
+            break
+    for phase in ("gap", "unusable"):
+        if not any(_after(exchange, phase)):
+            yield f"no enables within the second after a fault ({phase})"
+
+
+def twist_breaches(exchange: Exchange) -> Iterator[str]:
+    """Yield what is wrong with the twists of an odometry."""
+    for one in exchange.answers:
+        problem = _twist_problem(one.message)
+        if problem:
+            yield f"{problem} (phase {one.phase!r}, stamp {one.stamp_ns / SECOND_NS:.3f} s)"
+            break
+    if not any(_is_measured(one) for one in exchange.answers if one.phase == "recorded"):
+        yield f"no twist has a variance below {_MEASURED:g} m^2/s^2: nothing is measured"
+        return
+    for phase in ("gap", "unusable"):
+        if not any(_is_measured(one) for one in _after(exchange, phase)):
+            yield f"no valid twist later than {_RECOVERY:g} s after a fault of one input ({phase})"
+
+
+def simulator_breaches(
+    seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
+) -> Iterator[str]:
+    """Yield what is wrong with the messages of a simulator, by `exchange.watch`."""
+    for key in ("wheel_states", "pedal", "twist"):
+        messages = [message for _, message in seen[key]]
+        if len(messages) < 2:
+            yield f"{key}: nothing is published" if not messages else f"{key}: one message only"
+            continue
+        stamps = np.array([to_nanoseconds(message.header.stamp) for message in messages])
+        if np.any(np.diff(stamps) <= 0):
+            yield f"{key}: stamps do not increase"
+        rate = (len(stamps) - 1) * SECOND_NS / max(stamps[-1] - stamps[0], 1)
+        if key != "twist" and rate < LEAST_RATE:
+            yield f"{key}: {rate:.0f} messages per second of its stamps, at least 100 are needed"
+    for _, message in seen["wheel_states"]:
+        if sorted(message.name) != sorted(wheels):
+            yield f"wheel_states names {', '.join(message.name)}; must be {', '.join(wheels)}"
+            break
+        if not np.all(np.isfinite(message.velocity)) or len(message.velocity) != len(wheels):
+            yield "wheel_states: velocity must hold one finite number per wheel"
+            break
+    for _, message in seen["pedal"]:
+        if not message.position or not 0.0 <= message.position[0] <= 1.0:
+            yield f"brake/pedal: position {list(message.position)} must be one number, 0 to 1"
+            break
+    for _, message in seen["twist"]:
+        problem = _twist_problem(message)
+        if problem:
+            yield f"twist: {problem}"
+            break
+    vertical = [message.linear_acceleration.z for _, message in seen["imu"]]
+    if vertical and abs(float(np.median(vertical)) - 9.81) > 2.0:
+        yield f"imu: specific force upwards {np.median(vertical):.2f}, must be 9.81 m/s^2 (REP 145)"
+
+
+def _after(exchange: Exchange, phase: str) -> list[Answer]:
+    """Return the answers to inputs well after the fault of a phase."""
+    limit = exchange.faults[phase][1] + round(_RECOVERY * SECOND_NS)
+    return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
+
+
+def _is_measured(one: Answer) -> bool:
+    return bool(np.max(np.diag(planar_twist_of(one.message)[1])) < _MEASURED)
+
+
+def _twist_problem(message: Any) -> str:
+    """Return what is wrong with a twist, or nothing."""
+    twist, covariance = planar_twist_of(message)
+    if message.header.frame_id.rpartition("/")[2] != "base_link":
+        return f"frame_id {message.header.frame_id!r} must be base_link"
+    if not np.all(np.isfinite(twist)) or not np.all(np.isfinite(covariance)):
+        return "twist and covariance must be finite; a variance of 1e6 stands for not measured"
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    if not np.all(np.abs(covariance - covariance.T) <= 1e-6 * scale):
+        return "the covariance is not symmetric"
+    if np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        return "the covariance is not positive definite; zeros would claim an exact value"
+    return ""

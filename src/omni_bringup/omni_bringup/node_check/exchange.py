@@ -1,0 +1,233 @@
+"""Feed a recording to a node, with faults, and keep what it answers.
+
+The recording is published in real time, once for each phase: as it is, with a gap in one input,
+with unusable values in it, and ended in the middle. Stamps go on from phase to phase.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import struct
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSReliabilityPolicy, qos_profile_sensor_data
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+
+from omni_platform.configuration import WorkError
+from omni_platform.quantities import SECOND_NS
+from omni_platform.topics import IMAGE, Topic
+from omni_recording.folder import bag_messages, in_time_order, open_vehicle
+from omni_ros.messages import leading_stamp, to_time
+from omni_ros.qos import RELIABLE
+
+PHASES = ("recorded", "gap", "unusable", "silence")
+GAP = 0.3
+"""Time without an input, or with unusable values [s]."""
+
+_STAMP = struct.Struct("<iI")  # behind the four bytes of the encapsulation
+_PAUSE_NS = 2 * SECOND_NS  # between two phases, longer than any time-out of a node
+_LISTEN = 0.5  # [s] after the last input
+_START = 60.0  # [s] within which a node must be there
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A message of the node.
+
+    Attributes:
+        phase: of `PHASES`, in which it was received.
+        stamp_ns: of the message [ns].
+        age: real time since the newest input with that stamp or an earlier one [s].
+        silence: real time since the last input of any kind [s].
+        message: the message.
+    """
+
+    phase: str
+    stamp_ns: int
+    age: float
+    silence: float
+    message: Any
+
+
+@dataclass
+class Exchange:
+    """What was sent to a node and what it answered.
+
+    Attributes:
+        sent: stamps of the inputs that are answered, by phase [ns].
+        faults: first and last stamp of the gap, or of the unusable values, by phase [ns].
+        answers: in the order in which they were received.
+        publishers: whether each publisher of the answers' topic is reliable.
+    """
+
+    sent: dict[str, list[int]] = field(default_factory=dict)
+    faults: dict[str, tuple[int, int]] = field(default_factory=dict)
+    answers: list[Answer] = field(default_factory=list)
+    publishers: list[bool] = field(default_factory=list)
+
+
+class Partner:
+    """A node in this process among foreign ones."""
+
+    def __init__(self, domain: int) -> None:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = Node("node_check", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def spin(self, until: float) -> None:
+        """Take messages until a time of the steady clock [s]."""
+        while (left := until - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def await_node(self, topic: str, alive: Callable[[], bool]) -> list[bool]:
+        """Return whether each publisher of a topic is reliable, as soon as there is one.
+
+        Raises:
+            WorkError: there is none within a minute, or the node has ended.
+        """
+        deadline = time.monotonic() + _START
+        while not (found := self.node.get_publishers_info_by_topic(topic)):
+            if not alive():
+                raise WorkError("the node ended before it published anything; see its output")
+            if time.monotonic() > deadline:
+                raise WorkError(f"nothing publishes {topic} in this ROS domain; start the node")
+            self.spin(time.monotonic() + 0.1)
+        self.spin(time.monotonic() + 1.0)  # until it has found this node, too
+        found = self.node.get_publishers_info_by_topic(topic)
+        reliable = QoSReliabilityPolicy.RELIABLE
+        return [entry.qos_profile.reliability == reliable for entry in found]
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+def feed(
+    partner: Partner,
+    recording: Path,
+    inputs: Iterable[Topic],
+    faulty: Topic,
+    paced: Topic,
+    output: Topic,
+    alive: Callable[[], bool],
+) -> Exchange:
+    """Publish a recording in all phases, and keep the answers.
+
+    Args:
+        partner: this process's node.
+        recording: rosbag2 folder.
+        inputs: topics that the node reads.
+        faulty: that of them which gets the gap and the unusable values.
+        paced: that whose messages are answered.
+        output: topic of the answers.
+        alive: whether the node's process still runs.
+
+    Raises:
+        WorkError: the node is not there.
+    """
+    exchange, last = Exchange(), {"any": 0.0}
+    arrivals: dict[int, float] = {}  # steady time at which a stamp was sent [s]
+    phase = PHASES[0]
+
+    def keep(data: bytes) -> None:
+        now, stamp = time.monotonic(), leading_stamp(data) or 0
+        known = max((sent for sent in arrivals if sent <= stamp), default=None)
+        age = now - arrivals[known] if known is not None else 0.0
+        message = deserialize_message(data, _class_of(output.type))
+        exchange.answers.append(Answer(phase, stamp, age, now - last["any"], message))
+
+    topics = {topic.path: topic for topic in inputs}
+    publishers = {
+        path: partner.node.create_publisher(_class_of(topic.type), path, RELIABLE)
+        for path, topic in topics.items()
+    }
+    clock = partner.node.create_publisher(Clock, "/clock", RELIABLE)
+    exchange.publishers = partner.await_node(output.path, alive)
+    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
+    partner.node.create_subscription(_class_of(output.type), output.path, keep, qos, raw=True)
+    partner.spin(time.monotonic() + _LISTEN)  # until the node has found the subscription
+    messages = [
+        (message.log_ns, message.channel.topic, message.data)
+        for message in in_time_order(bag_messages(open_vehicle(recording)))
+        if message.channel.topic in topics
+    ]
+    begin, end = messages[0][0], messages[-1][0]
+    middle = (begin + end) // 2
+    shift = 0
+    for phase in PHASES:
+        sent = exchange.sent.setdefault(phase, [])
+        exchange.faults[phase] = (shift + middle, shift + middle + round(GAP * SECOND_NS))
+        start = time.monotonic()
+        for log_ns, path, recorded in messages:
+            if phase == "silence" and log_ns > middle:
+                break
+            data = recorded
+            if path == faulty.path and 0 <= log_ns - middle < GAP * SECOND_NS:
+                if phase == "gap":
+                    continue
+                if phase == "unusable":
+                    data = _unusable(topics[path], data)
+            stamp = (leading_stamp(data) or 0) + shift
+            partner.spin(start + (log_ns - begin) / SECOND_NS)
+            clock.publish(Clock(clock=to_time(log_ns + shift)))
+            publishers[path].publish(data[:4] + _STAMP.pack(*divmod(stamp, SECOND_NS)) + data[12:])
+            last["any"] = arrivals[stamp] = time.monotonic()
+            if path == paced.path:
+                sent.append(stamp)
+        partner.spin(time.monotonic() + _LISTEN)
+        shift += end - begin + _PAUSE_NS
+        arrivals.clear()
+    if not alive():
+        raise WorkError("the node ended while it was checked; see its output")
+    return exchange
+
+
+def watch(
+    partner: Partner, topics: Mapping[str, Topic], duration: float
+) -> dict[str, list[tuple[float, Any]]]:
+    """Return the messages of some topics with the steady time of each [s], by key.
+
+    Args:
+        partner: this process's node.
+        topics: by any key.
+        duration: for how long [s].
+    """
+    seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}
+    for key, topic in topics.items():
+        partner.node.create_subscription(
+            _class_of(topic.type),
+            topic.path,
+            lambda message, key=key: seen[key].append((time.monotonic(), message)),
+            RELIABLE,
+        )
+    partner.spin(time.monotonic() + duration)
+    return seen
+
+
+def _unusable(topic: Topic, data: bytes) -> bytes:
+    """Return a message with a velocity that is no number, or an image that is cut off."""
+    message = deserialize_message(data, _class_of(topic.type))
+    if topic.type == IMAGE:
+        message.data = message.data[: len(message.data) // 2]
+    else:
+        message.twist.twist.linear.x = float("nan")
+    return bytes(serialize_message(message))
+
+
+def _class_of(kind: str) -> Any:
+    package, _, name = kind.rpartition("/msg/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)

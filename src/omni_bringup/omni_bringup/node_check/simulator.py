@@ -1,0 +1,82 @@
+"""Answer a simulator with enables, good and bad, and look at what its brakes do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from omni_bringup.node_check.exchange import Partner, watch
+from omni_platform import topics
+from omni_platform.quantities import SECOND_NS
+from omni_ros.messages import joint_state, to_nanoseconds
+from omni_ros.qos import RELIABLE
+
+_PHASE_NS = SECOND_NS // 5
+_SETTLING_NS = SECOND_NS // 10  # from a change of the enables until the brakes must have followed
+_FIRST_WHEEL = (1.0, 0.0, math.nan)
+"""Enable of the first wheel in each phase after the pedal goes down."""
+
+
+class Enables:
+    """The enables that answer a simulator: all brakes, one released, one no number, all brakes."""
+
+    def __init__(self, node: Node, wheels: Sequence[str]) -> None:
+        self._wheels = wheels
+        self._braking_ns: int | None = None
+        self._publisher = node.create_publisher(JointState, topics.ENABLE.path, RELIABLE)
+        node.create_subscription(JointState, topics.PEDAL.path, self._answer, RELIABLE)
+
+    def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
+        """Return what the simulator publishes within a time [s]: message and steady time [s]."""
+        seen = watch(
+            partner,
+            {
+                "wheel_states": topics.WHEEL_STATES,
+                "pedal": topics.PEDAL,
+                "imu": topics.IMU,
+                "twist": topics.TWIST,
+                "velocity_sensor": topics.VELOCITY_SENSOR,
+                "lines": topics.lines("front"),
+            },
+            duration,
+        )
+        velocity_sensor, lines = seen.pop("velocity_sensor"), seen.pop("lines")
+        seen["twist"] = seen["twist"] or velocity_sensor or lines
+        return seen
+
+    def breaches(self, seen: dict[str, list[tuple[float, Any]]]) -> Iterator[str]:
+        """Yield what is wrong with the torques of the brakes on `wheel_states`."""
+        if self._braking_ns is None:
+            yield "brake/pedal stayed 0: press it meanwhile, so that the enables can be checked"
+            return
+        torques: dict[int, list[float]] = {}
+        for _, message in seen["wheel_states"]:
+            since = to_nanoseconds(message.header.stamp) - self._braking_ns
+            if since >= 0 and since % _PHASE_NS >= _SETTLING_NS and message.effort:
+                first = message.effort[list(message.name).index(self._wheels[0])]
+                torques.setdefault(since // _PHASE_NS, []).append(abs(first))
+        if 0 not in torques:
+            yield "wheel_states: effort must hold the torque of each brake [N m]"
+            return
+        braked = np.median(torques[0])
+        if braked <= 0.0:
+            yield "a wheel with enable 1 is not braked while the pedal is down"
+        elif np.median(torques.get(1, [0.0])) > 0.1 * braked:
+            yield "a wheel with enable 0 is still braked"
+        elif np.median(torques.get(2, [braked])) <= 0.1 * braked:
+            yield "an enable that is no number releases a brake; it must brake"
+
+    def _answer(self, message: JointState) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        if self._braking_ns is None and message.position and message.position[0] > 0.0:
+            self._braking_ns = stamp
+        values = np.ones(len(self._wheels))
+        if self._braking_ns is not None:
+            phase = (stamp - self._braking_ns) // _PHASE_NS
+            values[0] = _FIRST_WHEEL[phase] if phase < len(_FIRST_WHEEL) else 1.0
+        self._publisher.publish(joint_state(stamp, self._wheels, effort=values))

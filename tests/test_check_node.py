@@ -1,0 +1,126 @@
+"""`check-node`: our own nodes keep their contract, and each breach of a foreign one is named."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omni_process import omni_command, omni_environment
+
+from omni_bringup.graph import nodes
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import process_group
+from omni_loop.experiment import ExperimentLibrary
+from omni_ros.environment import node_environment
+
+ROOT = Path(__file__).resolve().parents[1]
+WRONG = """
+import rclpy
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from rclpy.executors import ExternalShutdownException
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image, JointState
+
+rclpy.init()
+node = rclpy.create_node("wrong")
+enable = node.create_publisher(JointState, "brake/enable", 10)
+twist = node.create_publisher(TwistWithCovarianceStamped, "odometry/twist", qos_profile_sensor_data)
+
+
+def answer(message):
+    enable.publish(JointState(header=message.header, name=["left"], effort=[2.0]))
+
+
+def measure(message):
+    header = message.header
+    header.stamp.sec += 3600
+    twist.publish(TwistWithCovarianceStamped(header=header))
+
+
+node.create_subscription(JointState, "brake/pedal", answer, 10)
+node.create_subscription(Image, "line_scan/front/lines", measure, 10)
+try:
+    rclpy.spin(node)
+except ExternalShutdownException:
+    pass
+"""
+
+
+def check(*words: str, **variables: str) -> tuple[int, dict[str, Any]]:
+    finished = subprocess.run(
+        omni_command(["check-node", *words, "--json"]),
+        env=omni_environment() | variables,
+        capture_output=True,
+        text=True,
+        timeout=200.0,
+        check=False,
+    )
+    assert finished.stdout, finished.stderr
+    return finished.returncode, json.loads(finished.stdout)
+
+
+@pytest.fixture(scope="module")
+def parameters(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("parameters")
+    configuration = ROOT / "bags" / "small_stop" / "assisted" / "configuration.yaml"
+    command = omni_command(["ros-params", str(configuration), "--out", str(folder)])
+    subprocess.run(command, env=omni_environment(), check=True, capture_output=True)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("node", "module"),
+    [
+        ("brake_assist", "omni_brake_assist.brake_assist_node"),
+        ("odometry", "linescan_odometry.odometry_node"),
+    ],
+)
+def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path) -> None:
+    name = {"odometry": "linescan_odometry"}.get(node, node)
+    file = parameters / f"{name}.yaml"
+    start = f"{sys.executable} -m {module} --ros-args --params-file {file}"
+    _, document = check(node, "--start", start)
+    # How late answers come, and so their number, depends on the load of the machine.
+    late = ("1 % of the answers", " of the inputs were answered")
+    assert [one for one in document["breaches"] if not any(word in one for word in late)] == []
+    assert document["metrics"]["answers.all"]["value"] > 100
+
+
+@pytest.mark.parametrize(
+    ("node", "breaches"),
+    [
+        ("brake_assist", ("brake/enable names left; must be", "one share of 0 to 1 per wheel")),
+        (
+            "odometry",
+            (
+                "is published best effort",
+                "a stamp is later than that of the newest input",
+                "frame_id 'front' must be base_link",
+            ),
+        ),
+    ],
+)
+def test_breaches_of_a_foreign_node_are_named(
+    node: str, breaches: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "wrong.py").write_text(WRONG)
+    code, document = check(node, "--start", f"{sys.executable} {tmp_path / 'wrong.py'}")
+    assert code == 1
+    found = " | ".join(document["breaches"])
+    assert [one for one in breaches if one not in found] == []
+
+
+def test_our_simulator_keeps_its_contract(tmp_path: Path) -> None:
+    configuration = ExperimentLibrary(ROOT / "config").load("small_stop", "assisted")
+    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+        simulator = nodes.simulator(
+            configuration, tmp_path, lockstep=False, lines_recorded=False, listeners=1
+        )
+        group.start(simulator)
+        code, document = check("simulator", ROS_DOMAIN_ID=str(domain))
+    assert document["breaches"] == []
+    assert code == 0
