@@ -54,7 +54,7 @@ IMPORTED = {name: imported(path) for name, path in MODULES.items()}
 def arrows_of_the_map() -> dict[str, set[str]]:
     """Return what each package uses of the others, as CONTRIBUTING.md draws it."""
     text = (WORKSPACE / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    block = re.search(r"## The house\n.*?```\n(.*?)```", text, re.DOTALL)
+    block = re.search(r"## Packages\n.*?```\n(.*?)```", text, re.DOTALL)
     assert block is not None
     lines = (line.split("->") for line in block[1].splitlines())
     return {name.strip(): set(used[0].split()) if used else set() for name, *used in lines}

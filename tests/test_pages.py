@@ -57,6 +57,7 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "study tires": "test_tire_study.py",
     "study wheels": "CPU times, repeated: test_wheels.py has the wheels",
     "study feedback": "minutes: test_feedback.py has fewer stops",
+    "check-node": "a node of the reader's: test_check_node.py has ours and wrong ones",
     "check-vehicle": "the reader's recording: test_mistakes.py drives some vehicles",
     "study straight_line --law": "a law of the reader's: test_extending.py writes one",
 }

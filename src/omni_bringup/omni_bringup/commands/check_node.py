@@ -56,7 +56,7 @@ class Options(Configuration):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Feed the node, or listen to it, and report what breaks the contract."""
-    from omni_bringup.node_check.exchange import Partner
+    from omni_bringup.node_check.exchange_node import Partner
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
 
@@ -106,7 +106,7 @@ def _check_answers(
     partner: Any, recording: Path, configuration: ExperimentConfiguration, node: str, alive: Any
 ) -> tuple[dict[str, tuple[float, str]], list[str]]:
     from omni_bringup.node_check import contract
-    from omni_bringup.node_check.exchange import feed
+    from omni_bringup.node_check.exchange_node import feed
     from omni_bringup.replay.plan import feedback_topic
     from omni_platform import topics
 
@@ -131,7 +131,7 @@ def _check_simulator(
     partner: Any, configuration: ExperimentConfiguration, duration: float
 ) -> tuple[dict[str, tuple[float, str]], list[str]]:
     from omni_bringup.node_check import contract
-    from omni_bringup.node_check.simulator import Enables
+    from omni_bringup.node_check.enables_node import Enables
     from omni_platform import topics
 
     wheels = list(configuration.vehicle.wheels)

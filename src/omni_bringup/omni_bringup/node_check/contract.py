@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omni_bringup.node_check.exchange import Answer, Exchange
+from omni_bringup.node_check.exchange_node import Answer, Exchange
 from omni_platform.quantities import SECOND_NS
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 
@@ -111,7 +111,7 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
 def simulator_breaches(
     seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield what is wrong with the messages of a simulator, by `exchange.watch`."""
+    """Yield what is wrong with the messages of a simulator, by `exchange_node.watch`."""
     for key in ("wheel_states", "pedal", "twist"):
         messages = [message for _, message in seen[key]]
         if len(messages) < 2:

@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from omni_bringup.node_check.exchange import Partner, watch
+from omni_bringup.node_check.exchange_node import Partner, watch
 from omni_platform import topics
 from omni_platform.quantities import SECOND_NS
 from omni_ros.messages import joint_state, to_nanoseconds
