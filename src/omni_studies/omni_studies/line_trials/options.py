@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,6 @@ from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture
-from omni_tools.line_trials.rig import ground
-from omni_tools.line_trials.trials import Matches, Motion, measure
 
 _EXPERIMENT = "straight_line"  # lends everything but its ground
 _DPI = 1200.0
@@ -55,23 +52,6 @@ class LineOptions(Configuration):
     def kinds(self) -> list[str]:
         """The grounds, each once."""
         return list(dict.fromkeys(self.ground))
-
-
-def measure_on(
-    kinds: Sequence[str], motions: Sequence[Motion], options: LineOptions
-) -> dict[str, list[Matches]]:
-    """Return the matches of each motion, by kind of ground, with the options as they are."""
-    return {
-        kind: measure(
-            motions,
-            ground(kind, options.texels),
-            options.pairs,
-            options.noise,
-            options.seed,
-            options.metric,
-        )
-        for kind in kinds
-    }
 
 
 def grounds_option(*grounds: str) -> Any:

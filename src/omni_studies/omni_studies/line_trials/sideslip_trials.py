@@ -52,20 +52,6 @@ class Angles:
         """Root mean square of the errors [rad], NaN if nothing was measured."""
         return root_mean_square(self.error)
 
-    @property
-    def bias(self) -> float:
-        """RMS over the angles of what all batches at an angle have in common [rad].
-
-        The scatter within an angle, as far as it is in the mean, is taken off; NaN if there are
-        fewer than two batches anywhere.
-        """
-        count = np.count_nonzero(np.isfinite(self.error), axis=1)
-        error = self.error[count > 1]
-        if not len(error):
-            return math.nan
-        scatter = np.nanvar(error, axis=1, ddof=1) / count[count > 1]
-        return math.sqrt(max(0.0, float(np.mean(np.nanmean(error, axis=1) ** 2 - scatter))))
-
     def rms_error_with(self, wheel_speed: float) -> float:
         """Return the RMS error [rad] if the forward velocity is wrong.
 

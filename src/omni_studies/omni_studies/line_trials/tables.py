@@ -1,4 +1,4 @@
-"""Matches over many views as comma-separated values, and their metrics."""
+"""Matches over many views as comma-separated values."""
 
 from __future__ import annotations
 
@@ -9,31 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from omni_figures.data_table import write_table
-from omni_loop.metrics import Metric
 from omni_studies.line_trials.view_grid import GROUP
 from omni_tools.line_trials.errors import ERROR_COLUMNS
 from omni_tools.line_trials.trials import Matches, Motion
-
-_OVERLAP = 0.6  # from which on views count
-
-
-def surface_metrics(
-    case: str, motions: Sequence[Motion], found: Sequence[Matches]
-) -> dict[str, Metric]:
-    """Return mean error, wrong and flagged share over the views with 60 % overlap or more.
-
-    Args:
-        case: ends the names of the metrics.
-        motions: that were tried.
-        found: the matches of each.
-    """
-    enough = [m for motion, m in zip(motions, found, strict=True) if motion.overlap >= _OVERLAP]
-    usable = float(np.mean([m.usable for m in enough]))
-    return {
-        f"mean_error.{case}": Metric(float(np.mean([m.mean_error for m in enough])), "px"),
-        f"wrong_share.{case}": Metric(float(np.mean([m.undetected_share for m in enough])), "1"),
-        f"flagged_share.{case}": Metric(1.0 - usable, "1"),
-    }
 
 
 def write_matches(

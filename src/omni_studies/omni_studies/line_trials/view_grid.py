@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from omni_platform.quantities import FloatArray
 from omni_tools.line_trials.rig import View
 from omni_tools.line_trials.trials import Motion
@@ -33,11 +31,6 @@ def sideways_motions(axis: float = 0.0) -> list[Motion]:
         for shape in SHAPES
         for length in LENGTHS
     ]
-
-
-def as_map(values: list[float]) -> FloatArray:
-    """Arrange values of `sideways_motions` as a map, shape (shapes, lengths)."""
-    return np.array(values).reshape(len(SHAPES), len(LENGTHS))
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:

@@ -26,7 +26,7 @@ from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
 from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
-from omni_studies.study import StudyResult, StudyRun, claim
+from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 
 _COLORS = dict(zip(LAWS, (BLACK, BLUE, GREEN, VERMILLION), strict=True))
@@ -49,8 +49,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     path = study.folder / "stops.csv"
     held = run_campaign(work, seeds, Held, options, path, work.fingerprint, study.report)
     metrics = {"runs.all": Metric(len(LAWS) * len(held), "1")}
-    sentences = []
-    for bound, words in (("any_heading", "no path"), ("straight", "no stop that keeps its line")):
+    for bound in ("any_heading", "straight"):
         shares, lower = _over_bound(held, bound), below(held, bound)
         count = int(np.sum(~np.isnan(shares)))
         solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in held)
@@ -61,11 +60,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
         if count:
             metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
-        sentences.append(
-            claim(f"Below its bound is {words}", f"{lower} of {count} are", holds=not lower)
-        )
     figure = save_figure(_draw(held), study.folder / "bounds.png")
-    return StudyResult(metrics, (path, figure), tuple(sentences))
+    return StudyResult(metrics, (path, figure))
 
 
 def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:

@@ -109,7 +109,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ),
         ),
     )  # fmt: skip
-    return StudyResult(metrics, files, _findings(found))
+    return StudyResult(metrics, files)
 
 
 def _view(shape: float) -> View:
@@ -151,35 +151,6 @@ def _pairs(grays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
     """Return Pearson's correlation (81) at a positive shift."""
     return float(np.corrcoef(new[: len(new) - shift], old[shift:])[0, 1])
-
-
-def _findings(found: dict[str, list[Trial]]) -> tuple[str, ...]:
-    entries, trade, independent = [], True, True
-    for kind, trials in found.items():
-        by_shape = {trial.shape: trial for trial in trials}
-        narrow, wide = by_shape[_NARROW], by_shape[_WIDE]
-        trade &= wide.contrast < narrow.contrast and wide.correlation > narrow.correlation
-        enough = [trial for trial in trials if trial.overlap >= _ENOUGH and trial.shape <= 1.0]
-        independent &= enough[0].right_share >= enough[-1].right_share - 0.02
-        entries.append(
-            f"{kind}: from {1e3 * _NARROW * _LENGTH:g} to {1e3 * _WIDE * _LENGTH:g} mm of width "
-            f"the contrast falls from {narrow.contrast:.1f} to {wide.contrast:.1f} gray levels and "
-            f"the correlation rises from {narrow.correlation:.2f} to {wide.correlation:.2f}. From "
-            f"60 % overlap to a square view the share of right pairs goes from "
-            f"{100.0 * enough[0].right_share:.0f} to {100.0 * enough[-1].right_share:.0f} %, the "
-            f"refined error from {enough[0].rmse:.2f} to {enough[-1].rmse:.2f} px"
-        )
-    return (
-        *(f"{entry}." for entry in entries),
-        "The dissertation's claim that a wider view has less contrast and correlates better "
-        f"{'holds' if trade else 'does not hold'}. Its claim that errors do not depend on the "
-        "width, up to that of the length and with sufficient overlap, "
-        + (
-            "holds for whole pixels on these grounds."
-            if independent
-            else "does not hold on all of these grounds: more overlap still helps."
-        ),
-    )
 
 
 def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:

@@ -131,7 +131,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ),
         ),
     )
-    return StudyResult(metrics, files, _findings(list(curves), metrics))
+    return StudyResult(metrics, files)
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
@@ -151,27 +151,6 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
         for s in shifts.tolist()
     ]
     return Curve(shifts.astype(np.float64), np.array(values, dtype=np.float64), truth)
-
-
-def _findings(kinds: list[str], metrics: Mapping[str, Metric]) -> tuple[str, ...]:
-    entries = [
-        f"{kind} {metrics[f'minima.{kind}'].value:.1f} minima, the deepest one "
-        f"{metrics[f'minimum_width.{kind}'].value:.1f} mm wide"
-        for kind in kinds
-    ]
-    found = [f"{'; '.join(entries)}."]
-    fine = [kind for kind in kinds if kind in {"asphalt", "cork"}]
-    if "stone" in kinds and fine:
-        fewer = all(metrics["minima.stone"].value < metrics[f"minima.{k}"].value for k in fine)
-        wider = all(
-            metrics["minimum_width.stone"].value > metrics[f"minimum_width.{k}"].value for k in fine
-        )
-        found.append(
-            "The dissertation's claims: that coarse stone has fewer minima than asphalt and cork "
-            f"{'holds' if fewer else 'does not hold'}, and that its minimum is flatter "
-            f"{'holds' if wider else 'does not hold'}."
-        )
-    return tuple(found)
 
 
 def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:

@@ -162,7 +162,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             (_row(case) for case in cases),
         ),
     )  # fmt: skip
-    return StudyResult(_metrics(cases, judged), files, _findings(cases, judged))
+    return StudyResult(_metrics(cases, judged), files)
 
 
 class LeftOut(NamedTuple):
@@ -249,30 +249,6 @@ def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metr
     right = [_LOW <= case.mean <= _HIGH for case in cases if len(case.squares)]
     metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
     return metrics
-
-
-def _findings(cases: list[Case], judged: Mapping[str, LeftOut]) -> tuple[str, ...]:
-    means = {
-        f"{case.camera}, {case.ground}, {case.motion}": case.mean
-        for case in cases
-        if len(case.squares)
-    }
-    if not means:
-        return ("Nothing was measured.",)
-    every = np.concatenate([case.squares for case in cases])
-    right = sum(_LOW <= value <= _HIGH for value in means.values())
-    worst = max(means, key=lambda name: abs(math.log(means[name])))
-    return (
-        f"The error squared of the twist is {every.mean():.2f} times what its covariance lets "
-        f"expect; {right} of {len(means)} cases lie within {_LOW:g} to {_HIGH:g}.",
-        f"The farthest off is {worst}, with {means[worst]:.2f}.",
-        *(
-            f"Of a single camera, with variances fitted on the other grounds: {kind} "
-            f"{left.squared:.2f}, {left.coverage:.0f} % within 95 %."
-            for kind, left in judged.items()
-            if not (0.8 <= left.squared <= _HIGHEST and left.coverage >= _COVERED)
-        ),
-    )
 
 
 def _row(case: Case) -> tuple[str | float, ...]:

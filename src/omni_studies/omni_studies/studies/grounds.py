@@ -105,19 +105,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         save_figure(_spectra(looks), study.folder / "spectra.png"),
         write_table(study.folder / "grounds.csv", header, rows),
     )
-    ranked = sorted(looks, key=lambda name: looks[name].contrast)
-    findings = [
-        "Contrast after a box of 20 mm, gray levels: "
-        + ", ".join(f"{name} {looks[name].contrast:.1f}" for name in ranked)
-        + "."
-    ]
-    findings += [
-        f"{name}: {looks[name].contrast:.1f} gray levels; photographs of asphalt have "
-        f"{low:g} to {high:g}."
-        for name, (low, high) in _PHOTOGRAPHED.items()
-        if name in looks
-    ]
-    return StudyResult(metrics, files, tuple(findings))
+    return StudyResult(metrics, files)
 
 
 def _look(texture: GroundTexture, seed: int) -> Look:

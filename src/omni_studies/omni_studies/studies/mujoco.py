@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -80,7 +79,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         save_figure(_draw(stops), study.folder / "paths.png"),
         _write(stops, study.folder / "stops.csv"),
     )
-    return StudyResult(metrics, files, _findings(metrics))
+    return StudyResult(metrics, files)
 
 
 def _twist(case: str, speed: float) -> tuple[float, float, float]:
@@ -138,29 +137,6 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
             change = float(np.max(np.abs(tilted - level)))
             metrics[f"load_change_of_1_mm.{name}{engine}"] = Metric(change, "N")
     return metrics
-
-
-def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
-    def largest(quantity: str, variant: str) -> float:
-        named = re.compile(rf"{quantity}_difference\.\w+_{variant}_(single|rollers)")
-        return max(metric.value for key, metric in metrics.items() if named.fullmatch(key))
-
-    sentences = [
-        f"{variant.capitalize()}, ours and MuJoCo's differ by at most "
-        f"{largest('swerve', variant):.1f} deg of swerve and "
-        f"{100.0 * largest('distance', variant):.0f} % of distance over {len(_CASES)} motions "
-        "and both wheels"
-        for variant in _VARIANTS
-    ]
-    swerves = {
-        variant: metrics[f"orientation_change.straight_{variant}_mujoco"].value
-        for variant in _VARIANTS
-    }
-    return (
-        f"In MuJoCo the brake assistant lowers the swerve straight ahead from "
-        f"{swerves['unassisted']:.1f} to {swerves['assisted']:.1f} deg",
-        *sentences,
-    )
 
 
 def _draw(stops: Stops) -> Figure:

@@ -23,15 +23,13 @@ from omni_studies.campaign.figures import draw_distributions, draw_runs
 from omni_studies.campaign.random_braking import VEHICLES, RandomBraking
 from omni_studies.campaign.robustness import (
     CAUSES,
-    DISTANCE_FACTOR,
     ENERGY_LIMIT,
     LIMITS,
-    ORIENTATION_LIMIT,
     SHORTEST_DISTANCE,
     Outcome,
     outcome,
 )
-from omni_studies.study import StudyResult, StudyRun, claim
+from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 
 _WORST = 3  # cases to replay, of orientation and of distance each
@@ -65,7 +63,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         save_figure(draw_distributions(results), study.folder / "distributions.png"),
         *_write_worst(results, braking, study.folder),
     ]
-    return StudyResult(_metrics(results), tuple(files), _findings(results))
+    return StudyResult(_metrics(results), tuple(files))
 
 
 def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
@@ -94,32 +92,11 @@ def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
                 }
     rises = [max(result.energy_rise_unassisted, result.energy_rise_assisted) for result in results]
     metrics["energy_rise.largest"] = Metric(max(rises), "1", at_most=ENERGY_LIMIT)
+    better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
+    metrics["better_share.all"] = Metric(better / len(results), "1")
     tipping = sum(result.tipping for result in results)
     metrics["tipping_share.all"] = Metric(tipping / len(results), "1")
     return metrics
-
-
-def _findings(results: Sequence[Outcome]) -> tuple[str, ...]:
-    better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
-    sentences = [
-        claim(
-            "Whatever vehicle, load, ground and motion: the assistant keeps the orientation better",
-            f"in {better / len(results):.1%} of {len(results)} runs",
-            holds=better == len(results),
-        )
-    ]
-    words = {
-        "energy": f"Brakes only take energy, (47), (48): at most {ENERGY_LIMIT:g} of it returns",
-        "orientation": f"None turns by {ORIENTATION_LIMIT:g} deg more than unassisted",
-        "distance": f"None takes more than {DISTANCE_FACTOR:g} times the distance",
-        "rest": "All come to rest that do so unassisted",
-    }
-    for limit, sentence in words.items():
-        causes = Counter(getattr(result, limit) for result in results if getattr(result, limit))
-        listed = ", ".join(f"{cause} {causes[cause]}" for cause in CAUSES if causes[cause])
-        found = f"{causes.total()} runs are otherwise" + (f" (causes: {listed})" if listed else "")
-        sentences.append(claim(sentence, found, holds=not causes))
-    return tuple(sentences)
 
 
 def _write_violations(results: Sequence[Outcome], path: Path) -> Path:

@@ -154,8 +154,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         save_figure(figure, study.folder / "sensor_presets.png"),
         *_write(sensors, speeds, found, study.folder),
     )
-    findings = tuple(_finding(name, computed[name], limits[name]) for name in sensors)
-    return StudyResult(metrics, files, findings)
+    return StudyResult(metrics, files)
 
 
 def _motions(sensor: LineSensor, speeds: FloatArray) -> list[Motion]:
@@ -210,20 +209,6 @@ def _highest(speeds: FloatArray, share: FloatArray) -> float:
     failing = np.flatnonzero(share < _NEEDED)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0
-
-
-def _by_ground(limits: dict[str, float]) -> str:
-    return ", ".join(f"{ground} {value:.3g} m/s" for ground, value in limits.items())
-
-
-def _finding(name: str, computed: float, limits: dict[str, float]) -> str:
-    lowest = min(limits.values())
-    # Table 4 is rounded to one digit or two.
-    holds = "holds" if lowest >= 0.98 * min(_TABLE_4[name], computed) else "does not hold"
-    return (
-        f"{_TITLES[name]}: 60 % overlap is {computed:.3g} m/s sideways, and the simulation "
-        f"measures up to {_by_ground(limits)}; the {_TABLE_4[name]:g} m/s of Table 4 {holds}."
-    )
 
 
 def _write(

@@ -68,7 +68,6 @@ def run(name: str, folder: Path, *arguments: str) -> dict[str, float]:
     options = parse_options(study.Options, [*arguments, "--runs", "1", "--dpi", "400"])
     result = study.run(options, StudyRun(ExperimentLibrary(CONFIG), folder))
     assert all(path.stat().st_size > 0 for path in result.files)
-    assert result.findings
     return {key: metric.value for key, metric in result.metrics.items()}
 
 
@@ -97,7 +96,7 @@ def test_surfaces_are_written_with_every_shape(
     assert metrics["odometry_measured_share.wood_parallel"] == 1.0
     for direction in ("parallel", "across"):
         assert metrics[f"odometry_wrong_share.wood_{direction}"] == 0.0
-    with (tmp_path / "directions.csv").open(encoding="utf-8", newline="") as file:
+    with (tmp_path / "texture_direction.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 70
     assert np.isfinite([float(row["mean_error_px"]) for row in rows]).all()

@@ -1,0 +1,384 @@
+"""Errors of one line camera in straight motion, over speed, field of view and ground.
+
+Every motion is uniform, with 2500 lines/s; sideways motion is 12 m/s at 89 deg to the axis.
+``overlap`` also draws how far a vehicle moves from one line to the next at any line rate, and
+``texture_direction`` also counts what the odometry measures with the camera of the standard
+experiment. Parallel to the fibers of wood the axis sees a bar code that hardly changes; across them
+it sees next to nothing, and that changes from line to line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from linescan_odometry.sensor import SensorOdometry
+from omni_figures import style
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.metrics import Metric
+from omni_platform.quantities import FloatArray
+from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials import options as line_options
+from omni_studies.line_trials import tables, view_grid
+from omni_studies.line_trials.figures import Scale, draw_error_maps, view_lengths
+from omni_studies.line_trials.options import LineOptions, TextureOptions
+from omni_studies.line_trials.view_grid import GROUP, sideways_motions
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials.rig import Rig, View, ground
+from omni_tools.line_trials.trials import Matches, Motion, measure
+
+CASES = {
+    "overlap": "Overlap and error of a camera that moves along its axis at 5 to 200 m/s, with "
+    "fields of view of 10 to 100 mm (Figures 54 and 62)",
+    "field_of_view": "Error of sideways motion over the two dimensions of the field of view "
+    "(Figures 63 and 64)",
+    "median": "Raw errors of sideways motion, and those of the median of ten consecutive "
+    "displacements (Figure 71)",
+    "texture_direction": "Sideways motion over wood, parallel to its grain and across it "
+    "(Figure 65)",
+    "difficult_textures": "Sideways motion over metal and plastic, which show too little detail, "
+    "without noise and with noise of 1 and 5 gray levels (Figure 66)",
+}
+
+_SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s, of Figure 62
+_LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m, of Figure 62
+_SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
+_ENOUGH = 0.6  # overlap that the dissertation calls sufficient
+_NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
+_ERROR = 0.01  # of the speed, beyond which a velocity is wrong
+
+Found = list[tuple[Motion, Matches]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = line_options.kinds_option("stone", "cork")
+    pairs: int = line_options.pairs_option(20)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Views(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = line_options.kinds_option(
+        "stone", "cork", "asphalt", "walking_tile", "dry_earth", "wood"
+    )
+    pairs: int = line_options.pairs_option(80)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Medians(LineOptions):
+    """Grounds, distance, pairs, noise and seed."""
+
+    ground: tuple[str, ...] = line_options.kinds_option("walking_tile", "stone")
+    pairs: int = line_options.pairs_option(60, fewest=GROUP)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Directions(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = line_options.grounds_option("wood")
+    noise: float = line_options.noise_option()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Difficult(TextureOptions):
+    """Grounds, their resolution, random places and seed."""
+
+    ground: tuple[str, ...] = line_options.grounds_option("metal", "plastic")
+
+
+OPTIONS = {
+    "field_of_view": _Views,
+    "median": _Medians,
+    "texture_direction": _Directions,
+    "difficult_textures": _Difficult,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Condition:
+    """What is changed besides the ground: title of its maps, axis [rad] and noise."""
+
+    title: str = ""
+    axis: float = 0.0
+    noise: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Case:
+    """How a case is measured and drawn.
+
+    Attributes:
+        figure: number in the dissertation.
+        title: of the figure.
+        metrics: of a case's name and its motions with their matches.
+        conditions: tried on every ground, by name.
+        columns: maps in a row; as many as grounds if None.
+    """
+
+    figure: int
+    title: str
+    metrics: Callable[[str, Found], dict[str, Metric]]
+    conditions: Mapping[str, _Condition] = dataclasses.field(
+        default_factory=lambda: {"": _Condition()}
+    )
+    columns: int | None = None
+
+
+def run(options: Any, study: StudyRun) -> StudyResult:
+    """Move over the grounds under every condition; write figures, data and metrics."""
+    case = _STUDIES[study.case]
+    textures = _textures(options, study.experiments)
+    metrics: dict[str, Metric] = {}
+    found: dict[tuple[str, ...], list[Matches]] = {}
+    maps: list[tuple[str, FloatArray]] = []
+    motions = _motions(study.case)
+    shape = (-1, len(_LENGTHS if study.case == "overlap" else view_grid.LENGTHS))
+    for name, texture in textures.items():
+        for word, condition in case.conditions.items():
+            key = (name, word) if word else (name,)
+            matches = measure(
+                _motions(study.case, condition.axis),
+                texture,
+                getattr(options, "pairs", GROUP),
+                options.noise if condition.noise is None else condition.noise,
+                options.seed,
+                getattr(options, "metric", "pearson"),
+                getattr(options, "runs", 1),
+            )
+            found[key] = matches
+            metrics |= case.metrics("_".join(key), list(zip(motions, matches, strict=True)))
+            title = condition.title or name.replace("_", " ")
+            filtered = study.case == "median"
+            errors = [m.mean_error for m in matches]
+            maps.append((f"{title}, raw" if filtered else title, np.reshape(errors, shape)))
+            if filtered:
+                errors = [float(np.mean(np.abs(m.median_error(GROUP)))) for m in matches]
+                maps.append((f"{title}, median of {GROUP}", np.reshape(errors, shape)))
+            if study.case == "texture_direction":
+                metrics |= _odometry(texture, condition.axis, options, study.experiments, key)
+    columns = case.columns or len(textures)
+    look: dict[str, Any] = {}
+    if isinstance(options, TextureOptions):
+        look["grounds"] = textures
+    if study.case == "overlap":
+        look["scales"] = view_lengths(_LENGTHS), Scale("speed [m/s]", _SPEEDS)
+        look["levels"] = (_SHIFT_LIMIT, 0.8)
+    figure = draw_error_maps(
+        f"{case.title} (Figure {case.figure})",
+        [dict(maps[i : i + columns]) for i in range(0, len(maps), columns)],
+        np.reshape([motion.overlap for motion in motions], shape),
+        **look,
+    )
+    headers = ("ground", "condition")[: len(next(iter(found)))]
+    files = [
+        style.save_figure(figure, study.folder / f"figure_{case.figure}.png"),
+        tables.write_matches(study.folder / f"{study.case}.csv", headers, motions, found),
+    ]
+    if study.case == "overlap":
+        figure, displacements = _line_rates()
+        metrics |= displacements
+        files.append(style.save_figure(figure, study.folder / "figure_54.png"))
+    return StudyResult(metrics, tuple(files))
+
+
+def _textures(options: Any, library: ExperimentLibrary) -> Mapping[str, GroundTexture]:
+    if isinstance(options, TextureOptions):
+        return line_options.grounds_of(options, library)
+    return {kind: ground(kind, options.texels) for kind in options.kinds}
+
+
+def _motions(case: str, axis: float = 0.0) -> list[Motion]:
+    if case != "overlap":
+        return sideways_motions(axis)
+    return [
+        Motion(View(length=length, width=0.4 * length), speed, 0.0)
+        for speed in _SPEEDS
+        for length in _LENGTHS
+    ]
+
+
+def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
+    # At the limit itself the rounding decides whether a shift can be found.
+    within = [matches for motion, matches in found if motion.overlap > _SHIFT_LIMIT]
+    beyond = [matches for motion, matches in found if motion.overlap < _SHIFT_LIMIT]
+    wrong, wrong_beyond = (
+        1.0 - float(np.mean(np.concatenate([m.right for m in some]))) for some in (within, beyond)
+    )
+    inexact = float(np.mean(np.concatenate([m.pixel_error for m in within]) != 0.0))
+    error = np.concatenate([m.error for m in within])
+    return {
+        f"wrong_share_within_limit.{case}": Metric(wrong, "1", at_most=0.001),
+        f"wrong_share_beyond_limit.{case}": Metric(wrong_beyond, "1"),
+        f"off_by_one_share_within_limit.{case}": Metric(
+            inexact - wrong, "1", note="before refinement, Eq. (84)"
+        ),
+        f"off_by_half_share_within_limit.{case}": Metric(float(np.mean(abs(error) > 0.5)), "1"),
+        f"rmse_px_within_limit.{case}": Metric(
+            float(np.sqrt(np.mean(error**2))), "1", note="refined, in pixels"
+        ),
+    }
+
+
+def _line_rates() -> tuple[Figure, dict[str, Metric]]:
+    """Draw how far a vehicle moves from one line to the next; return some of these distances."""
+    rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
+    figure, grid = style.panels(
+        "From one line to the next, over the line rate (Figure 54)",
+        size=(7.5, 5.0),
+        x="lines per second",
+        y="displacement [mm]",
+    )
+    axes = grid[0, 0]
+    for speed, color in zip(speeds, style.WHEEL_COLORS, strict=False):
+        axes.loglog(rates, 1e3 * speed / rates, color=color, label=f"{speed:g} m/s")
+    for length in (_LENGTHS[0], 0.05, _LENGTHS[-1]):
+        limit = 1e3 * _SHIFT_LIMIT * length
+        axes.axhline(limit, color=style.GRAY, linestyle="--", linewidth=0.9)
+        axes.annotate(
+            f"shift limit of {1e3 * length:g} mm", (rates[-1], limit), (-2, 3),
+            textcoords="offset points", ha="right", color=style.GRAY,
+        )  # fmt: skip
+    axes.legend(loc="lower left")
+    return figure, {
+        f"displacement_mm.{speeds[-1]:g}_{rate}": Metric(1e3 * speeds[-1] / rate, "mm")
+        for rate in (100, 2500, 15600)
+    }
+
+
+def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
+    overlap = np.array([motion.overlap for motion, _ in found])
+    right = np.array([float(np.mean(m.right)) for _, m in found])
+    exact = np.array([float(np.mean(m.pixel_error == 0.0)) for _, m in found])
+    enough = overlap >= _ENOUGH
+    needed = {
+        "overlap_needed": (right, "95 % of pairs right"),
+        # The text's own measure is a mean over pairs, not a share of them.
+        "overlap_needed_mean": ([m.mean_error <= 1.0 for _, m in found], "mean error of a pixel"),
+    }
+    if len(found[0][1].shift) >= GROUP:
+        medians = [m.right_medians(GROUP) for _, m in found]
+        needed["overlap_needed_median_10"] = (medians, "95 % of medians right")
+    metrics = {
+        f"{quantity}.{case}": Metric(
+            view_grid.needed_overlap(overlap, np.array(shares)), "1", reference=_ENOUGH, note=note
+        )
+        for quantity, (shares, note) in needed.items()
+    }
+    metrics |= {
+        f"right_share_from_60.{case}": Metric(float(right[enough].mean()), "1"),
+        f"exact_share_from_60.{case}": Metric(float(exact[enough].mean()), "1"),
+        f"right_share_below_60.{case}": Metric(float(right[~enough].mean()), "1"),
+    }
+    for length in view_grid.LENGTHS:
+        own = [(motion, m) for motion, m in found if motion.view.length == length]
+        motion, matches = min(own, key=lambda each: abs(each[0].overlap - 0.8))
+        if abs(motion.overlap - 0.8) < 0.05:
+            error = matches.error[matches.right]
+            rmse = math.sqrt(float(np.mean(error**2))) if len(error) else math.nan
+            metrics[f"rmse_mm.{case}_{1e3 * length:.0f}"] = Metric(
+                1e3 * motion.view.pitch * rmse,
+                "mm",
+                note="of right pairs, refined, at 80 % overlap, by the length of the view",
+            )
+    return metrics
+
+
+def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
+    raw = np.array([np.mean(m.right) for _, m in found])
+    filtered = np.array([m.right_medians(GROUP) for _, m in found])
+    points = (raw >= 0.6) & (raw < 1.0)  # where single pairs fail
+    mended = float(np.mean(filtered[points] == 1.0)) if points.any() else 1.0
+    return {
+        f"right_share_raw.{case}": Metric(float(raw.mean()), "1"),
+        f"right_share_median.{case}": Metric(float(filtered.mean()), "1"),
+        f"views_with_point_errors.{case}": Metric(float(points.sum()), "1"),
+        f"mended_share.{case}": Metric(mended, "1"),
+    }
+
+
+def _texture_metrics(case: str, found: Found) -> dict[str, Metric]:
+    enough = [matches for motion, matches in found if motion.overlap >= _ENOUGH]
+    usable = float(np.mean([m.usable for m in enough]))
+    return {
+        f"mean_error.{case}": Metric(float(np.mean([m.mean_error for m in enough])), "px"),
+        f"wrong_share.{case}": Metric(float(np.mean([m.undetected_share for m in enough])), "1"),
+        f"flagged_share.{case}": Metric(1.0 - usable, "1"),
+    }
+
+
+def _odometry(
+    texture: GroundTexture,
+    axis: float,
+    options: _Directions,
+    library: ExperimentLibrary,
+    key: tuple[str, ...],
+) -> dict[str, Metric]:
+    """Return how often the odometry measures, and how often wrongly."""
+    variant = library.variants("straight_line")[0]
+    configuration = library.load("straight_line", variant).odometry
+    sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
+    odometry = SensorOdometry(sensor, configuration)
+    rig = Rig({"camera": sensor}, texture, options.noise, options.seed)
+    start = np.append(np.random.default_rng(options.seed).uniform(0.0, texture.size, 2), axis)
+    angle = view_grid.ANGLE
+    twist = view_grid.SPEED * np.array([math.cos(angle), math.sin(angle), 0.0])
+    readings = [odometry.update(seen["camera"]) for seen in rig.drive(start, twist, batches=40)]
+    measured = [reading for reading in readings if reading.measured]
+    wrong = [r for r in measured if abs(r.velocity - twist[0]) > _ERROR * view_grid.SPEED]
+    case = "_".join(key)
+    return {
+        f"odometry_measured_share.{case}": Metric(len(measured) / len(readings), "1"),
+        f"odometry_wrong_share.{case}": Metric(len(wrong) / len(readings), "1", at_most=0.0),
+    }
+
+
+_STUDIES = {
+    "overlap": _Case(
+        62,
+        "Moving straight: mean error, and lines of equal overlap; shifts end at 50 %",
+        _straight_metrics,
+    ),
+    "field_of_view": _Case(
+        63,
+        "Moving sideways by 4.8 mm a line: mean error, and lines of equal overlap",
+        _view_metrics,
+        columns=3,
+    ),
+    "median": _Case(
+        71,
+        "Moving sideways: mean error of single pairs (left) and of medians of 10 (right)",
+        _median_metrics,
+        columns=2,
+    ),
+    "texture_direction": _Case(
+        65,
+        "12 m/s at 89 deg to the axis, 2500 lines/s, over the grain",
+        _texture_metrics,
+        # For a grain along x.
+        {
+            "parallel": _Condition("moving parallel to x (the grain)", axis=0.5 * math.pi),
+            "across": _Condition("moving along y, across it"),
+        },
+        columns=2,
+    ),
+    "difficult_textures": _Case(
+        66,
+        "12 m/s at 89 deg to the axis, 2500 lines/s, over grounds of little detail",
+        _texture_metrics,
+        {
+            f"noise_{noise:g}": _Condition(f"noise of {noise:g} gray levels", noise=noise)
+            for noise in _NOISES
+        },
+        columns=len(_NOISES),
+    ),
+}
