@@ -1,30 +1,11 @@
 """Installs omni_brake_assist as an ament_python package."""
 
-from xml.etree import ElementTree
+import sys
 
-from setuptools import find_packages, setup
+sys.path.insert(0, "..")
+from ament_package import install
 
-package = ElementTree.parse("package.xml").getroot()
-name = package.findtext("name")
-
-setup(
-    name=name,
-    version=package.findtext("version"),
-    description=package.findtext("description"),
-    license=package.findtext("license"),
-    packages=find_packages(exclude=["test"]),
-    python_requires=">=3.10",
-    install_requires=["numpy", "omni_platform"],  # the nodes need ROS too
-    package_data={name: ["py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
-        (f"share/{name}", ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
-    zip_safe=False,
-    entry_points={
-        "console_scripts": [
-            "brake_assist = omni_brake_assist.start_brake_assist_node:main",
-        ]
-    },
+install(
+    requires=["numpy", "omni_platform"],
+    programs=["brake_assist = omni_brake_assist.start_brake_assist_node:main"],
 )

@@ -1,36 +1,11 @@
 """Installs omni_sim as an ament_python package."""
 
-from xml.etree import ElementTree
+import sys
 
-from setuptools import find_packages, setup
+sys.path.insert(0, "..")
+from ament_package import install
 
-package = ElementTree.parse("package.xml").getroot()
-name = package.findtext("name")
-
-setup(
-    name=name,
-    version=package.findtext("version"),
-    description=package.findtext("description"),
-    license=package.findtext("license"),
-    packages=find_packages(exclude=["test"]),
-    python_requires=">=3.10",
-    install_requires=[
-        "llvmlite",
-        "numba",
-        "numpy",
-        "omni_platform",
-        "pillow",
-    ],  # the nodes need ROS too
-    package_data={name: ["py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
-        (f"share/{name}", ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
-    zip_safe=False,
-    entry_points={
-        "console_scripts": [
-            "simulator = omni_sim.start_simulator_node:main",
-        ]
-    },
+install(
+    requires=["llvmlite", "numba", "numpy", "omni_platform", "pillow"],
+    programs=["simulator = omni_sim.start_simulator_node:main"],
 )

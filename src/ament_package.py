@@ -1,0 +1,42 @@
+"""What the ``setup.py`` of every package shares."""
+
+from collections.abc import Iterable
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+
+def install(
+    requires: Iterable[str] = (),
+    programs: Iterable[str] = (),
+    data: Iterable[str] = (),
+    shared: Iterable[tuple[str, list[str]]] = (),
+) -> None:
+    """Install the package in this folder, by its ``package.xml``, as an ament_python package.
+
+    Args:
+        requires: what pip needs for the core; the nodes need ROS too.
+        programs: entry points of executables, as ``name = module:function``.
+        data: patterns of files beside the modules.
+        shared: files by folder below ``share/<package>``.
+    """
+    package = ElementTree.parse("package.xml").getroot()
+    name = str(package.findtext("name"))
+    setup(
+        name=name,
+        version=package.findtext("version"),
+        description=package.findtext("description"),
+        license=package.findtext("license"),
+        packages=find_packages(exclude=["test"]),
+        python_requires=">=3.10",
+        install_requires=list(requires),
+        package_data={name: ["py.typed", *data]},
+        data_files=[
+            ("share/ament_index/resource_index/packages", [f"resource/{name}"]),
+            (f"share/{name}", ["package.xml"]),
+            *((f"share/{name}/{folder}", files) for folder, files in shared),
+        ],
+        extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
+        zip_safe=False,
+        entry_points={"console_scripts": list(programs)},
+    )
