@@ -1,1 +1,1 @@
-"""Makes the workspace ready: environment, build and kernels; what `./omni` starts."""
+"""Set-up of the workspace, started by `./omni`: environment, build and kernels."""

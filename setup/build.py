@@ -82,7 +82,7 @@ def compile_kernels(workspace: Workspace, steps: Steps, libraries: Sequence[str]
 
 
 def remove(folder: Path) -> None:
-    """Delete a folder and what is in it, if it is there."""
+    """Delete a folder and its content, if it exists."""
     with contextlib.suppress(FileNotFoundError):
         shutil.rmtree(str(folder))
 

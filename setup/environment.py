@@ -86,7 +86,7 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
 
 
 def choose_python(workspace: Workspace) -> str:
-    """Return the Python to make the environment with: the sourced ROS dictates its own."""
+    """Return the Python for the environment: that of the sourced ROS, if there is one."""
     if not workspace.ros or workspace.ros.python == sys.version_info[:2]:
         # Not the Python of an active environment: that may be the one about to be replaced.
         return str(getattr(sys, "_base_executable", sys.executable))

@@ -1,4 +1,4 @@
-"""Why the workspace cannot be made ready, in one sentence that says what to do."""
+"""Reasons for a failed set-up, in one sentence with a remedy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 class SetupError(Exception):
-    """Why the workspace cannot be made ready: one sentence that says what to do."""
+    """The set-up failed; the message is one sentence with a remedy."""
 
 
 def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
@@ -45,7 +45,7 @@ def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
 
 
 def check_venv_module(python: str) -> None:
-    """Refuse a Python that cannot make environments (Debian ships venv apart)."""
+    """Refuse a Python that cannot make environments (Debian has a separate package for venv)."""
     probe = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
     if subprocess.call(
         [python, "-I", "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

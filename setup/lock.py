@@ -1,4 +1,4 @@
-"""One start at a time: the lock that set-up holds alone and commands share."""
+"""The lock that set-up holds exclusively and commands share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from setup.workspace import Workspace
 
 
 def open_lock(workspace: Workspace) -> int | None:
-    """Return the descriptor of the file that starts in this folder take turns with."""
+    """Return the descriptor of the lock file of this folder."""
     path = workspace.cache / "lock"
     try:
         workspace.cache.mkdir(exist_ok=True)
@@ -23,7 +23,7 @@ def open_lock(workspace: Workspace) -> int | None:
 
 
 def take_lock(lock: int | None, mode: int) -> None:
-    """Take the lock in `mode`, and say so where that means waiting."""
+    """Take the lock in `mode`, and print a message before waiting."""
     if lock is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""Finds a Python that will do.
+"""Finds a usable Python.
 
 This file and `omni` must parse on any Python 3, for "too old" to be a sentence: no f-strings, no
 annotated variables, nothing imported that an old one lacks.
@@ -41,7 +41,7 @@ def find_python(versions: "tuple[tuple[int, int], ...]") -> "str | None":
 
 
 def refuse() -> int:
-    """Say that this Python will not do and that there is no other one; return the exit code."""
+    """Print that no usable Python was found; return the exit code."""
     old = tuple(sys.version_info[:2]) < min(SUPPORTED)
     say(
         "Python {}.{} is too {}, this needs Python 3.10 to 3.14: {}.".format(

@@ -30,8 +30,8 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
 
     Args:
         words: the command and its arguments.
-        door: path of the program that was started, in the folder of the workspace.
-        usage: what it says of itself.
+        door: path of the started program, in the folder of the workspace.
+        usage: its help text.
     """
     root = Path(door).parent
 
@@ -105,7 +105,7 @@ def make_ready(workspace: Workspace, lock: int | None) -> None:
 def hand_over(
     workspace: Workspace, environment: dict[str, str], words: Sequence[str], lock: int | None
 ) -> int:
-    """Replace this process by what the words ask for; return only if that is not there."""
+    """Replace this process by the command; return only if the command is not found."""
     python = str(workspace.python)
     if words[0] == "exec":
         command = list(words[1:]) or [python]

@@ -34,7 +34,7 @@ class Steps:
         Args:
             workspace: to make ready.
             lock: that is held.
-            first: verb of the first stage: what comes before it is there already.
+            first: verb of the first stage; the stages before it are complete.
         """
         self.workspace = workspace
         self.lock = lock
@@ -45,14 +45,14 @@ class Steps:
         workspace.log.write_text("")
 
     def stage(self, words: str) -> None:
-        """Say what comes now, beginning with a verb of `_SHARES`, and how far it is."""
+        """Print the next stage, which begins with a verb of `_SHARES`, and the completed share."""
         verb, total = words.split(maxsplit=1)[0], sum(_SHARES[verb] for verb in self._todo)
         done = sum(_SHARES[before] for before in self._todo[: self._todo.index(verb)])
         self._stages.append((words, time.monotonic()))
         say(f"{done / total:3.0%} {words}")
 
     def summary(self) -> str:
-        """Return how long all stages took, and which the longest."""
+        """Return the duration of all stages, and the longest stage."""
         ends = [begin for _, begin in self._stages[1:]] + [time.monotonic()]
         took = {words: end - begin for (words, begin), end in zip(self._stages, ends, strict=True)}
         longest = max(took, key=lambda words: took[words])

@@ -1,4 +1,4 @@
-"""The folder of the workspace: its places, their stamps, and the variables to use them with."""
+"""The folders of the workspace, their stamps, and their environment variables."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SourcedRos(NamedTuple):
 
 
 class Workspace:
-    """The folder this file is in, with the places that set-up fills."""
+    """The workspace and the folders that set-up fills."""
 
     def __init__(self, root: Path, ros: SourcedRos | None) -> None:
         self.root = root
@@ -50,7 +50,7 @@ class Workspace:
 
 
 def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | None:
-    """Return the sourced Jazzy with rclpy, or None where the wheels are to be used.
+    """Return the sourced Jazzy with rclpy, or None if ROS from PyPI is to be used.
 
     Args:
         environ: The user's environment; OMNI_ROS in it forces the choice.
@@ -94,7 +94,7 @@ def without(value: str, folders: Sequence[str]) -> list[str]:
 
 
 def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[str, str]:
-    """Return `environ` less what belongs to other environments and to this one."""
+    """Return `environ` without the entries of other environments and of this one."""
     environment = {name: environ[name] for name in environ if name not in FOREIGN_VARIABLES}
     foreign = [str(workspace.root)]
     kept = workspace.ros.prefixes if workspace.ros else ()
@@ -119,8 +119,8 @@ def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[s
 def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
     """Return the entries of PYTHONPATH that hold modules of the user's own.
 
-    Packages of another Python or ROS do not fit this one: what is below its prefix, and any folder
-    of site-packages.
+    Packages of another Python or ROS are incompatible: entries below its prefix and any folder of
+    site-packages are removed.
     """
     foreign = [str(workspace.venv), *(f"{workspace.root}/{name}" for name in OWN_FOLDERS)]
     foreign += environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
@@ -160,7 +160,7 @@ def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str
 
 
 def final_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str, str]:
-    """Return the variables for what is handed over to, with the built packages on the paths."""
+    """Return the variables for the command, with the built packages on the paths."""
     environment = venv_environment(workspace, libraries)
     installed = sorted(workspace.install.glob("*/lib/python3.*/site-packages"))
     prepend(environment, "AMENT_PREFIX_PATH", *(library.parents[2] for library in installed))
@@ -209,7 +209,7 @@ def files_state(files: Iterable[Path]) -> str:
 
 
 def environment_identity(workspace: Workspace) -> dict[str, object]:
-    """Return what a finished environment must have been made from to be used."""
+    """Return the identity of an up-to-date environment."""
     return {
         "format": STAMP_FORMAT,
         "root": str(workspace.root),
@@ -220,12 +220,12 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return what a finished build must have been made with, its inputs apart."""
+    """Return the identity of an up-to-date build, without its inputs."""
     return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 
 def read_stamp(folder: Path) -> dict[str, Any]:
-    """Return the stamp that a finished step has left in its folder, or nothing."""
+    """Return the stamp of a finished step in its folder, or an empty one."""
     try:
         stamp = json.loads((folder / "omni.json").read_text())
     except (OSError, ValueError):
@@ -234,7 +234,7 @@ def read_stamp(folder: Path) -> dict[str, Any]:
 
 
 def write_stamp(folder: Path, identity: Mapping[str, object], **more: object) -> None:
-    """Leave the stamp of a finished step: last of all, and whole or not at all."""
+    """Write the stamp of a finished step atomically, as its last action."""
     partial = folder / "omni.json.partial"
     partial.write_text(json.dumps(dict(identity, **more)))
     os.replace(str(partial), str(folder / "omni.json"))

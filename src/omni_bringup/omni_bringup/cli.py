@@ -52,7 +52,7 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
 
     Raises:
         InputError: the value of an option does not fit.
-        SystemExit: the words ask for help, or are no command line.
+        SystemExit: help was asked for, or the command line is invalid.
     """
     command: Any = commands
     program, rest = "omni", list(words)
@@ -140,7 +140,7 @@ def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
-    """Return the command of a group that the first word names; help and errors end here."""
+    """Return the command of a group named by the first word; exit after help and errors."""
     what = "STUDY" if program == "omni study" else "ACTION" if program != "omni" else "COMMAND"
     known = commands.commands_of(group.PACKAGE)
     if words and words[0] in known:
@@ -176,7 +176,7 @@ def _introduction(words: Any) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Suggests the option that was meant, and refuses as JSON where JSON is asked for."""
+    """Parser that suggests similar options and prints errors as JSON if JSON is asked for."""
 
     as_json = False
 

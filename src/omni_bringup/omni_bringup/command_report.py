@@ -20,9 +20,9 @@ class Report:
         details: further entries of the document.
         text: lines, and tables of rich, that are printed without ``--json``; read only then.
         files: that were written, printed after the text.
-        hints: lines that are printed last, such as how to use the files.
+        hints: lines printed last, such as how to use the files.
         summary: folder in which the document is kept as ``summary.json``.
-        problems: sentences for standard error; with any the exit code is 1.
+        problems: sentences for standard error; if there are any, the exit code is 1.
         ok: whether the result is what the options ask for; otherwise the exit code is 1.
     """
 
@@ -55,7 +55,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def printable(text: str) -> str:
-    """Return words without what would steer a terminal, or fill it."""
+    """Return text without control characters, shortened to fit a terminal."""
     if len(text) > _LONGEST_LINE:
         text = f"{text[:_LONGEST_LINE]}... ({len(text)} characters)"
     return "".join(

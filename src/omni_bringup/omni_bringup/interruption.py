@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do to a command."""
+"""Handling of Ctrl-C and SIGTERM by a command."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_once_on_signals() -> None:
-    """End without a word of Python's while there is nothing to clean up.
+    """Exit on a signal without a traceback while there is nothing to clean up.
 
-    An exception out of a signal handler would meet an import half way, and not every extension
-    module passes it on as what it is.
+    An exception raised by a signal handler could interrupt an import, and some extension modules
+    replace it by another one.
     """
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:  # as a shell has it for background jobs
@@ -23,7 +23,7 @@ def leave_at_once_on_signals() -> None:
 
 
 def clean_up_on_signals() -> None:
-    """Raise `KeyboardInterrupt` or `SystemExit` from now on, since there is something to end.
+    """Let signals raise `KeyboardInterrupt` or `SystemExit`, so that processes are ended.
 
     To be called after the last import; see `leave_at_once_on_signals`.
     """

@@ -1,4 +1,4 @@
-"""What the launch files of runs have in common; the only module that needs `launch`.
+"""Functions shared by the launch files; the only module that needs `launch`.
 
 `launch` comes with a ROS installation and not with the wheels of ROS, so nothing imports this but
 launch files.
@@ -27,9 +27,9 @@ from omni_ros.environment import REPORT_FILE_VARIABLE
 
 
 def run_description(mode: str) -> LaunchDescription:
-    """Return the arguments and the nodes of a mode; the end of one ends all.
+    """Return the arguments and nodes of a mode; the end of one node ends all.
 
-    A node that fails ends the launch with an error, and so does a run that does not count.
+    A failed node or an invalid run ends the launch with an error.
     """
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=words)
@@ -60,7 +60,7 @@ def _start(mode: str, context: Any) -> list[Any]:
 
 
 def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context: Any) -> list[Any]:
-    """Go on after the end of a node; what is raised here ends the launch with an error."""
+    """Handle the end of a node; an exception ends the launch with an error."""
     if event.returncode != 0:
         raise RuntimeError(f"{name} ended with exit code {event.returncode}")
     ended.append(name)

@@ -12,12 +12,12 @@ _PERIOD = 5.0  # [s] between lines where there is no terminal
 _SPARSER = 0.2  # of the time elapsed, which the period is at least
 
 Progress = Callable[[float, str], None]
-"""Takes the share done, 0..1, and a few words about it."""
+"""Function that receives the completed share, 0..1, and a short text."""
 
 
 @contextmanager
 def progress_bar(name: str) -> Iterator[Progress]:
-    """Show a bar on a terminal, and a line every few seconds elsewhere; both estimate the rest.
+    """Show a progress bar on a terminal, or lines elsewhere, with an estimate of the time left.
 
     Args:
         name: of the work.
@@ -39,11 +39,11 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
 @contextmanager
 def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
-    """Print every few seconds that a command of unknown duration is still at work.
+    """Print every few seconds that a command of unknown duration is still running.
 
     Args:
         program: at the beginning of each line.
-        words: what it does.
+        words: description of the work.
         every: time between lines [s].
     """
     done = threading.Event()
@@ -63,7 +63,7 @@ def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
 
 
 def progress_lines(name: str, clock: Callable[[], float] = time.monotonic) -> Progress:
-    """Return a function that prints a line now and then, with an estimate of the time left.
+    """Return a function that prints a line at intervals, with an estimate of the time left.
 
     Args:
         name: at the beginning of each line.

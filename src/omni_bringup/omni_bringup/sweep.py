@@ -1,4 +1,4 @@
-"""``./omni run --set key=a,b,c``: a table and a picture instead of recordings."""
+"""``./omni run --set key=a,b,c``: a table and a figure instead of recordings."""
 
 from __future__ import annotations
 

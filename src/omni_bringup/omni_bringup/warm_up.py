@@ -1,7 +1,7 @@
-"""Compile every kernel and make the ground of the standard experiment, so that no run waits.
+"""Compile every kernel and render the ground of the standard experiment in advance.
 
 Started by the launcher after a build; the results are in the caches on disk. Two processes compile
-side by side. What both need is compiled by one of them before: numba has no lock for that.
+in parallel. Shared kernels are compiled by one of them before, because numba's cache has no lock.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ _STAGES: tuple[tuple[Callable[[ExperimentConfiguration], None], ...], ...] = (
 
 
 def warm_up(folder: Path) -> None:
-    """Run a moment of the standard experiment and of each of its parts.
+    """Run a short part of the standard experiment and of each of its components.
 
     Args:
         folder: the workspace, with its `config`.

@@ -40,13 +40,13 @@ class Workspace:
         return ExperimentLibrary(self.config)
 
     def checked_library(self) -> ExperimentLibrary:
-        """Return the same; implausible values are noted on standard error, each once."""
+        """Return the library; implausible values are reported on standard error, each once."""
         from omni_tools.vehicles.plausibility import RemarkingLibrary
 
         return RemarkingLibrary(self.config, self.note)
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
-        """Note implausible values of experiments on standard error, each once."""
+        """Report implausible values of experiments on standard error, each once."""
         from omni_tools.vehicles.plausibility import remarks
 
         for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):

@@ -25,7 +25,7 @@ _ANY_WIDTH = 10_000  # more than any table needs
 class ComparisonTable:
     """A row per quantity and a column per variant, for as many variants as fit side by side.
 
-    The others follow in tables below, since a number must never wrap or vanish; names may wrap.
+    Further variants follow in tables below, so that numbers never wrap; names may wrap.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class ComparisonTable:
         self._title = title
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        """Yield the tables for the width of the console."""
+        """Yield tables that fit the width of the console."""
         title = self._title
         left = list(self._metrics)
         while left:
@@ -58,7 +58,7 @@ def comparison_table(
 
     A value that misses its limit is marked with ``!``; the dissertation's figure follows in
     brackets.
-    A quantity without meaning is a dash, and the lines below the table say why.
+    An undefined quantity is a dash, with the reason below the table.
 
     Args:
         metrics_by_variant: what `run_metrics` returned, in the order of the columns.
@@ -70,7 +70,7 @@ def comparison_table(
 def _table(
     metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, *, folded: bool
 ) -> Table:
-    """Return a table of which the first column alone may become narrower, down to a word."""
+    """Return a table in which only the first column may become narrower."""
     table = Table(
         title=None if title is None else Text(title),
         title_justify="left",
@@ -140,7 +140,7 @@ def _times(metric: Metric, factor: float, unit: str) -> Metric:
 
 
 def metric_label(quantity: str) -> str:
-    """Return a quantity in words; that of a single wheel is indented."""
+    """Return the name of a quantity; that of a single wheel is indented."""
     name, _, wheel = quantity.partition(".")
     label = (
         f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)
@@ -166,7 +166,7 @@ def _cell(metric: Metric | None) -> Text:
 
 
 def metric_number(value: float, unit: str) -> str:
-    """Return a value in digits, as many as its unit deserves."""
+    """Return a value with as many digits as suit its unit."""
     if unit == "1" and float(value).is_integer():
         return f"{value:.0f}"
     return f"{value:.{_DECIMALS.get(unit, 2)}f}"

@@ -1,4 +1,4 @@
-"""Tables of numbers as CSV files: the data behind a figure."""
+"""Writes tables as CSV files, such as the data of a figure."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
 
 
 def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, Any]:
-    """Return what the dissertation's figures show of a run: time, velocities and errors.
+    """Return the columns of the dissertation's figures of a run: time, velocities and errors.
 
     Args:
         history: the run.
-        errors: whether the errors are among it.
+        errors: whether to include the errors.
     """
     columns: dict[str, Any] = {
         TIME: history.braking_time,

@@ -1,4 +1,4 @@
-"""The two figures that every run of an experiment leaves."""
+"""The two figures of every run of an experiment."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw_run_figures(
     Args:
         configurations: of the variants; vehicle and ground are taken from the first.
         histories: by variant, in the order of the panels.
-        folder: where the pictures go.
+        folder: for the files.
 
     Returns:
         The files written.
@@ -41,7 +41,7 @@ def draw_run_figures(
 
 
 def scene_of(configuration: ExperimentConfiguration) -> Scene:
-    """Return what the figures show of an experiment's vehicle and ground."""
+    """Return the vehicle and ground of an experiment as a `Scene`."""
     vehicle = configuration.vehicle
     center = MassProperties.of(vehicle.body, vehicle.load).center
     return Scene(

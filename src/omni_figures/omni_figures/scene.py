@@ -1,4 +1,4 @@
-"""What the figures need to know of a vehicle and its ground, apart from its motion."""
+"""Geometry of a vehicle and its ground for the figures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WHEEL_WIDTH = 0.45
 
 @dataclasses.dataclass(frozen=True)
 class GroundPatch:
-    """Ground with a friction of its own.
+    """A patch of ground with a different friction.
 
     Attributes:
         outline: corners in `odom` [m].

@@ -1,4 +1,4 @@
-"""Which moments of a braking maneuver the top view shows, so that none hides another.
+"""Selection of the moments of a braking maneuver that the top view shows without overlap.
 
 The first snapshot is the start of braking, the last one the final position. Those between them
 follow at about equal distances along the longest path of all variants, at round times, and as

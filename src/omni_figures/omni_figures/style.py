@@ -1,8 +1,8 @@
-"""What the project's figures share: colors, sizes, and how they reach a file.
+"""Colors, sizes and file formats of all figures.
 
 Colors are those of M. Okabe and K. Ito, which readers with any common color vision can distinguish.
-Figures are made with matplotlib's objects, never with pyplot. Importing this module makes
-``omni.mplstyle`` the look of all figures of the process.
+Figures are made with matplotlib's objects, never with pyplot. Importing this module applies
+``omni.mplstyle`` to all figures of the process.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def draw_title(figure: Figure, title: str) -> None:
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
-    """Return what `RunHistory.braking_time` of these runs counts."""
+    """Return the label of `RunHistory.braking_time` for these runs."""
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
 

@@ -1,4 +1,4 @@
-"""A picture of a sweep: what braking comes to over the values of one key."""
+"""Figure of a sweep: metrics over the values of one key."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""What happened while braking, over time: velocities and errors, like Figures 31 and 32.
+"""Velocities and errors over time while braking, like Figures 31 and 32.
 
-One column per variant: linear velocity in the body frame, yaw rate, the sliding-manifold values
-s_i by wheel, and when each brake was on. Time counts from the start of braking. A row has one
-scale, except that a panel in which it would show little more than a flat line has one of its own,
-and says so. Lines are the truth, thin dashed lines what the odometry measured.
+One column per variant: linear velocity in the body frame, yaw rate, the sliding-manifold values s_i
+    by wheel, and when each brake was on. Time counts from the start of braking. A row has one
+    scale; a panel that would show only a flat line has its own scale, which is labeled. Lines are
+    the truth, thin dashed lines what the odometry measured.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
 
 
 def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
-    """Return values with NaN before the start of braking, where they mean nothing."""
+    """Return values with NaN before the start of braking."""
     shown = values.copy()
     shown[: history.brake_start] = np.nan
     return shown
@@ -118,7 +118,7 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    """Draw one strip per wheel, as high as the share of the pressure that its brake had."""
+    """Draw one strip per wheel; its height is the share of the brake pressure."""
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
@@ -154,7 +154,7 @@ def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
 
 
 def _row_scales(shown: Sequence[FloatArray], noisy: Sequence[FloatArray]) -> list[Limits]:
-    """Return one scale for all, but a panel's own where the common one would hide what it shows."""
+    """Return a common scale, and separate scales for panels that it would make unreadable."""
     common = _limits(shown, noisy)
     scales = []
     for place, values in enumerate(shown):
@@ -171,7 +171,7 @@ def _set_scales(
     histories: Sequence[RunHistory],
     scales: Sequence[Sequence[Limits]],
 ) -> None:
-    """Set the limits; a scale is written where it differs from that of the panel on the left."""
+    """Set the limits, and label scales that differ from that of the panel to the left."""
     first = max(-_BEFORE, min(float(h.braking_time[0]) for h in histories))
     last = max(float(h.braking_time[-1]) for h in histories)
     for place, panels in enumerate(columns):
@@ -240,7 +240,7 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
 
 
 def _wheel_line(row: int) -> dict[str, Any]:
-    """Return the look of a wheel's line: in gray, where colors pair up, dashes part the pairs."""
+    """Return the style of a wheel's line; dashes distinguish lines with similar gray levels."""
     dashes = ("-", "-", (0, (4, 1)), (0, (4, 1)), (0, (1, 1)), (0, (1, 1)))
     color = style.wheel_color(row)
     return {"color": color, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}

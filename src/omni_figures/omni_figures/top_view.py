@@ -1,7 +1,7 @@
-"""Braking seen from above: snapshots of every variant, like Figures 24 and 30.
+"""Top view of braking: snapshots of every variant, like Figures 24 and 30.
 
 One panel per variant, all at the same scale, so that distances compare by eye. Times count from
-the start of braking; `snapshots` says which moments are shown.
+the start of braking; `snapshots` selects the moments.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _LONGEST_ARROW = 0.9
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """The piece of ground that every panel shows, and how it is laid out on the page."""
+    """The section of ground of every panel, and its layout on the page."""
 
     low: FloatArray  # [m]
     high: FloatArray  # [m]
@@ -176,7 +176,7 @@ def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str
 def _label_snapshots(
     axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
 ) -> None:
-    """Write each label beside what its snapshot covers, where it hides nothing."""
+    """Write each label next to its snapshot without overlap."""
     line = _LABEL_POINTS / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
@@ -204,7 +204,7 @@ def _label_snapshots(
 
 
 def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
-    """Yield where a label of a size [m] may stand about a chassis, the best places first."""
+    """Yield positions of a label of a size [m] around a chassis, the best first."""
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
     # Beside the path, which leads up the page when panels stand side by side.
     sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]

@@ -1,4 +1,4 @@
-"""Single pieces of the top view: ground, paths, a platform with its wheels."""
+"""Elements of the top view: ground, paths, a platform with its wheels."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels in their colors, as full as they brake, with the active direction across."""
+    """Draw wheels in their colors, filled by their share of braking, with the active direction."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
@@ -123,7 +123,7 @@ def _draw_wheels(
 
 
 def _share(history: RunHistory, index: int, wheel: str) -> float:
-    """Return the share of its pressure with which a wheel brakes [1]."""
+    """Return the share of the brake pressure of a wheel [1]."""
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
         return 0.0
     share = float(history.enable[index, history.wheel_names.index(wheel)])
@@ -132,7 +132,7 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return white with a share of a color [1]."""
+    """Return a mixture of white and a share of a color [1]."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
@@ -140,9 +140,9 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
     """Return the legend of a top view.
 
     Args:
-        scene: decides which entries there are.
+        scene: determines the entries.
         fastest: speed of the longest arrow [m/s].
-        time_label: what the times beside the snapshots are.
+        time_label: meaning of the times next to the snapshots.
     """
     handles: list[Line2D | Patch] = [
         Patch(facecolor=style.wheel_color(row), label=name.replace("_", " "))
@@ -198,7 +198,7 @@ def patch_handles(scene: Scene) -> list[Patch]:
 
 
 def mass_handles(scene: Scene) -> list[Line2D | Patch]:
-    """Return the legend of the load and the center of gravity, as far as there are any."""
+    """Return the legend of the load and the center of gravity, if known."""
     handles: list[Line2D | Patch] = []
     if scene.load is not None:
         handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
@@ -210,6 +210,6 @@ def mass_handles(scene: Scene) -> list[Line2D | Patch]:
 
 
 def _patch_look(friction: float) -> dict[str, Any]:
-    """Return a deeper blue the slipperier the patch is."""
+    """Return the color of a patch, a deeper blue for lower friction."""
     depth = 0.15 + 0.5 * (1.0 - min(max(friction, 0.0), 1.0))
     return {"facecolor": (*to_rgb(style.SKY), depth), "edgecolor": style.SKY, "hatch": "//"}

@@ -1,4 +1,4 @@
-"""Configuration files with comments, for people who go on from them."""
+"""Writes configuration files with comments, for people to edit."""
 
 from __future__ import annotations
 

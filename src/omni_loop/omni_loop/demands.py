@@ -1,4 +1,4 @@
-"""A driver's demands from a file: a CSV table, or what a recording holds of a drive."""
+"""Reads a driver's demands from a CSV table or a recording."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
     Args:
         path: a CSV file with the head ``time,forward,left,turn,pedal`` [s, m/s, m/s, rad/s, 1], or
             a rosbag2 folder or ``.mcap`` file with velocity command and pedal.
-        key: under which it was named, for the refusal.
+        key: configuration key, for messages.
 
     Raises:
-        ConfigurationError: it cannot be read, or holds no demands.
+        ConfigurationError: it cannot be read, or contains no demands.
     """
     try:
         table = _read_table(path) if path.suffix.lower() == ".csv" else _read_recording(path)
@@ -87,7 +87,7 @@ def _read_recording(path: Path) -> FloatArray:
 
 
 def _without_repeats(table: FloatArray) -> FloatArray:
-    """Leave out rows that equal both of their neighbors: standing still is two rows."""
+    """Remove rows that equal both of their neighbors."""
     same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
     kept = np.ones(len(table), bool)
     kept[1:-1] = ~(same[:-1] & same[1:])

@@ -1,9 +1,9 @@
-"""How far the odometry drifts: absolute and relative error of its path against the truth.
+"""Drift of the odometry: absolute and relative error of its path against the truth.
 
-Both paths begin at the same pose; the odometry's is that of its twists, added up. The definitions
-are those of the library `evo`, and a test compares the numbers with its own where it is installed
-(``requirements/evo.lock``): ``evo_ape`` with the origins aligned, and ``evo_rpe --delta 1
---delta_unit m --pairs_from_reference``, whose pairs follow each other.
+Both paths begin at the same pose; that of the odometry is the integral of its twists. The
+definitions are those of the library `evo`, and a test compares the numbers with those of the
+library where it is installed (``requirements/evo.lock``): ``evo_ape`` with the origins aligned, and
+``evo_rpe --delta 1 --delta_unit m --pairs_from_reference``, whose pairs follow each other.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 
 DELTA = 1.0
-"""Way between the two poses of a relative error [m]."""
+"""Length of a segment for the relative error [m]."""
 
 _NO_ODOMETRY = "the odometry measured nothing"
 _SHORT = f"the way is shorter than {DELTA:g} m"
 
 
 def odometry_path(history: RunHistory) -> FloatArray:
-    """Return the poses that the odometry gives, from the true one of the first stamp on, (T, 3).
+    """Return the poses of the odometry x, y, yaw [m, m, rad] from the true first pose on, (T, 3).
 
-    A twist that is not measured counts as rest, as in the node.
+    An unmeasured twist is integrated as zero, as in the node.
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))

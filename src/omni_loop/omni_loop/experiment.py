@@ -391,7 +391,7 @@ def _nest(path: str, value: Any) -> dict[str, Any]:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return a layer without the names of parts; they go into `named`, by path."""
+    """Remove the names of parts from a layer and store them in `named`, by path."""
     rest: dict[str, Any] = {}
     for key, value in layer.items():
         path = join_key(prefix, str(key))
@@ -404,7 +404,7 @@ def _take_names(
 
 
 LARGEST_YAML = 1 << 20
-"""Characters of a configuration; reading this many takes up to half a minute."""
+"""Largest number of characters of a configuration; reading it takes up to half a minute."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -432,7 +432,7 @@ def load_yaml(text: str) -> Any:
 
     Raises:
         yaml.YAMLError: it is no YAML.
-        ValueError: it is too large, or a value, such as a date, is none.
+        ValueError: it is too large, or a value such as a date is invalid.
     """
     if len(text) > LARGEST_YAML:
         raise ValueError(f"it has {len(text)} characters, and at most {LARGEST_YAML} are read")

@@ -1,4 +1,4 @@
-"""``--ground NAME|PICTURE --dpi X``: the ground of a run or a study by a word."""
+"""Options ``--ground NAME|PICTURE --dpi X`` of a run or a study."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", "
 
 
 def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
-    """Return the overrides of an experiment that two options stand for.
+    """Return the overrides of an experiment for both options.
 
     Args:
-        ground: a named ground, a YAML file, or a picture; None leaves the experiment's.
-        dpi: dots per inch on the ground; None leaves them.
+        ground: a named ground, a YAML file, or a picture; None keeps the experiment's.
+        dpi: dots per inch on the ground; None keeps the experiment's.
 
     Raises:
         ConfigurationError: a picture without dots per inch.
@@ -38,16 +38,16 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
 
 
 def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
-    """Draw what a run will look at and refuse what it cannot, before anything starts.
+    """Render the grounds of a run before its nodes start, and refuse unusable pictures.
 
-    A ground of 2400 dpi takes longer to draw than nodes wait for each other.
+    Rendering a ground of 2400 dpi takes longer than the timeouts of the nodes.
 
     Args:
         configurations: of the run's variants.
-        cache: where the nodes will look for their ground.
+        cache: folder from which the nodes load their ground.
 
     Raises:
-        ConfigurationError: a picture cannot be read, or a camera sees more than it shows.
+        ConfigurationError: a picture cannot be read, or is smaller than a camera's field of view.
     """
     seen: set[TextureConfiguration] = set()
     for configuration in configurations:

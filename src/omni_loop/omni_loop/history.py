@@ -1,9 +1,8 @@
-"""What a run leaves for analysis, whether it comes from a bag or from one process.
+"""Time histories of a run, from a recording or from a run in one process.
 
-Every array has one row per control stamp. A value that was not there at a stamp is NaN. The
-same run gives the same bits by both ways, because both go through the same arithmetic: a bag
-carries the heading as the quaternion of `quaternion_from_yaw`, so the heading of a run in one
-process is taken through that quaternion too.
+Every array has one row per control stamp. A missing value is NaN. Both sources give the same bits,
+because both use the same arithmetic: a recording contains the heading as the quaternion of
+`quaternion_from_yaw`, so the heading of a run in one process is converted to it and back.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ class RunHistory:
         pedal: the driver's brake demand 0..1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
         estimate_variance: its variances [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
-        assist_state: what the brake assistant was doing, a value of `AssistState`, at each stamp;
-            empty words, or none at all, where unknown.
+        assist_state: state of the brake assistant at each stamp, a value of `AssistState`; an empty
+            text, or no array, if unknown.
         real_time_factor: simulated over elapsed time [1], NaN where unknown.
 
     Raises:
@@ -93,13 +92,13 @@ class RunHistory:
             raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
 
     def columns(self, name: str) -> tuple[str, ...]:
-        """Return what the columns of a signal are called, nothing for one number per stamp."""
+        """Return the names of the columns of a signal, none for a scalar signal."""
         components = SIGNALS[name]
         return self.wheel_names if components == (PER_WHEEL,) else components
 
     @classmethod
     def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
-        """Collect what a run in one process sampled at each control stamp.
+        """Make a history from the samples of a run in one process.
 
         Args:
             pose: x, y, yaw of `base_link` in `odom` [m, m, rad], shape (T, 3).
@@ -120,7 +119,7 @@ class RunHistory:
         real_time_factor: float = math.nan,
         **samples: ArrayLike,
     ) -> RunHistory:
-        """Collect samples whose heading is given as (q_z, q_w), as a bag carries it.
+        """Make a history from samples with the heading as (q_z, q_w), as in a recording.
 
         Rows of the estimate that were not measured (a component that is not finite, or whose
         variance is `UNMEASURED_VARIANCE` or more) become NaN.
@@ -129,7 +128,7 @@ class RunHistory:
             position: x, y of `base_link` in `odom` [m], shape (T, 2).
             orientation: (q_z, q_w) of `quaternion_from_yaw`, shape (T, 2).
             wheel_names: names of the N wheels.
-            assist_state: what the brake assistant was doing, where known.
+            assist_state: state of the brake assistant, if known.
             real_time_factor: simulated over elapsed time [1].
             **samples: the other attributes by name.
 
@@ -193,7 +192,7 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
-    """Return (q_z, q_w) of a heading [rad]; the truth on a bag uses this formula to the bit.
+    """Return (q_z, q_w) of a heading [rad]; recordings use the same formula, to the bit.
 
     `math` rather than numpy: numpy's vectorized sine may differ from it in the last bit.
     """
@@ -217,9 +216,9 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
 
 
 def first_difference(a: RunHistory, b: RunHistory) -> str | None:
-    """Return the earliest difference of two histories in words, None if every bit is the same.
+    """Return a description of the first difference of two histories, None if all bits are equal.
 
-    NaN equals NaN. The real-time factor and the words of the assistant are not part of the state.
+    NaN equals NaN. The real-time factor and the states of the assistant are not compared.
     """
     if a.wheel_names != b.wheel_names:
         return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"

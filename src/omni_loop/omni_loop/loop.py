@@ -133,8 +133,8 @@ def run_closed_loop(
 
     Args:
         configuration: the whole loop.
-        simulator: a simulator of this configuration to look into afterwards; made if not given.
-        estimator: in place of that of the configuration.
+        simulator: a simulator of this configuration, for inspection after the run; made if None.
+        estimator: replaces the estimator of the configuration.
 
     Returns:
         The history at every control stamp. Its real-time factor is unknown: this function reads

@@ -1,9 +1,9 @@
-"""What a braking run is judged by: stopping, swerving, switching, odometry error.
+"""Metrics of a braking run: distance, rotation, switchings, odometry error.
 
 Braking lasts from the first stamp with the pedal down to the end of the history, in which the
 vehicle must have come to rest (`RestCriterion`). If it has not, if the pedal is never pressed, or
-if it is pressed at a standstill, the quantities that this leaves without meaning are NaN and say
-so in their note; they are never replaced by what happened so far.
+if it is pressed at a standstill, quantities that are then undefined are NaN, with the reason in
+their note; they are never replaced by intermediate values.
 
 All positions are those of `base_link`. The quantities, in the order of the result:
 
@@ -15,11 +15,11 @@ lateral_deviation    m     largest distance from the line through the start alon
 stopping_time        s     from the start of braking until the vehicle comes to rest
 peak_yaw_rate        rad/s largest magnitude from the start of braking on
 brake_switchings     1     changes of the enables while stopping, all wheels together
-brake_switchings.<w> 1     the same for wheel <w>
-fail_safe_share      1     of the stamps of braking until rest, those at which the assistant had
-                           a fault and put all brakes on; the most frequent one is noted
+brake_switchings.<w> 1     changes of the enables of wheel <w> while stopping
+fail_safe_share      1     share of the stamps from braking to rest at which all brakes were on
+                           because of a fault; the note names the most frequent fault
 twist_rmse           m/s   root mean square of the error vector of the odometry's velocity
-yaw_rate_rmse        rad/s the same for the yaw rate
+yaw_rate_rmse        rad/s root mean square error of the odometry's yaw rate
 real_time_factor     1     simulated over elapsed time
 ==================== ===== ===================================================================
 
@@ -65,12 +65,12 @@ class Metric:
     """One measured quantity.
 
     Attributes:
-        value: what was measured, NaN where it has no meaning.
+        value: measured value, NaN if it is undefined.
         unit: SI symbol, ``deg`` or ``1``.
         reference: the dissertation's figure, if there is one.
         at_most: upper limit of the value, if there is one.
         at_least: lower limit of the value, if there is one.
-        note: why the value is NaN, or what a reader should know of it; else empty.
+        note: why the value is NaN, or a remark for the reader; else empty.
     """
 
     value: float
@@ -92,7 +92,7 @@ class Metric:
 
 @dataclasses.dataclass(frozen=True)
 class RestCriterion:
-    """When a vehicle has come to rest.
+    """Criterion for a vehicle at rest.
 
     The tires are springs: a vehicle that stops rocks back and forth on them for a moment. It
     comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
@@ -158,11 +158,11 @@ def still_rolls(history: RunHistory) -> bool:
 def results_document(
     name: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]]
 ) -> dict[str, Any]:
-    """Return the one document that every measuring command prints, ready for strict JSON.
+    """Return the JSON document of a command that computes metrics.
 
-    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``,
-    which says both apart too.
-    Values that are not finite become None, and `note` says why where that is known.
+    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``
+    with `variant` and `wheel` as separate entries. Values that are not finite become None, with the
+    reason in `note`.
 
     Args:
         name: of the experiment.
@@ -179,7 +179,7 @@ def results_document(
 
 
 def results_entry(metric: Metric) -> dict[str, Any]:
-    """Return a metric as it stands in the document, None in place of what is not finite."""
+    """Return the entry of a metric in the document, with None for values that are not finite."""
     entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
     for name in ("reference", "at_most", "at_least"):
         if (number := getattr(metric, name)) is not None:

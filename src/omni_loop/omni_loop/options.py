@@ -1,4 +1,4 @@
-"""Options of every command that runs the loop: what is changed, and parts from outside."""
+"""Options of every command that runs the loop: overrides and user's classes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from omni_platform.configuration import Configuration
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LoopOptions(Configuration):
-    """What is changed of an experiment."""
+    """Overrides of an experiment."""
 
     overrides: tuple[str, ...] = overrides_option()
     law: str | None = option(
@@ -32,7 +32,7 @@ class LoopOptions(Configuration):
 
     @property
     def changes(self) -> list[str]:
-        """All of them as ``dotted.key=value`` texts."""
+        """All overrides as ``dotted.key=value`` texts."""
         law = [f"brake_assist.law={self.law}"] if self.law is not None else []
         odometry = [f"feedback={self.odometry}"] if self.odometry is not None else []
         simulator = [f"vehicle.wheel_model={self.simulator}"] if self.simulator is not None else []

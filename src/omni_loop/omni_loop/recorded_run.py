@@ -82,7 +82,7 @@ def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) ->
     Args:
         bag: the recording of a vehicle.
         types: of the topics, by name.
-        required: topics without which there is nothing to read.
+        required: topics that must exist.
 
     Raises:
         BagError: the bag cannot be read, lacks a topic, or one is of another type.
@@ -165,7 +165,7 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
 
 
 def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
-    """Return the assistant's state at each control stamp; it holds until the next report."""
+    """Return the assistant's state at each control stamp, held until the next report."""
     states = [""] * len(stamps)
     for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
         for status in message.status:

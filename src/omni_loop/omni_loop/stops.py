@@ -25,9 +25,8 @@ def stops_of(history: RunHistory, rest: RestCriterion | None = None) -> tuple[Ru
     """Return the stops of a history, in order.
 
     A stop begins when the pedal goes down in motion and ends at rest with the pedal still down;
-    it is shown from a second before until half a second after. Slowing down is none, and parked
-    time belongs to none. A history with one stop that begins in motion, as a scripted run does,
-    is returned as it is, and so is one without.
+    it includes a second before and half a second after. Slowing down without coming to rest is no
+    stop. A history without a stop, or with one stop that begins in motion, is returned unchanged.
 
     Args:
         history: of a run or a drive.

@@ -1,6 +1,6 @@
-"""Sweeps: the same experiment with one value of a key after the other, in one process.
+"""Sweeps: an experiment with several values of one or more keys, in one process.
 
-``vehicle.load.mass=0,100,250`` stands for three values; several such texts for every combination.
+``vehicle.load.mass=0,100,250`` gives three values; several such texts give every combination.
 A run gives the same bits as one over the graph.
 """
 
@@ -74,7 +74,7 @@ def sweep(
 
     Args:
         configurations: variant, values of the swept keys, and the loop.
-        report: takes the share done and words.
+        report: receives the completed share [0..1] and a text.
     """
     results = []
     for done, (variant, values, configuration) in enumerate(configurations):
@@ -97,6 +97,6 @@ def _run(configuration: ExperimentConfiguration) -> RunHistory:
 
 
 def number(text: str) -> float | None:
-    """Return the number that a value is, None for a word."""
+    """Return a value as a number, None for a text."""
     value = load_yaml(text)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -1,4 +1,4 @@
-"""The capability of a wheel's brake: true for the simulator, nominal for the assistant."""
+"""Parameters of a wheel's brake, true for the simulator and nominal for the assistant."""
 
 from __future__ import annotations
 
@@ -65,5 +65,5 @@ class BrakeConfiguration(Configuration):
 
     @property
     def grain(self) -> float:
-        """Step of the share of pressure that the brake resolves [1], 0 for any share."""
+        """Smallest step of the brake pressure [1], 0 for a continuous brake."""
         return 1.0 if self.kind == ON_OFF else self.resolution

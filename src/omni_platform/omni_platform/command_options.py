@@ -1,7 +1,7 @@
 """A `Configuration` as the options of a command line.
 
-A command declares its options as the fields of a `Configuration`; type, bounds, default and words
-of help follow from them. A field ``peak_recovery`` becomes ``--peak-recovery N``, a bool becomes a
+A command declares its options as the fields of a `Configuration`; type, bounds, default and help
+follow from them. A field ``peak_recovery`` becomes ``--peak-recovery N``, a bool becomes a
 switch, a tuple an option that may be repeated, and ``X | None`` an option that may be left out.
 """
 
@@ -32,7 +32,7 @@ C = TypeVar("C", bound=Configuration)
 
 @dataclasses.dataclass(frozen=True)
 class _Spelling:
-    """How an option is written where that does not follow from its field."""
+    """Form of an option where it does not follow from its field."""
 
     flag: str | None = None
     metavar: str | None = None
@@ -49,13 +49,13 @@ def option(
     many: bool = False,
     **declared: Any,
 ) -> Any:
-    """Declare a field with more about its place on a command line than `parameter` can.
+    """Declare a field with further properties of its command-line option.
 
     Args:
         default: value used where none is given; without it the option is required.
         flag: such as ``--set`` where the field's name does not give it.
-        metavar: what stands for the value in the help.
-        positional: whether it is given by its place, without a flag.
+        metavar: name of the value in the help.
+        positional: whether it is a positional argument without a flag.
         many: whether one flag takes several values of a tuple.
         **declared: the other arguments of `parameter`.
     """
@@ -66,7 +66,7 @@ def option(
 
 
 def json_option() -> Any:
-    """Declare ``--json``, which every command that measures has."""
+    """Declare ``--json``, an option of every command that computes metrics."""
     return parameter(False, description="print the results as JSON")
 
 

@@ -8,8 +8,8 @@ every run, and (in `omni_ros.parameters`) the ROS parameters with their descript
 A field is a bool, int, float, str, a tuple of floats or strings, another `Configuration`, or a
 `Mapping[str, Configuration]` for things that have names of their own (wheels, sensors, patches).
 An option of a command (`omni_platform.command_options`) may also be a `Path`, or ``X | None``.
-Nothing is ever repaired: a value that does not fit raises `ConfigurationError`, which names the
-key, the value and what would be right.
+Invalid values are never corrected: they raise `ConfigurationError`, which names the key, the value
+and what is permitted.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ C = TypeVar("C", bound="Configuration")
 
 
 class InputError(ValueError):
-    """Input that cannot be used, refused before anything starts; names the value and a remedy."""
+    """Input is refused before anything starts; the message names the value and a remedy."""
 
 
 class WorkError(RuntimeError):
-    """Work that was begun and cannot be finished; the message, of one line or several, says why."""
+    """Work has begun and cannot be finished; the message gives the reason."""
 
 
 class ConfigurationError(InputError):
-    """A configuration value that cannot be used.
+    """A configuration value is invalid.
 
     Attributes:
         key: dotted path of the value, such as ``vehicle.load.mass``.
-        problem: what is wrong with it and what would be right.
+        problem: what is wrong with it and what is permitted.
     """
 
     def __init__(self, key: str, problem: str) -> None:
@@ -60,7 +60,7 @@ class ConfigurationError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """What is known of a parameter besides its value; bounds are None where there is none."""
+    """Properties of a parameter besides its value; a missing bound is None."""
 
     description: str
     unit: str
@@ -70,7 +70,7 @@ class ParameterInfo:
     choices: tuple[str, ...] | None
 
     def bounds_in_words(self) -> str:
-        """Return the permitted range as the end of a sentence."""
+        """Return a description of the permitted range."""
         unit = f" {self.unit}" if self.unit else ""
         words = []
         if self.above is not None:
@@ -111,10 +111,10 @@ def parameter(
 
 
 def section(make: Callable[[], Any], *, description: str) -> Any:
-    """Declare a field that is a configuration itself, or a mapping of names to some.
+    """Declare a field that is a configuration, or a mapping of names to configurations.
 
     Args:
-        make: returns what stands where nothing is given: the class, or ``dict``.
+        make: returns the default value: the class, or ``dict``.
         description: one line for people.
     """
     metadata = {_METADATA: ParameterInfo(description, "", None, None, None, None)}
@@ -123,7 +123,7 @@ def section(make: Callable[[], Any], *, description: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Configuration:
-    """Base of every configuration; checks each declared field when it is made.
+    """Base of every configuration; checks each declared field at construction.
 
     Raises:
         ConfigurationError: a value has the wrong type, is not finite or is out of its range.
@@ -139,7 +139,7 @@ class Configuration:
         self.check_consistency()
 
     def check_consistency(self) -> None:
-        """Raise `ConfigurationError` if values that are each fine do not fit together."""
+        """Raise `ConfigurationError` if valid values contradict each other."""
 
 
 def declared_parameters(
@@ -251,7 +251,7 @@ def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
 
 
 def _convert(value: Any, kind: Any, key: str) -> Any:
-    """Turn a YAML value into the type that a field declares, without guessing."""
+    """Convert a YAML value to the type of a field, without guessing."""
     if is_configuration(kind):
         return from_mapping(kind, value, key)
     element = element_configuration(kind)
@@ -334,7 +334,7 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
 
 
 def _described(value: Any) -> str:
-    """Return what a value is, as the beginning of a sentence."""
+    """Return a description of a value and its type."""
     if value is None:
         return "is nothing"
     return f"{value!r} is {_type_in_words(type(value))}"

@@ -1,4 +1,4 @@
-"""A vehicle as a URDF: for viewers and for its frames, from the vehicle's file."""
+"""URDF of a vehicle, for viewers and frames."""
 
 from __future__ import annotations
 

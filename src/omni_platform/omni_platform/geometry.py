@@ -1,4 +1,4 @@
-"""Where the wheels sit and which way they push: the directions of Figures 13 and 14.
+"""Positions and directions of the wheels, Figures 13 and 14.
 
 Frames follow REP-103: the body frame `base_link` is at the geometric center of the platform,
 x forward, y left, z up. `k` is the unit ground normal, so that for vectors in the ground plane

@@ -1,9 +1,10 @@
-"""A cache of compiled kernels that notices every change of what a kernel was compiled from.
+"""A cache of compiled kernels that detects every change of the code of a kernel.
 
-numba compares the text of the file that a kernel is in. It therefore misses a changed function or
-constant from another file, and compiles again after an edit of a comment. Here the name of a cached
-file contains a digest of the kernel's bytecode and options and of all functions, constants and
-tuple classes that it refers to, directly or not. Several versions of a kernel may be in the cache.
+numba compares the text of the file that a kernel is in. It therefore misses changes of functions
+and constants in other files, and compiles again after an edit of a comment. Here the name of a
+cached file contains a digest of the kernel's bytecode and options and of all functions, constants
+and tuple classes that it refers to, directly or not. Several versions of a kernel may be in the
+cache.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class KernelCache(FunctionCache):
 
 
 def kernel_digest(dispatcher: Dispatcher) -> str:
-    """Return a digest of all that a kernel is compiled from, but for the types of its arguments."""
+    """Return a digest of the code and constants of a kernel, without the types of its arguments."""
     reached: dict[FunctionType, str] = {}
     pending: list[FunctionType] = []
     root = _describe(dispatcher, pending)
@@ -81,7 +82,7 @@ def kernel_digest(dispatcher: Dispatcher) -> str:
 
 @functools.cache
 def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]:
-    """Describe a function without those that it refers to, and return these."""
+    """Return a description of a function, and the functions that it refers to."""
     callees: list[FunctionType] = []
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     names = sorted(set(_names(function.__code__)))

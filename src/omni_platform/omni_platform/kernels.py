@@ -1,10 +1,11 @@
 """How compiled kernels are declared.
 
-numba counts the references to every array whenever it passes or unpacks it. Kernels that get all
-state of a vehicle or an assistant as one tuple of dozens of arrays spent two thirds of their time
-on that, and as much of their compilation. A `lean` kernel does not count. It may therefore neither
-make an array (slices assigned from other arrays make one) nor return one, also not within a tuple;
-what it works on comes from its caller. One that does is a `kernel`, and short.
+numba counts the references to every array whenever it passes or unpacks it. Kernels that receive
+the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two thirds of
+their run time and of their compilation on it. A `lean` kernel does not count references. It may
+therefore neither create an array (slices assigned from other arrays create one) nor return one,
+also not in a tuple; its caller provides all arrays. A kernel that creates arrays is a `kernel`, and
+short.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numba.np import linalg
 from omni_platform.kernel_cache import KernelCache
 
 njit = numba.njit
-"""numba's own; modules take it from here, so that their caches follow the content."""
+"""numba's own decorator; modules import it from here, so that their caches follow the content."""
 
 
 def _enable_caching(dispatcher: Any) -> None:
@@ -28,10 +29,10 @@ def _enable_caching(dispatcher: Any) -> None:
 
 
 def _defer_blas() -> None:
-    """Let numba look for a BLAS when a kernel calls it, not when the first kernel is loaded.
+    """Let numba search for a BLAS when a kernel calls it, not when the first kernel is loaded.
 
-    It looks by importing all of scipy.linalg, 0.3 s in each process. SciPy is there, so the answer
-    is known, and compiling a product of matrices still loads it.
+    The search imports all of scipy.linalg, 0.3 s in each process. SciPy is always installed, and
+    compiling a product of matrices still loads it.
     """
     look = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
@@ -44,7 +45,8 @@ def _defer_blas() -> None:
 def _defer_transforms() -> None:
     """Keep numba from loading scipy.fft with its first kernel, 0.2 s in each process.
 
-    Whose kernels call it imports `rocket_fft`. Other extensions of numba are loaded as ever.
+    Modules whose kernels call it import `rocket_fft`. Other extensions of numba are loaded as
+    usual.
     """
     entrypoints._already_initialized = True
     for extension in entry_points(group="numba_extensions", name="init"):
@@ -60,7 +62,7 @@ kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=True)
 """Declares a kernel that makes or returns arrays."""
 
 lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-"""Declares a kernel whose arrays are all its caller's; what it calls, too, says which it is."""
+"""Declares a kernel that neither creates nor returns arrays, like all kernels that it calls."""
 
 lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
-"""As `lean`, for what few places call with so many arguments that handing them on is dear."""
+"""As `lean` and inlined, for kernels with many arguments and few callers."""

@@ -23,7 +23,7 @@ _MINIMUM_CONDITION = 1e-6
 
 
 class UnusablePlatformError(ConfigurationError):
-    """A wheel layout that cannot move in all three degrees of freedom."""
+    """The wheels do not allow motion in all three degrees of freedom."""
 
 
 class PlatformKinematics:
@@ -56,7 +56,7 @@ class PlatformKinematics:
 
     @staticmethod
     def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
-        """Return the kinematics of some wheels, laid out once for all runs of a campaign."""
+        """Return the kinematics of wheels, cached for all runs of a campaign."""
         return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:
@@ -74,7 +74,7 @@ class PlatformKinematics:
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
-            radius: on which the wheels roll [m], shape (N,); that of the geometry by default.
+            radius: effective rolling radius [m], shape (N,); that of the geometry by default.
 
         Returns:
             Wheel speeds [rad/s], shape (..., N).
@@ -137,7 +137,7 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return that of ``M``, with lengths in units of the platform's radius [1]."""
+    """Return the condition number of ``M``, with lengths in units of the platform's radius [1]."""
     return float(_singular_values(matrix, geometry)[-1])
 
 

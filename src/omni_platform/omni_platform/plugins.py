@@ -1,4 +1,4 @@
-"""Parts from outside: a class that a configuration names as ``module:Class``, or an entry point."""
+"""User's classes, named in a configuration as ``module:Class`` or as an entry point."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from omni_platform.configuration import ConfigurationError
 
 
 def described_modules(package: str) -> dict[str, tuple[str, str]]:
-    """Return what the modules of a package are for; none of them is imported.
+    """Return the descriptions of the modules of a package without importing them.
 
     Args:
         package: dotted name; modules that begin with ``_`` do not count.
@@ -47,16 +47,16 @@ def _constant(tree: ast.Module, name: str) -> Any:
 
 
 def check_name(key: str, name: str, built_in: Collection[str], group: str) -> None:
-    """Refuse the name of a part that can be none; nothing is imported.
+    """Refuse an unknown name of a class; nothing is imported.
 
     Args:
         key: of the configuration.
         name: a built-in part, an entry point of `group`, or ``module:Class``.
-        built_in: names of the parts that there are.
-        group: of entry points.
+        built_in: names of the built-in parts.
+        group: group of entry points.
 
     Raises:
-        ConfigurationError: it is none of them.
+        ConfigurationError: the name is none of them.
     """
     if name in built_in or ":" in name:
         return
@@ -74,19 +74,19 @@ def check_name(key: str, name: str, built_in: Collection[str], group: str) -> No
 def load_class(
     key: str, name: str, built_in: Collection[str], group: str, *methods: str
 ) -> type[Any]:
-    """Import a part from outside.
+    """Import a user's class.
 
-    A module is looked for where Python looks, and in the working directory.
+    The module is searched on the path of Python and in the working directory.
 
     Args:
         key: of the configuration.
         name: an entry point of `group`, or ``module:Class``.
-        built_in: names of the parts that there are, for messages.
-        group: of entry points.
-        methods: that the class must have.
+        built_in: names of the built-in parts, for messages.
+        group: group of entry points.
+        methods: methods that the class must have.
 
     Raises:
-        ConfigurationError: it cannot be imported, or is not such a class.
+        ConfigurationError: it cannot be imported, or is no class with these methods.
     """
     check_name(key, name, built_in, group)
     place = name if ":" in name else _entry_points(group).get(name, name)  # which takes 20 ms
@@ -116,16 +116,16 @@ def load_class(
 
 
 def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
-    """Make an instance of a class from outside.
+    """Create an instance of a user's class.
 
     Args:
         key: of the configuration.
         name: by which the class was found.
         cls: the class.
-        *arguments: of its constructor.
+        *arguments: arguments of its constructor.
 
     Raises:
-        ConfigurationError: the constructor raises anything else.
+        ConfigurationError: the constructor raises an exception.
     """
     try:
         return cls(*arguments)

@@ -1,4 +1,4 @@
-"""What numbers are in all packages: arrays of doubles in SI, stamps in whole nanoseconds."""
+"""Types of numbers in all packages: arrays of doubles in SI, stamps in integer nanoseconds."""
 
 from __future__ import annotations
 

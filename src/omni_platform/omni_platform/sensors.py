@@ -1,4 +1,4 @@
-"""Where the sensors of the ground sit and what they see of it.
+"""Positions, axes and fields of view of ground sensors.
 
 A line camera measures the velocity of its own position along its own axis, a flow sensor that and
 the velocity to the left of it. The footprint of a line camera is a rectangle: `length` along the
@@ -20,7 +20,7 @@ from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Mount(Configuration):
-    """Where a sensor of the ground sits in the body frame, and how well that is known."""
+    """Mounting of a ground sensor in the body frame, with its uncertainty."""
 
     x: float = parameter(
         description="Center of the footprint, forward of base_link",
@@ -65,13 +65,13 @@ class Mount(Configuration):
 
     @property
     def directions(self) -> tuple[float, ...]:
-        """Directions in which it measures a velocity, in the body frame [rad]."""
+        """Directions of the measured velocities in the body frame [rad]."""
         return (self.heading,)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LineSensor(Mount):
-    """One line camera on the platform: the velocity of its place along its axis."""
+    """A line camera, which measures the velocity of its position along its axis."""
 
     pixels: int = parameter(
         1024, description="Pixels of a line", unit="px", minimum=16, maximum=16384
@@ -102,7 +102,7 @@ class LineSensor(Mount):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowSensor(Mount):
-    """One optical-flow sensor: the velocity of its place along its axis and to the left of it."""
+    """An optical-flow sensor, which measures the velocity along and to the left of its axis."""
 
     rate: float = parameter(
         100.0, description="Measurements per second", unit="1/s", above=0.0, maximum=1e5
@@ -125,7 +125,7 @@ class FlowSensor(Mount):
 
     @property
     def directions(self) -> tuple[float, ...]:
-        """Along the axis and to the left of it [rad]."""
+        """Directions along the axis and to the left of it in the body frame [rad]."""
         return (self.heading, self.heading + math.pi / 2.0)
 
 
@@ -150,7 +150,7 @@ def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
 
 
 def velocity_row(x: float, y: float, direction: float) -> tuple[float, float, float]:
-    """Return what gives the velocity of a point in a direction from the body twist, Eq. (23).
+    """Return the row that maps the body twist to a point's velocity along a direction, Eq. (23).
 
     Args:
         x: of the point, forward of base_link [m].

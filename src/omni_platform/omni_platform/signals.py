@@ -36,12 +36,12 @@ class TwistSample(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flow:
-    """What an optical-flow sensor says.
+    """A measurement of an optical-flow sensor.
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        velocity: of its place, along its axis and to the left of it [m/s], shape (2,).
-        covariance: of `velocity` [m^2/s^2], shape (2, 2); all zero where it states none.
+        velocity: of its position, along its axis and to the left of it [m/s], shape (2,).
+        covariance: of `velocity` [m^2/s^2], shape (2, 2); all zero if unknown.
     """
 
     stamp_ns: int
@@ -84,7 +84,7 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 class LineBatchError(ValueError):
-    """A batch of lines that is no batch of lines; the message says what is wrong."""
+    """A batch of lines is invalid; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +94,7 @@ class LineBatch:
     Attributes:
         stamp_ns: exposure of the newest line [ns].
         lines: gray levels, uint8 or uint16, oldest line first, shape (m, pixels).
-        fault: why the lines cannot be used, such as a format that is none; empty if they can.
+        fault: why the lines cannot be used, such as an unknown format; empty if they can.
 
     Raises:
         LineBatchError: the lines have another type or shape.
@@ -106,7 +106,7 @@ class LineBatch:
 
     @classmethod
     def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
-        """Make a batch that says why there are no lines."""
+        """Make a batch without lines, with the reason."""
         return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
 
     def __post_init__(self) -> None:

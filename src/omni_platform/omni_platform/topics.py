@@ -23,7 +23,7 @@ class Topic(NamedTuple):
         name: relative to the namespace.
         type: of its messages.
         publisher: the node that publishes it.
-        latched: whether the last message is kept for subscriptions that come later.
+        latched: whether the last message is kept for later subscriptions.
     """
 
     name: str

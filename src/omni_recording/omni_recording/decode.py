@@ -1,8 +1,8 @@
 """Recorded bytes to messages, for the types of ROS 2 Jazzy and without ROS.
 
 The definitions come from this installation, never from the recording: rosbags turns a definition
-into Python code and runs it. A recording whose own definition of a type differs is refused, for
-its bytes would be taken for something that they are not.
+into Python code and runs it. A recording whose own definition of a type differs is refused,
+because its bytes would be decoded wrongly.
 """
 
 from __future__ import annotations

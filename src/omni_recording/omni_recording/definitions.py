@@ -1,8 +1,8 @@
-"""Message definitions as every ROS 2 installation ships them, for files that explain themselves.
+"""Message definitions of a ROS 2 installation, for self-describing files.
 
-A message package installs ``share/<package>/msg/<Name>.msg`` and a description of the type in
-JSON beside it, with the official type hashes. Reading these two costs under a millisecond a type,
-knows exactly the types that the running system uses, and needs no parser of the message language.
+A message package installs ``share/<package>/msg/<Name>.msg`` and a description of the type in JSON
+beside it, with the official type hashes. Reading these two takes less than a millisecond per type,
+yields exactly the types of the running system, and needs no parser of the message language.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class MessageDefinition:
 def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
     """Return the folders into which message packages may be installed.
 
-    The folder of the running Python comes last: ROS from wheels installs there without saying so
-    in ``AMENT_PREFIX_PATH``.
+    The folder of the running Python comes last: ROS from wheels installs there without adding it
+    to ``AMENT_PREFIX_PATH``.
     """
     named = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return tuple(Path(prefix) for prefix in (*filter(None, named), sys.prefix))
@@ -90,7 +90,7 @@ def find_message_definition(
 
 
 def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> bool:
-    """Follow the first fields down: are a message's first bytes a `builtin_interfaces/Time`?"""
+    """Return whether the first bytes of a message are a `builtin_interfaces/Time`."""
     while current["type_name"] != _TIME:
         first = current["fields"][0]["type"]
         if first["type_id"] != _NESTED_TYPE:

@@ -1,4 +1,4 @@
-"""What every reader of recordings raises."""
+"""The error that readers of recordings raise."""
 
 from __future__ import annotations
 

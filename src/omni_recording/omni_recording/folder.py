@@ -1,7 +1,7 @@
 """A rosbag2 folder on the disk: its metadata and its files.
 
-Nothing outside the folder is ever opened, whatever ``metadata.yaml`` names, and nothing that is
-not a regular file. A single ``.mcap`` file counts as a bag without metadata.
+Only regular files inside the folder are opened, whatever ``metadata.yaml`` names. A single
+``.mcap`` file counts as a bag without metadata.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ _MOST_WAITING = 1 << 27  # [B] of messages held back at a time
 
 @dataclasses.dataclass(frozen=True)
 class Bag:
-    """A recording whose files are known to be there.
+    """A recording whose files exist.
 
     Attributes:
         path: the folder, or the single file.
         files: its MCAP files in order of time.
-        message_count: that the metadata claim; None without metadata.
-        counts: messages by topic that the metadata claim; empty without metadata.
+        message_count: number of messages according to the metadata; None without metadata.
+        counts: messages by topic according to the metadata; empty without metadata.
         ros_distro: of the recorder; empty if unknown.
-        namespace: that messages and summary leave out of their topics, such as ``/robot1``.
+        namespace: removed from the topics of messages and summary, such as ``/robot1``.
     """
 
     path: Path
@@ -84,7 +84,7 @@ def open_bag(path: Path | str) -> Bag:
 
 
 def _remedy(folder: Path) -> str:
-    """Return what to do about a folder without metadata, empty where nothing is known."""
+    """Return the remedy for a folder without metadata, empty if there is none."""
     try:
         inside = sorted(entry.name for entry in folder.iterdir() if (entry / METADATA).exists())
         cut_off = any(folder.glob("*.mcap"))
@@ -96,7 +96,7 @@ def _remedy(folder: Path) -> str:
 
 
 def open_vehicle(path: Path | str) -> Bag:
-    """Find the recording of one vehicle; its topics read as below its namespace, whatever that is.
+    """Find the recording of one vehicle; its namespace is removed from the topics.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
@@ -120,11 +120,11 @@ def open_vehicle(path: Path | str) -> Bag:
 
 
 def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]:
-    """Return the MCAP files of a recording without asking its metadata, which may be lost.
+    """Return the MCAP files of a recording without its metadata, which may be missing.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
-        problems: receives what is wrong with files that cannot be read, which are left out then.
+        problems: receives the problems of files that cannot be read, which are omitted.
 
     Raises:
         BagError: there are none, or one of them cannot be read and there is no list of problems.
@@ -313,10 +313,10 @@ def _require_regular(folder: Path, path: Path) -> None:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Without merge keys, by which a few lines may grow beyond any memory."""
+    """YAML loader without merge keys, with which a few lines may exceed any memory."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave merge keys alone; they are refused as unknown then."""
+        """Do not expand merge keys; they are then refused as unknown keys."""
 
 
 def read_plain_yaml(text: str) -> Any:
@@ -355,8 +355,8 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
 def in_time_order(messages: Iterable[RecordedMessage]) -> Iterator[RecordedMessage]:
     """Return messages by their log time, those of one time in the order of the file.
 
-    A recorder writes what arrives, and topics overtake each other. Messages are held back for a
-    second of recorded time, or until 128 MiB of them wait.
+    Topics may overtake each other in a file. Messages are buffered for a second of recorded time,
+    or up to 128 MiB.
     """
     waiting: list[tuple[int, int, RecordedMessage]] = []
     size, newest_ns = 0, 0
@@ -377,7 +377,7 @@ def in_time_order(messages: Iterable[RecordedMessage]) -> Iterator[RecordedMessa
 def in_rounds(messages: Iterable[RecordedMessage]) -> Iterator[list[RecordedMessage]]:
     """Group messages so that each topic occurs at most once in a round.
 
-    Where topics are sampled together, a round is one sample of each.
+    If topics are sampled together, a round has one sample of each.
     """
     group: dict[str, RecordedMessage] = {}
     for message in messages:

@@ -33,11 +33,11 @@ _MESSAGE_HEAD = 22  # [B] of a message record before the message itself
 
 
 class McapError(ValueError):
-    """A file that is no MCAP file, is damaged, or asks for too much.
+    """A file that is no MCAP file, is damaged, or declares lengths beyond the limits.
 
     Attributes:
         problem: what is wrong.
-        unfinished: whether the file merely ends too early, as a killed recorder leaves it.
+        unfinished: whether the file is only incomplete, as after a killed recorder.
     """
 
     def __init__(self, problem: str, *, unfinished: bool = False) -> None:
@@ -48,7 +48,7 @@ class McapError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedChannel:
-    """A topic as one publisher's channel of a file describes it.
+    """A channel of a file: the topic of one publisher.
 
     Attributes:
         topic: name.
@@ -56,7 +56,7 @@ class RecordedChannel:
         definition: text of the type's definition.
         definition_encoding: language of that text, such as ``ros2msg``.
         encoding: of the messages, such as ``cdr``.
-        metadata: what else the recorder noted, such as ``offered_qos_profiles``.
+        metadata: further entries of the recorder, such as ``offered_qos_profiles``.
     """
 
     topic: str
@@ -88,7 +88,7 @@ class RecordedMessage:
 
 @dataclasses.dataclass(frozen=True)
 class McapSummary:
-    """What the summary at the end of a file claims.
+    """The summary at the end of a file.
 
     Attributes:
         channels: all channels of the file.
@@ -112,8 +112,8 @@ class McapMessages:
 
     Args:
         path: a regular file.
-        on_damage: called with the problem of a chunk that cannot be unpacked, which is then left
-            out; None raises it instead.
+        on_damage: called with the problem of a chunk that cannot be unpacked and is omitted; None
+            raises it instead.
     """
 
     def __init__(self, path: Path, on_damage: Callable[[str], None] | None = None) -> None:
@@ -297,7 +297,7 @@ def _check_head(file: IO[bytes]) -> None:
 
 
 def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
-    """Return the records of the data section and see the file to its end."""
+    """Return the records of the data section and check the end of the file."""
     size = file.seek(0, 2)
     file.seek(0)
     _check_head(file)
@@ -307,7 +307,7 @@ def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-    """Return the wanted records from here on to the footer or to byte `size`; skip the others."""
+    """Return the selected records up to the footer or to byte `size`; skip the others."""
     place = file.tell()
     while True:
         head = file.read(_HEAD.size) if place < size else b""

@@ -1,4 +1,4 @@
-"""What rosbag2 writes about a recording beside its messages (metadata version 9)."""
+"""The metadata of a recording in the format of rosbag2 (version 9)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class RecordedTopic:
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """How much a recording holds: messages by topic, first and last stamp [ns]."""
+    """Content of a recording: messages by topic, first and last stamp [ns]."""
 
     counts: Mapping[str, int]
     first_ns: int = UNSET_TIME
     last_ns: int = 0
 
     def information(self) -> dict[str, Any]:
-        """Return the entries that rosbag2 has for a file and, once more, for the whole."""
+        """Return the entries of rosbag2 for a file, which are repeated for the whole recording."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.first_ns},
             "duration": {"nanoseconds": max(0, self.last_ns - self.first_ns)},

@@ -1,4 +1,4 @@
-"""What a recorder records, and the stamp that each message gets."""
+"""Topics and stamps of a recording."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class RecorderConfiguration(Configuration):
 class StampedRecording:
     """Writes messages under their own stamps, so that a recording does not depend on timing.
 
-    A list of stamped messages has the stamp of the first, if that is of this time. A message
+    A list of stamped messages has the stamp of its first message, if that is plausible. A message
     without a stamp of its own gets the latest one seen on any topic. Those of a shared topic wait
     for a second of stamps, so that their order depends on no node's speed either.
 
@@ -157,7 +157,7 @@ class StampedRecording:
         self._writer.write(topic, stamp_ns, data)
 
     def finish(self) -> None:
-        """Write what has been held back.
+        """Write the buffered messages.
 
         Raises:
             RecordingError: the file cannot be written any more.

@@ -1,7 +1,7 @@
-"""Records topics into a rosbag2 folder, byte for byte as they come off the wire.
+"""Records serialized messages of topics into a rosbag2 folder.
 
-The messages are never decoded, save an odometry that is to be recorded as `/tf` too. On SIGINT or
-SIGTERM the node takes in what has already arrived, closes the recording, and reports
+Only an odometry that is also recorded as `/tf` is decoded. On SIGINT or
+SIGTERM the node stores the messages received so far, closes the recording, and reports
 ``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
@@ -108,7 +108,7 @@ class RecorderNode(Node):
             raise NodeError(str(error)) from error
 
     def judge(self) -> None:
-        """Let the recording fail once it holds what may not be of this run."""
+        """Fail if a topic has a second publisher, whose messages may not belong to this run."""
         if self._strict and self.failure is None:
             problem = self._recording.problem or self._guard.second()
             if problem is not None:
@@ -139,7 +139,7 @@ def record(node: RecorderNode, spinner: Spinner) -> None:
     """Record until a signal asks to stop, then finish the recording and report the counts.
 
     Raises:
-        NodeError: the recording failed; what the file holds is reported nonetheless.
+        NodeError: the recording failed; the counts in the file are reported nonetheless.
     """
     try:
         _take(node, spinner)
@@ -177,7 +177,7 @@ def _take_arrived(node: RecorderNode, spinner: Spinner, deadline: float) -> None
 
 
 def _drain(node: RecorderNode, spinner: Spinner) -> None:
-    """Take in what has arrived already; only then is the recording whole."""
+    """Store the messages received so far, so that the recording is complete."""
     _take_arrived(node, spinner, time.monotonic() + _LONGEST_DRAIN)
     # The queues are empty; what is on its way comes now. Publishers that go on must not hold
     # the recorder up for long.

@@ -1,8 +1,8 @@
 """Messages as rows of a table: one column for every plain value inside.
 
 ``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds), ``covariance[7]``; the
-arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``. What would need
-more than `MOST_COLUMNS` columns, an image above all, is no table.
+arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``. A message that
+would need more than `MOST_COLUMNS` columns, such as an image, is not converted.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _elements(
 
 
 def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
-    """Return the names of the joints where they can name columns."""
+    """Return the names of the joints if they can be used as names of columns."""
     if type_name != _JOINT_STATE:
         return None
     names: Sequence[str] = message.name
@@ -104,6 +104,6 @@ def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
 
 
 def _plain(value: Any) -> Value:
-    """Return numpy's numbers as Python's."""
+    """Convert numbers of numpy to those of Python."""
     plain: Value = value.item() if hasattr(value, "item") else value
     return plain

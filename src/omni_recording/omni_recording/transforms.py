@@ -1,8 +1,8 @@
 """Transforms in a recording, for its viewers: `/tf` from an odometry, `/tf_static` at the start.
 
-Viewers place things by `tf2_msgs/msg/TFMessage`, a type that ROS from wheels does not have, so
-that no node can publish it there. The recorder writes it nonetheless: the pose of every
-`nav_msgs/msg/Odometry` once more as a transform, and the frames that are fixed to the platform.
+Viewers need `tf2_msgs/msg/TFMessage`, a type that ROS from wheels does not have, so that no node
+can publish it. The recorder writes it by itself: the pose of every `nav_msgs/msg/Odometry` as a
+transform, and the frames that are fixed to the platform.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _DEPTH = 100  # of the queues that tf2 itself offers
 
 
 class RecordedTransforms:
-    """What a recording gets besides the messages that arrive.
+    """Transforms that a recording contains besides the received messages.
 
     Attributes:
         topics: the topics that are added.
@@ -59,7 +59,7 @@ class RecordedTransforms:
             self._fixed = self._serializer.fixed(BASE_FRAME, frames, poses)
 
     def begin(self, recording: StampedRecording) -> None:
-        """Write what stands at the beginning of a recording.
+        """Write the transforms at the beginning of a recording.
 
         Raises:
             RecordingError: the file cannot be written.
@@ -82,7 +82,7 @@ class RecordedTransforms:
 
 
 class TransformSerializer:
-    """Makes the bytes of transforms.
+    """Serializes transforms.
 
     Attributes:
         definition: of their type.
@@ -117,7 +117,7 @@ class TransformSerializer:
         """Return frames that are fixed to a parent, stamped with the start of the run.
 
         Args:
-            parent: frame that carries them.
+            parent: frame to which they are fixed.
             frames: their names.
             poses: x, y [m] and heading [rad] of each in the parent, one after the other.
         """

@@ -2,9 +2,9 @@
 
 The layout is that of rosbag2's MCAP storage: ``<folder>/metadata.yaml`` (version 9, quality of
 service in words) and ``<folder>/<folder name>_0.mcap`` (profile ``ros2``, ``ros2msg`` schemas,
-``cdr`` messages). Both exist from the start. Every chunk goes to the operating system as a whole,
-so a reader that streams gets everything up to the last flush, whatever happens to the process; a
-power cut also needs `synchronize`.
+``cdr`` messages). Both exist from the start. Every chunk is passed to the operating system as a
+whole, so a reader gets all data up to the last flush even if the process is killed; `synchronize`
+protects against a power cut.
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a th
 
 
 class RecordingError(WorkError):
-    """A recording that cannot be made or continued; the message gives the reason."""
+    """A recording cannot be created or continued; the message gives the reason."""
 
 
 class Rosbag2Writer:
-    """A recording that is being made.
+    """A recording in progress.
 
-    After a `RecordingError` the file has been cut back to its last whole chunk and closed, as far
-    as the disk allowed; it stays readable, and further writes raise again.
+    After a `RecordingError` the file is cut back to its last complete chunk and closed, as far as
+    the disk allows; it stays readable, and further writes raise again.
 
     Args:
         folder: folder of the recording; made with its parents, and empty if it exists.
         topics: everything that will be written.
-        chunk_size: size of the messages after which a chunk ends by itself [B].
+        chunk_size: size of the messages after which a chunk ends [B].
         compression: of the chunks, a key of `COMPRESSIONS`.
         synchronize: wait at every flush until the data are on the disk itself.
 
@@ -109,7 +109,7 @@ class Rosbag2Writer:
             self._write_metadata()
 
     def __enter__(self) -> Rosbag2Writer:
-        """Return the recording, which is finished when the block is left, however it is left."""
+        """Return the recording, which is finished when the block is left, also by an exception."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -117,7 +117,7 @@ class Rosbag2Writer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages by topic that a reader finds in the file: those up to the last flush."""
+        """Messages by topic in the file, up to the last flush."""
         return dict(self._safe.counts)
 
     def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
@@ -211,9 +211,9 @@ class Rosbag2Writer:
         return channels
 
     def _commit(self) -> None:
-        """Note that everything so far is whole and with the operating system.
+        """Store the end of the last complete chunk.
 
-        A chunk counts only if the few bytes of an end would fit behind it.
+        A chunk counts only if there is space for the end of the file behind it.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()
@@ -244,7 +244,7 @@ class Rosbag2Writer:
             raise
 
     def _end_early(self) -> None:
-        """Cut the file back to its last whole chunk and end it there, as far as that works."""
+        """Cut the file back to its last complete chunk and finish it there, if possible."""
         self._closed = True
         path = self._folder / self._file_name
         with contextlib.suppress(OSError):
@@ -259,7 +259,7 @@ class Rosbag2Writer:
             self._write_metadata()
 
     def _write_metadata(self) -> None:
-        """Replace metadata.yaml at once, so that it never is half a file."""
+        """Replace metadata.yaml atomically."""
         temporary = self._folder / "metadata.yaml.tmp"
         try:
             with temporary.open("w", encoding="utf-8") as file:

@@ -1,1 +1,1 @@
-"""ROS plumbing shared by the nodes: parameters, QoS, spinning, stamps, diagnostics."""
+"""ROS functions shared by the nodes: parameters, QoS, spinning, stamps, diagnostics."""

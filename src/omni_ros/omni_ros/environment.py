@@ -24,7 +24,7 @@ _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 
 
 def chosen_domain(environment: Mapping[str, str]) -> int | None:
-    """Return the ROS domain that the user has chosen, None where that is left open.
+    """Return the ROS domain chosen by the user, None if none is chosen.
 
     Args:
         environment: environment variables; an empty ROS_DOMAIN_ID counts as unset, as in ROS.
@@ -44,9 +44,9 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
-    """Let ROS log below the folder for temporary files where there is no home, as in a service.
+    """Let ROS write its logs to the folder for temporary files if there is no home folder.
 
-    It would end the process otherwise.
+    Otherwise ROS would end the process.
 
     Args:
         environment: environment variables, changed in place.
@@ -56,9 +56,9 @@ def name_log_folder(environment: MutableMapping[str, str]) -> None:
 
 
 def node_environment(domain: int) -> dict[str, str]:
-    """Return this process's environment, made fit for the nodes of a local graph.
+    """Return this process's environment with the variables for the nodes of a local graph.
 
-    What the user has set stays: the discovery range and the DDS profile.
+    A discovery range and a DDS profile set by the user are kept.
 
     Args:
         domain: ROS domain of the graph.

@@ -1,8 +1,8 @@
 """Configurations as flat, dotted parameters, the form that ROS 2 parameters take.
 
 A nested configuration becomes ``parent.child``; a mapping of named entries becomes a list
-``wheels.names`` beside ``wheels.front_left.x`` and so on, because ROS parameters must be known by
-name before they can be read.
+``wheels.names`` and parameters such as ``wheels.front_left.x``, because ROS parameters must be
+known by name before they can be read.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def flatten(
     Args:
         configuration: what to flatten.
         prefix: dotted path put before every name.
-        part: a class that it derives from, to take only what that declares.
+        part: a base class of the configuration, to take only its fields.
 
     Returns:
         bool, int, float, str, or list of float or str, by parameter name.
@@ -67,7 +67,7 @@ def unflatten(cls: type[C], read: ReadParameter) -> C:
             plain parameter; returns its value.
 
     Raises:
-        ConfigurationError: a value is missing or does not fit.
+        ConfigurationError: a value is missing or invalid.
     """
     return from_mapping(cls, _read_mapping(cls, None, read, ""))
 

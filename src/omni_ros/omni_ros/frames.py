@@ -1,4 +1,4 @@
-"""Frames of one vehicle among several: a prefix before every name."""
+"""Prefix of the frames of one of several vehicles."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def joint_state(
     velocity: FloatArray | None = None,
     effort: FloatArray | None = None,
 ) -> JointState:
-    """Return values by name; quantities that are None stay empty."""
+    """Return values by name as a `JointState`; quantities that are None stay empty."""
     message = JointState(header=header(stamp_ns), name=names)
     if position is not None:
         message.position = _doubles(position)
@@ -136,7 +136,7 @@ def planar_odometry(
         stamp_ns: stamp [ns].
         pose: x, y [m] and yaw [rad], shape (3,).
         pose_covariance: shape (3, 3).
-        twist: v_x, v_y [m/s] and yaw rate [rad/s], shape (3,); what is no number is zero there.
+        twist: v_x, v_y [m/s] and yaw rate [rad/s], shape (3,); NaN becomes zero.
         twist_covariance: shape (3, 3).
     """
     message = Odometry(header=header(stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
@@ -155,7 +155,7 @@ def planar_pose(pose: FloatArray) -> Pose:
 
 
 def fixed_transform(frame: str, pose: FloatArray, parent: str = BASE_FRAME) -> TransformStamped:
-    """Return where a frame is fixed: x, y [m] and yaw [rad] in its parent."""
+    """Return the transform of a fixed frame at x, y [m] and yaw [rad] in its parent."""
     place = planar_pose(pose)
     message = TransformStamped(header=header(0, parent), child_frame_id=frame)
     message.transform.translation.x = place.position.x
@@ -183,7 +183,7 @@ class _Header(NamedTuple):
 
 
 class LineImage(NamedTuple):
-    """An `Image` of lines, read from the wire; its fields are those of the message."""
+    """An `Image` of lines, read from its serialized form, with the fields of the message."""
 
     header: _Header
     height: int
@@ -197,7 +197,7 @@ class LineImage(NamedTuple):
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     """Return a batch of lines as an image, one row a line, oldest first.
 
-    It is an `Image` as it goes over the wire, see `diagnostics`.
+    The image is serialized, see `diagnostics`.
 
     Args:
         stamp_ns: stamp of the newest line [ns].
@@ -218,7 +218,7 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
 
 
 def read_line_image(wire: bytes) -> LineImage | Image:
-    """Return an image as it has come over the wire; rclpy reads it in four times the time.
+    """Return an image from its serialized form, four times as fast as rclpy.
 
     Raises:
         ValueError: it is cut off.
@@ -240,7 +240,7 @@ def read_line_image(wire: bytes) -> LineImage | Image:
 
 
 def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[str, int]:
-    """Return a text, which ends with a zero, and where the next field begins."""
+    """Return a text, which ends with a zero, and the offset of the next field."""
     end = start + length
     return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)
 
@@ -254,8 +254,8 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
     Args:
         frame: of the sensor.
         pixels: of a line.
-        length: field of view along the axis [m]; 0 where it is not known, which leaves all of this
-            zero, as ROS has it of a camera that is not calibrated.
+        length: field of view along the axis [m]; 0 if unknown, which makes all entries zero, as for
+            an uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.
     """
     info = CameraInfo(header=header(0, frame), height=1, width=pixels)
@@ -297,8 +297,8 @@ def diagnostics(
 ) -> bytes:
     """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale.
 
-    It is a `DiagnosticArray` as it goes over the wire (CDR, little endian), with zeros where it is
-    aligned: the middleware leaves there what its buffer held before, which no run repeats.
+    It is a serialized `DiagnosticArray` (CDR, little endian) with zeros as padding: the middleware
+    leaves the padding uninitialized, so that runs would differ.
     """
     written = _Cdr()
     written.stamp(stamp_ns)
@@ -315,7 +315,7 @@ def diagnostics(
 
 
 class _Cdr(bytearray):
-    """What follows the first four bytes of a message on the wire."""
+    """The serialized message after its first four bytes."""
 
     def numbers(self, *values: int) -> None:
         for value in values:
@@ -336,10 +336,10 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a planar covariance (3, 3) as the messages have it, shape (36,).
+    """Return a planar covariance (3, 3) in the form of the messages, shape (36,).
 
-    The other three axes are not measured: a variance of zero there would be an exact zero for who
-    fuses the message, such as `robot_localization`.
+    The other three axes are not measured. A variance of zero would mean an exact measurement for
+    a node that fuses the message, such as `robot_localization`.
     """
     matrix = UNMEASURED_VARIANCE * np.eye(6)
     matrix[np.ix_(_PLANAR, _PLANAR)] = covariance

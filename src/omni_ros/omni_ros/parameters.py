@@ -1,4 +1,4 @@
-"""A component's configuration as ROS parameters: one declaration serves both."""
+"""Declares a component's configuration as ROS parameters."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
         node: the node that gets the parameters.
         cls: the configuration; nested fields become dotted names, see
             `omni_ros.flat_parameters`.
-        changeable: names of the parameters that the running node lets anybody change.
+        changeable: names of the parameters that can be changed while the node runs.
 
     Raises:
         ConfigurationError: a parameter is missing, of the wrong type or out of range.
@@ -79,9 +79,9 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Return whole numbers given to a number or list of numbers as doubles, else None.
+    """Return integers given for doubles, or for a list of doubles, as doubles, else None.
 
-    YAML written by hand has 1 where 1.0 is meant, which ROS would refuse.
+    ROS would refuse an integer such as 1 for a double.
     """
     if given is not None:
         if kind is float and given.type_ == Parameter.Type.INTEGER:

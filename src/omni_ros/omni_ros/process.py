@@ -1,4 +1,4 @@
-"""A node's life as an operating-system process: start, spin, stop, exit code.
+"""Start, spin, stop and exit code of a node as an operating-system process.
 
 Signals only set a flag that the spin loop watches, so that a node that is asked to stop can still
 publish, drain its queues and close its files. (rclpy's own handlers would invalidate the context
@@ -60,14 +60,14 @@ class StopFlag:
 
     @property
     def is_insistent(self) -> bool:
-        """Whether SIGTERM came again: there is nothing to wait for any more.
+        """Whether SIGTERM was received again, so that the node must not wait any longer.
 
         SIGINT does not count: a terminal and a launcher may both pass on the same Ctrl-C.
         """
         return self._terminations > 1
 
     def request(self, number: int = signal.SIGINT, *_: object) -> None:
-        """Ask for the stop; usable as a signal handler."""
+        """Request the stop; usable as a signal handler."""
         self._requested = True
         self.is_interrupt |= number == signal.SIGINT
         self._terminations += number == signal.SIGTERM
@@ -231,8 +231,8 @@ def _end_with_parent() -> None:
 def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
-    A retransmission takes 3 s with the middleware's defaults; a reader that has died never
-    acknowledges. From here the two look alike: a process that knows that no reader is left
+    A retransmission takes 3 s with the middleware's defaults, and a dead reader never
+    acknowledges. A writer cannot distinguish the two: a process that knows that no reader is left
     sends SIGTERM once more.
     """
     longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH

@@ -1,4 +1,4 @@
-"""Topics that must have one publisher: of two, a subscriber cannot know which is valid."""
+"""Guard of topics that must have one publisher."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class PublisherGuard:
     """Watches topics for a second publisher.
 
     Args:
-        node: whose view of the graph counts.
+        node: the node that watches the graph.
         subscribed: subscriptions that must have one publisher.
         published: publishers that must be the only ones of their topics.
     """

@@ -1,4 +1,4 @@
-"""Quality of service of the graph's topics, and topics whose service users may override."""
+"""Quality of service of the graph's topics, with parameters to override it."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ _OVERRIDABLE = (
 
 
 def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
-    """Return a publisher whose service is a parameter of the node too.
+    """Return a publisher whose quality of service can be overridden by parameters.
 
-    It is named ``qos_overrides./TOPIC.publisher.depth`` and so on, as ROS has it: history, depth,
-    reliability, deadline and liveliness_lease_duration [ns], liveliness.
+    The parameters have the names of ROS, such as ``qos_overrides./TOPIC.publisher.depth``: history,
+    depth, reliability, deadline and liveliness_lease_duration [ns], liveliness.
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
     return node.create_publisher(kind, topic, qos, qos_overriding_options=overridable)
@@ -71,9 +71,9 @@ def listen(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Return a subscription whose service is a parameter too, ``...subscription.depth``.
+    """Return a subscription whose quality of service can be overridden by parameters.
 
-    Where `raw`, messages are taken as the bytes that come over the wire.
+    With `raw`, messages are received in serialized form.
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
     return node.create_subscription(

@@ -1,6 +1,6 @@
-"""Reports of a node to the process that started it: one JSON document a line, on a pipe of its own.
+"""Reports of a node to the process that started it: one JSON document per line on a separate pipe.
 
-Standard output is no place for it: the DDS implementation prints its own errors there.
+Standard output is not used because the DDS implementation prints its errors there.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor, or file, that the environment names, if it does.
+    """Write a document to the file descriptor or file named in the environment, if any.
 
     Args:
         document: strict JSON.

@@ -21,7 +21,7 @@ class SharedClock:
     A simulator that joins others creates its publisher of `/clock` once theirs has ended.
 
     Args:
-        node: that publishes.
+        node: the node that publishes.
         alone: publish at once, as in a ROS domain without other simulators.
     """
 

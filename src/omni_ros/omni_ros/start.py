@@ -1,4 +1,4 @@
-"""The start of a process: of a node, which a signal ends quietly also while it still imports."""
+"""Start of a node's process; a signal during the imports ends it without a traceback."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import sys
 
 
 def start_lightly() -> None:
-    """Leave out what takes a quarter of a process's start; called before numpy is imported.
+    """Disable slow imports and threads; called before numpy is imported.
 
-    numba would import the tool that measures coverage of tests. OpenBLAS, of which numpy and SciPy
-    have one each, would start threads that first turn in circles; no matrix here is large.
+    numba would import the tool that measures test coverage. OpenBLAS, of which numpy and SciPy
+    have one each, would start threads that first wait actively; no matrix here is large.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

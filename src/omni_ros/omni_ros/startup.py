@@ -9,7 +9,7 @@ from omni_platform.configuration import Configuration, parameter
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StartupConfiguration(Configuration):
-    """Waiting for matches instead of for time: without it the first messages are lost."""
+    """Parameters of the wait for subscribers, without which the first messages would be lost."""
 
     subscribers: int = parameter(
         0,

@@ -1,4 +1,4 @@
-"""The status of a node on `/diagnostics`: every change at once, and otherwise at a rate."""
+"""The status of a node on `/diagnostics`, published at every change and at a fixed rate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SILENCE = 1.0  # [s] without any news, after which the last status no longer ho
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class StatusConfiguration(Configuration):
-    """How often a node publishes its status."""
+    """Rate at which a node publishes its status."""
 
     diagnostics_period: float = parameter(
         0.5,
@@ -35,7 +35,7 @@ class StatusConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class Status:
-    """How a node fares.
+    """Status of a node.
 
     Attributes:
         level: 0 OK, 1 warning, 2 error.
@@ -49,7 +49,7 @@ class Status:
 
 
 def steady_clock() -> Clock:
-    """Return the clock for timers that watch: it runs on while simulated time is paused."""
+    """Return the clock for watchdog timers, which runs while simulated time is paused."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 

@@ -1,4 +1,4 @@
-"""Live transforms, where `tf2_msgs` is installed: the wheels of ROS on PyPI do not have it."""
+"""Live transforms, if `tf2_msgs` is installed; ROS from PyPI does not have it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class TransformPublisher:
                 self._fixed.publish(self._message(transforms=fixed))
 
     def follow(self, odometry: Odometry) -> None:
-        """Publish the pose of an odometry message, if there is a type for it."""
+        """Publish the pose of an odometry message, if `tf2_msgs` is installed."""
         if self._message is None:
             return
         place = odometry.pose.pose.position

@@ -1,1 +1,1 @@
-"""Computations behind the commands of a user: limit, placement, fits, reports."""
+"""Computations behind the commands: limit, placement, fits, reports."""

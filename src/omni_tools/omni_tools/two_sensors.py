@@ -5,23 +5,22 @@ left (+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` give
 ``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``: an angle from a difference of x means
 sensors along y, and in the order of (75) counter-clockwise is positive if sensor 1 is on the left.
 
-Both sensors' x give X and the angle, two values for two unknowns; their y measure Y twice. Only
-there is something to adjust: (74) weighs them as if Y varied along the line, weighted least
-squares by their variances, which is the better mean unless d_1 = d_2 (the same then). X and the
-angle are those of weighted least squares whatever the variances.
+The two x determine X and the angle; the two y both measure Y. Equation (74) weights the y as if Y
+varied along the line. Weighted least squares uses their variances instead, which is the better mean
+unless d_1 = d_2, where both are equal. X and the angle do not depend on the variances.
 
 **The straight line between two instants.** On an arc about which the platform turns by phi,
 
 - displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y differ by
-  ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) take just this out;
+  ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this difference;
 - a line camera measures along its own axis, which turns. Its displacements are the path in turning
-  axes, and (73)-(75) are then off by the first order of the angle: the path is turned by phi / 2,
-  which moves its end sideways by ``|(X, Y)| phi / 2``, it is longer than its chord by phi^2 / 24 of
-  its length, and the arcsine adds phi^3 / 6 to the angle.
+  axes, for which (73)-(75) have an error of first order in the angle: the path is turned by phi /
+  2, which moves its end sideways by ``|(X, Y)| phi / 2``, it is longer than its chord by phi^2 / 24
+  of its length, and the arcsine adds phi^3 / 6 to the angle.
 
-The dissertation models this as noise. It is none: in a steady turn it has always the same sign.
+The dissertation models this as noise, but in a steady turn the error always has the same sign.
 Between two lines at 2500 lines/s and 2 rad/s (phi = 0.8 mrad) it is 0.04 % of the path; over a
-batch of 10 ms, 1 %. `along_arc` takes it out by the closed form.
+batch of 10 ms, 1 %. `along_arc` removes it in closed form.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ import math
 
 
 class DisplacementError(ValueError):
-    """Displacements or distances that no rigid motion has; the message says why."""
+    """Displacements or distances contradict a rigid motion; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SensorDisplacement:
-    """What a two-dimensional sensor saw between two instants.
+    """Displacement of a two-dimensional sensor between two instants.
 
     Attributes:
         x: forward [m].
@@ -74,10 +73,10 @@ class PlanarDisplacement:
         )
 
     def along_arc(self) -> PlanarDisplacement:
-        """Return the same motion if its parts were measured along axes that turn with the sensors.
+        """Return the motion for measurements along axes that turn with the sensors.
 
-        Undoes the arcsine of (75), whose argument is the angle then, and bends the path into an
-        arc: with constant velocity and yaw rate this is the motion, to any size.
+        The argument of the arcsine in (75) is then the angle, and the path is an arc. The result is
+        exact for constant velocity and yaw rate.
         """
         angle = math.sin(self.angle)
         along, across = _arc(angle)

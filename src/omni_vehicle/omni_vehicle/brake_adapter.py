@@ -8,7 +8,7 @@ commanded depends on the brake:
 - ``torque``: a drive with a torque command [N m], which must never drive the wheel,
 - ``velocity``: a drive with a speed command [rad/s], which follows the ramp set here.
 
-Everything that is missing or not a number counts as full braking.
+Missing and NaN inputs count as full braking.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class WheelDemand:
 
 
 class BrakeAdapter:
-    """Turns enables into the commands of one kind of brake."""
+    """Converts enables to the commands of one kind of brake."""
 
     def __init__(self, configuration: BrakeAdapterConfiguration) -> None:
         self.configuration = configuration

@@ -69,7 +69,7 @@ class TopicsConfiguration(Configuration):
 
 
 class BrakeAdapterNode(Node):
-    """Commands the brakes of a vehicle at a fixed rate, whatever arrives."""
+    """Commands the brakes of a vehicle at a fixed rate, also without input."""
 
     def __init__(self) -> None:
         super().__init__("brake_adapter")
@@ -154,7 +154,7 @@ class BrakeAdapterNode(Node):
         return time.monotonic() - self._received.get(name, -math.inf) > timeout
 
     def _demand(self) -> tuple[WheelDemand, str]:
-        """Return the inputs, full braking where they are missing, and what is wrong."""
+        """Return the inputs, with full braking for missing ones, and a list of problems."""
         timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
         problems = []
         pedal, enable = self._pedal, self._enable

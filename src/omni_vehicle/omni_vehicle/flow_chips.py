@@ -34,11 +34,11 @@ _OTOS_WARNINGS = 0x03  # status bits: the chip is tilted, or its optical trackin
 
 
 class FlowChipError(Exception):
-    """A chip does not answer, or is not the one that was expected; the message says why."""
+    """A chip does not answer, or is not the expected one; the message gives the reason."""
 
 
 class FlowSample(NamedTuple):
-    """A reading.
+    """A reading of a chip.
 
     Attributes:
         velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], in the chip's
@@ -58,13 +58,13 @@ class FlowSample(NamedTuple):
 
 
 class FlowChip(Protocol):
-    """A chip that is open."""
+    """An opened chip."""
 
     def read(self, time: float) -> FlowSample:
         """Return the reading at a time [s].
 
         Raises:
-            FlowChipError: the chip does not answer any more.
+            FlowChipError: the chip does not answer.
         """
 
 
@@ -202,7 +202,7 @@ class OtosChip:
         self._chip.resetTracking()
 
     def read(self, time: float) -> FlowSample:
-        """Return the velocity at this moment, turned into the chip's own axes."""
+        """Return the current velocity in the axes of the chip."""
         del time
         try:
             status = int(self._chip.getStatus())

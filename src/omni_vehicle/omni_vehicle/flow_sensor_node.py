@@ -44,7 +44,7 @@ class FlowNodeConfiguration(Configuration):
 
 
 class FlowSensorNode(Node):
-    """Reads a chip at a rate, opens it again after it was lost, and publishes what it measured."""
+    """Reads a chip at a fixed rate, reopens it after a loss, and publishes its readings."""
 
     def __init__(self) -> None:
         super().__init__("flow_sensor")

@@ -1,4 +1,4 @@
-"""Any source of a body twist as the assistant takes it: stamped, with a covariance.
+"""Converts any source of a body twist to a stamped twist with covariance.
 
 The contract (topics, types, parameters) is in the README of this package.
 """
@@ -44,7 +44,7 @@ class TwistAdapterConfiguration(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse deviations that are none."""
+        """Refuse invalid standard deviations."""
         if self.deviation and (len(self.deviation) != 3 or min(self.deviation) <= 0.0):
             raise ConfigurationError("deviation", "must be three numbers above 0")
         if self.input_type == "twist_stamped" and not self.deviation:

@@ -4,14 +4,14 @@ A command is a module of this package. The first line of its docstring names the
 it does; the second paragraph, if there is one, introduces its help. It has its options
 as a `Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
 `Report`. It raises `InputError` to refuse before anything starts, and `WorkError` or `OSError`
-where work that was begun fails. It imports what it needs when it runs, so that help and a mistyped
-option are answered at once.
+if work fails that has begun. It imports what it needs when it runs, so that help and errors in
+options are printed without delay.
 
-One that may take long without reporting progress names its work in ``WORK``; a line with the time
-elapsed goes to standard error every few seconds.
+A command that may take long without reporting progress describes its work in ``WORK``; a line with
+the time elapsed goes to standard error every few seconds.
 
-A module with a ``PACKAGE`` has commands of its own: the modules of that package, each made a
-command by ``command(name)`` of the module where it has one.
+A module with a ``PACKAGE`` has subcommands: the modules of that package, which ``command(name)`` of
+the module turns into commands if it is defined.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class Command(Protocol):
     Options: type[Configuration]
 
     def run(self, options: Any, workspace: Workspace) -> Report:
-        """Do what the options ask for."""
+        """Run the command."""
 
 
 @functools.cache
 def commands_of(package: str) -> dict[str, str]:
-    """Return what each command of a package does, by its name; none of them is imported.
+    """Return the description of each command of a package by name, without importing them.
 
     Args:
         package: dotted name; modules that begin with ``_`` are no commands.
@@ -67,7 +67,7 @@ def load_command(group: Any, name: str) -> Any:
 
 
 def _command_name(package: str, module: str) -> str:
-    """Return what people type for a module: ``fit-tire``, but ``straight_line`` for a study."""
+    """Return the command name of a module: ``fit-tire``, but ``straight_line`` for a study."""
     return module.rstrip("_").replace("_", "-") if package.startswith(PACKAGE) else module
 
 

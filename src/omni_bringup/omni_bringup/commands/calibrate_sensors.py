@@ -1,8 +1,8 @@
-"""``./omni calibrate-sensors``: where the line cameras really sit, from drives of known motion.
+"""``./omni calibrate-sensors``: estimate the mounting of line cameras from drives of known motion.
 
-Find pitch, axis, place, mirroring and line rate of each line camera from recorded drives, straight,
-sideways and turning, whose motion is known from the wheels (or is simulated); with uncertainties, a
-picture of the residuals and the YAML of the cameras.
+Estimate pitch, axis, position, mirroring and line rate of each line camera, with uncertainties,
+from recorded drives (straight, sideways, turning) whose motion is known from the wheels or
+simulated. Write a figure of the residuals and the YAML of the cameras.
 """
 
 from __future__ import annotations

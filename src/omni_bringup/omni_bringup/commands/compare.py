@@ -1,7 +1,7 @@
-"""``./omni compare``: put recordings side by side, each stop of a drive by itself.
+"""``./omni compare``: compare recordings in a table, with a column for each stop.
 
-Measure recordings again and print a table with a column for each stop: distance, swerve, odometry
-error and drift (ATE, and RPE over 1 m).
+Compute the metrics of each stop: distance, rotation, odometry error and drift (ATE, and RPE over
+1 m).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Options(Configuration):
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
-    """Measure the recordings and lay the results side by side."""
+    """Compute the metrics of the recordings and return them as one table."""
     from omni_figures.comparison_table import comparison_table
     from omni_figures.data_table import write_table
     from omni_loop.metrics import results_document

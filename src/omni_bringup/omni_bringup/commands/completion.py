@@ -1,6 +1,6 @@
-"""``./omni completion``: print what lets bash complete commands, options and names.
+"""``./omni completion``: print the bash completion of commands, options and names.
 
-Put it into effect with: eval "$(./omni completion)"
+Enable it with: eval "$(./omni completion)"
 """
 
 from __future__ import annotations

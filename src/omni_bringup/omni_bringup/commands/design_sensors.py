@@ -1,7 +1,7 @@
-"""``./omni design-sensors``: place line cameras under a chassis so that the twist errs least.
+"""``./omni design-sensors``: place line cameras under a chassis for the most accurate twist.
 
-Search the places of line cameras with the smallest mean twist error, draw them, and judge given and
-classical placements beside them.
+Search the positions of line cameras with the smallest mean twist error, draw them, and evaluate
+given and common placements for comparison.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _conditions(task: DesignTask, options: Options) -> str:
 
 
 def _drawn(result: Design, task: DesignTask) -> list[JudgedPlacement]:
-    """Return the best placement and up to three that are of most interest beside it."""
+    """Return the best placement and up to three others for comparison."""
     names = [*task.given, "tangential", "radial", "condition"]
     return [result.best, *(result.placement(name) for name in names[: _DRAWN - 1])]
 
@@ -100,7 +100,7 @@ def _text(
 
 
 def _use(vehicle: str, placement: Path) -> str:
-    """Return the command that uses a placement: it holds for this chassis alone."""
+    """Return the command line that uses a placement, which is valid for this chassis only."""
     if vehicle.endswith(".yaml"):
         vehicle = str(Path(vehicle).resolve())
     parts = (f"vehicle={vehicle}", f"sensors={placement}")

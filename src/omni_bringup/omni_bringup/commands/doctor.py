@@ -1,7 +1,7 @@
 """``./omni doctor``: check the installation, and whether ROS nodes can communicate.
 
-Check the parts that everything else needs, one line each, with a remedy for what fails. Exit code 1
-if anything does.
+Check the parts of the installation, one line each, with a remedy for each failure. Exit code 1 if a
+check fails.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Options(Configuration):
 
 
 class TroubleError(Exception):
-    """What is wrong and what to do about it."""
+    """A problem of the installation and its remedy."""
 
 
 def run(_options: Options, workspace: Workspace) -> Report:

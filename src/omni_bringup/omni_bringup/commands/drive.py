@@ -1,6 +1,6 @@
 """``./omni drive``: drive a vehicle in real time from a page in the browser.
 
-Run the nodes in real time for a person, who drives from a page in the browser or by cmd_vel.
+Run the nodes in real time; a person drives from a page in the browser or by cmd_vel.
 Ctrl-C ends it.
 """
 
@@ -82,7 +82,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     """Run the nodes until a signal ends the command or a node fails.
 
     Raises:
-        ProcessError: a node has ended; there is no other end but a signal.
+        ProcessError: a node has ended; otherwise only a signal ends the command.
     """
     from omni_bringup.graph.domain import reserved_domain
     from omni_bringup.graph.process_group import process_group
@@ -125,7 +125,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _is_local(host: str) -> bool:
-    """Return whether an address serves this machine alone.
+    """Return whether an address is reachable from this machine only.
 
     Raises:
         ConfigurationError: it is no address, or one that stands for any address.
@@ -142,7 +142,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the driver's parameters with the choices that its page offers."""
+    """Return the parameters of the driver's node with the choices of its page."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {
@@ -183,7 +183,7 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration with a driver who goes forward and sideways as fast as may be."""
+    """Return the configuration of a drive, with the largest speed forward and sideways."""
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(
@@ -206,7 +206,7 @@ def drive_nodes(
         scratch: folder for the files of their parameters.
         parameters: parameters of the driver's node.
         folder: rosbag2 folder to record to, if any.
-        lines: whether the lines of the cameras are recorded, nearly all of the size.
+        lines: whether the lines of the cameras, most of the data, are recorded.
     """
     from omni_bringup.graph import nodes as graph
 
@@ -243,7 +243,7 @@ def _follow(
 
     Args:
         group: the nodes.
-        domain: theirs.
+        domain: ROS domain of the nodes.
         parameters: parameters of the driver's node; keeps its address for one that follows it.
 
     Raises:

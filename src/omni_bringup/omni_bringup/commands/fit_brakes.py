@@ -1,7 +1,7 @@
 """``./omni fit-brakes``: find torque, dead time and lag of brakes from recorded stops.
 
 Estimate the largest torque of a vehicle's brakes, their dead time and their time constant from
-recordings of stops in which the wheels turn on under their brakes (with the pedal halfway down).
+recordings of stops in which the wheels keep turning under their brakes (with half the pedal).
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 
 def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
-    """Return the YAML that a vehicle names as its tire."""
+    """Return the YAML of a tire, to be named by a vehicle."""
     from omni_loop.commented_yaml import commented_yaml
     from omni_tools.vehicles.estimates import tire_stiffness
 

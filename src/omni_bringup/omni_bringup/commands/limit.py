@@ -1,6 +1,6 @@
-"""``./omni limit``: bound from below how short a stop can be.
+"""``./omni limit``: compute lower bounds of the stopping distance.
 
-Bound the stopping distance from below by what friction, loads and pedal allow, with and without
+Compute lower bounds of the stopping distance from friction, loads and pedal, with and without
 keeping heading and line.
 """
 
@@ -154,7 +154,7 @@ def _question(
 
 
 def _loader(options: Options, library: ExperimentLibrary) -> Load:
-    """Return what loads the experiment in question with more changes."""
+    """Return a function that loads the experiment with further overrides."""
     if options.vehicle is None:
         name = options.experiment or "straight_line"
         variant = library.variants(name)[-1]
@@ -180,7 +180,7 @@ def _front_table(stops: dict[str, Stop]) -> Table:
 
 
 def _clean(value: float) -> float:
-    """Return 0 for what rounding leaves of a motion along an axis."""
+    """Return a component of the motion, 0 if it is a rounding error."""
     return 0.0 if abs(value) < 1e-12 else value
 
 
@@ -216,7 +216,7 @@ def _text(
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Table:
-    """Return the forces of the strongest straight deceleration on the ground beside patches."""
+    """Return the forces of the strongest straight deceleration on the ground outside patches."""
     import numpy as np
     from rich.table import Table
 

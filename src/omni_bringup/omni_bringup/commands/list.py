@@ -1,6 +1,6 @@
-"""``./omni list``: see which vehicles, grounds, sensors, experiments, tires, studies there are.
+"""``./omni list``: list vehicles, grounds, sensors, experiments, tires and studies.
 
-Print names and what each is; every one can be looked at with ./omni show NAME.
+Print names and descriptions; ./omni show NAME shows one of them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def names_of(kind: str, workspace: Path) -> dict[str, str]:
-    """Return the names of a kind of `EVERY`, and what each is."""
+    """Return names and descriptions of a kind of `EVERY`."""
     if kind == STUDIES:
         return commands_of("omni_studies.studies")
     if kind == LAWS:

@@ -1,7 +1,7 @@
 """``./omni nav2-polygons``: compute the collision monitor's polygons from simulated stops.
 
-Brake a vehicle thousands of times and write the area that it needs to stop, with footprint and
-swerve, for each direction, speed and turn, in the YAML of Nav2's collision monitor.
+Simulate thousands of stops of a vehicle and write the area that its footprint covers, including
+rotation, for each direction, speed and yaw rate, as YAML of Nav2's collision monitor.
 """
 
 from __future__ import annotations

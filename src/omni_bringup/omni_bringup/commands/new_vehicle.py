@@ -103,7 +103,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _answers(options: Options) -> dict[str, Any]:
-    """Return what was given, and asked for on a terminal, as values of `Measured`."""
+    """Return the values given as options or on a terminal as values of `Measured`."""
     from omni_tools.vehicles.estimates import BRAKES
 
     values: dict[str, Any] = {
@@ -140,14 +140,14 @@ def _one_of(choices: Sequence[str], text: str) -> str:
 
 
 def _asked(flag: str, given: Any, words: str, kind: Callable[[str], Any], usual: Any = None) -> Any:
-    """Return a value that was given, that a person on a terminal gives, or that is usual.
+    """Return a value given as an option or on a terminal, or the usual one.
 
     Args:
         flag: the option.
         given: its value, if any.
-        words: what is asked for.
-        kind: makes a value of an answer, or raises ValueError.
-        usual: taken for an empty answer, and where there is no terminal; None if there is none.
+        words: description of the value.
+        kind: converts an answer to a value, or raises ValueError.
+        usual: used for an empty answer and without a terminal; None if there is none.
     """
     if given is not None:
         return given

@@ -1,7 +1,7 @@
-"""``./omni replay``: run nodes on the recorded inputs once more.
+"""``./omni replay``: run nodes on recorded inputs.
 
-Publish the recorded inputs with /clock to the real nodes, record what they answer beside the
-recording, and compare it with what was recorded.
+Publish the recorded inputs with /clock to the real nodes, record their outputs, and compare these
+with the recorded outputs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """``./omni report``: show recordings as a page for a browser.
 
-Write one HTML file that needs nothing else: the vehicle from above, the plots in step with it, the
-results, what the line cameras saw as the pedal went down, and the configuration with its
+Write one self-contained HTML file: an animation of the vehicle from above with synchronous plots,
+the results, the lines of the cameras at the start of braking, and the configurations with their
 differences.
 """
 
@@ -74,7 +74,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
 
 
 def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
-    """Return a picture (PNG) of a recording's lines about the pedal, if it holds any."""
+    """Return a PNG of the lines around the start of braking, if the recording has lines."""
     from omni_bringup.replay.lines import read_batches
     from omni_figures.style import picture_of
     from omni_platform import topics

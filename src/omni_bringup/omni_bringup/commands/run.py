@@ -1,4 +1,4 @@
-"""``./omni run``: run an experiment over the ROS graph, record it and measure it.
+"""``./omni run``: run an experiment over the ROS graph, record it and compute metrics.
 
 Run every variant of an experiment over real ROS processes, record it to a rosbag2 folder, print
 the results and draw the figures.
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration
 
 REPLACEABLE = ("brake_assist", "linescan_odometry")
-"""Nodes whose place a node of the user's own may take."""
+"""Nodes that a user's node may replace."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Options(LoopOptions):
         return frozenset(words.partition("=")[0] for words in self.replace)
 
     def check_consistency(self) -> None:
-        """Refuse the replacement of what cannot be replaced."""
+        """Refuse to replace nodes that cannot be replaced."""
         for words in self.replace:
             node, _, by = words.partition("=")
             if node not in REPLACEABLE or by != "external":
@@ -200,7 +200,7 @@ def _run_variants(
 
 
 def _left_behind(folder: Path) -> Iterator[str]:
-    """Yield where the recordings of a failed run are, and which of them lack their end."""
+    """Yield the recordings of a failed run, and which of them are incomplete."""
     from omni_bringup.graph.run_folder import unfinished_recordings
 
     yield f"what was recorded is in {folder}"

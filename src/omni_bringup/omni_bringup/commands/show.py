@@ -1,4 +1,4 @@
-"""``./omni show``: see a vehicle, ground, tire, placement or experiment, in words and drawn.
+"""``./omni show``: describe and draw a vehicle, ground, tire, placement or experiment.
 
 Describe a name of ./omni list and draw it; of a study or law, print its purpose and options.
 """
@@ -51,7 +51,7 @@ class Options(Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Describe it in words, and draw what can be drawn."""
+    """Describe an item, and draw it if possible."""
     kind, path = _find(options, workspace)
     if kind in (STUDIES, LAWS):
         return _described(kind, options)

@@ -39,7 +39,7 @@ def command(name: str) -> _StudyCommand:
 
 
 class _StudyCommand:
-    """A study, with where its results go."""
+    """A study and the folder of its results."""
 
     def __init__(self, name: str, study: Study) -> None:
         self._name = name

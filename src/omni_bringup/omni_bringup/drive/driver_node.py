@@ -47,7 +47,7 @@ _POSES = 50  # half a second of the vehicle's poses
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Choice(Configuration):
-    """What of one kind may be driven."""
+    """Names of one kind that may be driven."""
 
     chosen: str = parameter(description="The one that is driven now")
     names: tuple[str, ...] = parameter(description="All that the page offers")
@@ -152,7 +152,7 @@ class DriverNode(Node):
         self.create_subscription(kind, topic, on_message, RELIABLE)
 
     def say_demand(self) -> None:
-        """Publish what holds now."""
+        """Publish the current demand."""
         demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
@@ -197,7 +197,7 @@ class DriverNode(Node):
         self.state["pedal"] = pedal
 
     def _note_start(self) -> None:
-        """Note pose and speed at the stamp at which the pedal went down, once they are there."""
+        """Store pose and speed at the stamp at which the pedal went down, once they are known."""
         for stamp_ns, pose, twist in self._poses:
             if stamp_ns == self._pedal_down_ns:
                 start = {"time": stamp_ns / 1e9, "pose": pose, "speed": math.hypot(*twist[:2])}
@@ -261,7 +261,7 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
 
 
 def _take_in(node: DriverNode, spinner: Spinner) -> None:
-    """Run the callbacks of all that has arrived; one call serves one topic."""
+    """Run the callbacks of all received messages; one call serves one topic."""
     before = -1
     while node.received != before:
         before = node.received

@@ -1,9 +1,8 @@
-"""The page that a person drives with: files over HTTP, demands and state over a WebSocket.
+"""Server of the page for driving: files over HTTP, demands and state over a WebSocket.
 
-Only this machine reaches it unless another address is given, and only who knows the random token
-in the address:
-another page in the same browser knows no token and comes from another origin; one whose host name
-was bound to this address anew still sends its own host.
+The page is reachable from this machine only, unless another address is given, and only with the
+random token in its address. Another page in the same browser does not have the token and comes from
+another origin; a page whose host name was rebound to this address still sends its own host name.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _NOT_UNDERSTOOD = 1007
 
 
 class PageError(ValueError):
-    """A message of the page that makes no sense."""
+    """An invalid message of the page."""
 
 
 class Demand(NamedTuple):
@@ -48,8 +47,8 @@ class Demand(NamedTuple):
     Attributes:
         pedal: 0..1.
         stick: forward, left, turn, each -1..1.
-        assist: where the assist switch was turned to, if it was.
-        choose: kind and name of what is to be driven from now on, if something was chosen.
+        assist: new position of the assist switch, if it was changed.
+        choose: kind and name of a new choice, such as a ground, if there is one.
     """
 
     pedal: float
@@ -121,11 +120,11 @@ class DriveServer:
 
         Args:
             source: selects the source of the demand.
-            largest: body twist that a full stick means [m/s, m/s, rad/s].
+            largest: body twist of a full stick [m/s, m/s, rad/s].
             greeting: sent to a page when it opens.
             receive: called with the messages of a page other than pedal and stick.
-            token: that the address shall hold; a new one where it is empty.
-            clock: time [s] that only goes forward.
+            token: token of the address; a new one if it is empty.
+            clock: returns a monotonic time [s].
             address: IP address of this machine, and TCP port; 0 for any free one.
 
         Raises:
@@ -198,7 +197,7 @@ class DriveServer:
         self._receive(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
-        """Return a file or a refusal; None lets the WebSocket's opening go on."""
+        """Return a file or an error; None continues the opening of the WebSocket."""
         if request.headers.get_all("Host") != [self._address]:
             return self._response(http.HTTPStatus.MISDIRECTED_REQUEST)
         path = request.path.partition("?")[0]

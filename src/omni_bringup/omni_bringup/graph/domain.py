@@ -1,4 +1,4 @@
-"""A ROS domain of one's own for each run, so that two runs on one machine do not meet."""
+"""A separate ROS domain for each run, so that runs on one machine do not interfere."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 class NoFreeDomainError(InputError):
-    """The chosen ROS domain, or every one of this machine, is taken by another run."""
+    """The chosen ROS domain, or every domain of this machine, is used by another run."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other run on this machine holds, of any user.
+    """Reserve a ROS domain that no other run on this machine uses.
 
-    One that is not chosen holds no other ROS program of this machine either. In a chosen one there
-    may be some, to look on; the recorder of the run refuses what they publish.
+    A domain that the user did not choose contains no other ROS program of this machine. A chosen
+    one may contain programs that only subscribe; the recorder refuses other publishers.
 
     Yields:
         The domain's number; that in ``ROS_DOMAIN_ID`` where the user has set it.
@@ -65,7 +65,7 @@ def reserved_domain() -> Iterator[int]:
 
 
 def _inhabited_domains() -> frozenset[int]:
-    """Return the domains in which some ROS program of this machine listens."""
+    """Return the domains in which a ROS program of this machine receives messages."""
     ports: set[int] = set()
     for path in _BOUND_PORTS:
         with contextlib.suppress(OSError):  # without IPv6 there is no such file

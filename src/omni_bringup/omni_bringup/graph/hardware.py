@@ -46,7 +46,7 @@ _PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
 
 @dataclasses.dataclass(frozen=True)
 class Hardware:
-    """What the nodes need to know of a real vehicle.
+    """Configuration of the nodes of a real vehicle.
 
     Attributes:
         brake_assist: of the assistant.
@@ -78,15 +78,15 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[HardwareNode]:
-    """Return the nodes that launch arguments ask for.
+    """Return the nodes selected by launch arguments.
 
     Args:
         given: the arguments by name.
         words: ``NAME:=VALUE`` as given on the command line.
 
     Raises:
-        ConfigurationError: an argument is not known or has a wrong value, or the folder has not the
-            files that are needed.
+        ConfigurationError: an argument is unknown or has a wrong value, or the folder lacks a
+            required file.
     """
     for word in words:
         name, assigned, _ = word.partition(":=")
@@ -125,7 +125,7 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether a node that has ended with an exit code is started again."""
+    """Return whether a node with this exit code is restarted."""
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 
@@ -181,7 +181,7 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
 def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
     """Write the parameter files of the nodes and a URDF of the vehicle; return what was written.
 
-    The files fit a node of any name in any namespace.
+    The files are valid for a node of any name and namespace.
 
     Raises:
         OSError: the folder cannot be written to.
@@ -214,7 +214,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
 
 
 def parameters_text(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a parameter file that holds for every node."""
+    """Return the text of a parameter file for every node."""
     document = {"/**": {"ros__parameters": dict(parameters)}}
     text: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False)
     return text

@@ -1,4 +1,4 @@
-"""What the files in ``launch/`` start: the nodes of `omni run` and `omni drive`, and their end."""
+"""The nodes that the files in ``launch/`` start for `omni run` and `omni drive`, and their end."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LOCKSTEP, REAL_TIME, DRIVE = "lockstep", "real_time", "drive"
 
 @dataclasses.dataclass(frozen=True)
 class LaunchPlan:
-    """What a launch file starts.
+    """The processes of a launch file.
 
     Attributes:
         nodes: listeners first.
@@ -51,7 +51,7 @@ class LaunchPlan:
         variant: its name.
         configuration: of the whole loop.
         folder: of the recording, if there is one.
-        is_run: whether the simulator comes to an end that has results.
+        is_run: whether the simulation ends by itself and has results.
     """
 
     nodes: Sequence[NodeProcess]
@@ -95,7 +95,7 @@ class LaunchPlan:
 
 
 def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
-    """Return what to start in a mode.
+    """Return the processes to start in a mode.
 
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.

@@ -53,7 +53,7 @@ class RecordingOptions:
 
     Attributes:
         compression: of the chunks: none, zstd or lz4.
-        synchronize: wait for the disk at every flush, so that a power cut loses no more.
+        synchronize: wait for the disk at every flush, so that a power cut loses no flushed data.
     """
 
     compression: str = "none"
@@ -94,7 +94,7 @@ def recorder(
 def odometry(
     configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
 ) -> NodeProcess:
-    """Return the process of the line-scan odometry; `listeners` are those of a run if 0."""
+    """Return the process of the line-scan odometry; `listeners` of 0 means those of a run."""
     listeners = listeners or _RECORDER + 1 + configuration.uses_lines
     parameters = _flat(configuration.odometry) | _timing(lockstep) | _listeners(listeners)
     if configuration.own_odometry:
@@ -222,7 +222,7 @@ def player(
 
 
 def _relative(topic: str) -> str:
-    """Return a topic as the nodes name it: of their own namespace, but for what all share."""
+    """Return a topic name relative to the namespace, absolute for shared topics."""
     return topic if topic in _SHARED else topic.removeprefix("/")
 
 

@@ -1,4 +1,4 @@
-"""Operating-system processes that live and end together."""
+"""Operating-system processes that start and end together."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NodeProcess:
         package: package in the ament index.
         executable: name below ``lib/PACKAGE``.
         arguments: command-line arguments.
-        own_code: whether it runs code of the user's own, whose output belongs on the screen.
+        own_code: whether it runs the user's code, whose output is shown on the screen.
     """
 
     name: str
@@ -68,7 +68,7 @@ def find_executable(package: str, executable: str) -> Path:
 
 
 class RunningProcess:
-    """A started node: its exit, its reports, and what it complained of."""
+    """A started node: its exit code, its reports, and its error output."""
 
     def __init__(self, node: NodeProcess, environment: Mapping[str, str]) -> None:
         self.node = node
@@ -102,7 +102,7 @@ class RunningProcess:
 
     @property
     def is_halted(self) -> bool:
-        """Whether a signal holds the process up at this moment."""
+        """Whether the process is stopped by a signal."""
         try:
             state = Path(f"/proc/{self.process.pid}/stat").read_text()
         except OSError:  # it has ended
@@ -111,7 +111,7 @@ class RunningProcess:
 
     @property
     def was_halted(self) -> bool:
-        """Whether a signal has halted the process, as SIGSTOP does, now or some time ago."""
+        """Whether the process is or was stopped by a signal such as SIGSTOP."""
         self._note_halts()
         return self._halted
 
@@ -121,14 +121,14 @@ class RunningProcess:
             self._halted |= os.waitid(os.P_PID, self.process.pid, events) is not None
 
     def new_reports(self) -> list[dict[str, Any]]:
-        """Return what the process has reported since the last call, see `omni_ros.report`."""
+        """Return the reports since the last call, see `omni_ros.report`."""
         text = _read_from(self._reports, self._read_until)
         complete = text.rfind(b"\n") + 1
         self._read_until += complete
         return [json.loads(line) for line in text[:complete].splitlines()]
 
     def complaint(self) -> str:
-        """Return what the process wrote to standard error, else to standard output, stripped."""
+        """Return the standard error of the process, or its standard output if that is empty."""
         for stream in (self._errors, self._output):
             words = _COLORS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
             if words:
@@ -152,7 +152,7 @@ class RunningProcess:
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Return the exit code of a process that was asked to end; insist after a while."""
+        """Return the exit code of a process that was asked to end; kill it after a timeout."""
         deadline = time.monotonic() + _STOP_TIMEOUT
         while not self.was_halted and time.monotonic() < deadline:
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -173,7 +173,7 @@ def _read_from(file: IO[bytes], offset: int) -> bytes:
 class ProcessGroup:
     """Starts processes in order and ends them in the reverse order.
 
-    The first is the one that listens to all others to their end.
+    The first one is the recorder, which ends last.
     """
 
     def __init__(self, environment: Mapping[str, str]) -> None:
@@ -194,8 +194,8 @@ class ProcessGroup:
     def stop(self) -> None:
         """End every process, the last started first.
 
-        Once one has failed, those that sent to it may wait in vain for it to acknowledge: all but
-        the first then wait at the same time, and hardly at all where the first has ended.
+        After a failure, processes may wait for acknowledgements that never come. All but the first
+        then get one common, shorter timeout.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
@@ -212,7 +212,7 @@ class ProcessGroup:
             process.stop()
 
     def raise_if_ended(self, besides: RunningProcess | None = None) -> None:
-        """Raise `ProcessError` if a process has ended, with its own words.
+        """Raise `ProcessError` with the error output of a process that has ended.
 
         Args:
             besides: the process that may end, because the caller waits for its end.
@@ -222,7 +222,7 @@ class ProcessGroup:
                 raise ProcessError(describe_end(process))
 
     def raise_if_failed(self) -> None:
-        """Raise `ProcessError` if a process, now that all are gone, did not end well."""
+        """Raise `ProcessError` if a process ended with an error; called after all have ended."""
         for process in self.running:
             if process.returncode != 0:
                 raise ProcessError(describe_end(process))
@@ -240,7 +240,7 @@ def describe_end(process: RunningProcess) -> str:
 
 @contextlib.contextmanager
 def process_group(environment: Mapping[str, str]) -> Iterator[ProcessGroup]:
-    """Hold a group of processes that are all gone when the block is left, however it is left."""
+    """Provide a group of processes, all of which are ended when the block is left."""
     group = ProcessGroup(environment)
     ending = True
     try:
@@ -254,7 +254,7 @@ def process_group(environment: Mapping[str, str]) -> Iterator[ProcessGroup]:
 
 @contextlib.contextmanager
 def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
-    """Hold a signal back until the block is left; one that is but repeated is dropped."""
+    """Defer signals until the block is left; repeated ones are dropped."""
     arrived: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     previous = {n: signal.signal(n, lambda number, _: arrived.append(number)) for n in numbers}

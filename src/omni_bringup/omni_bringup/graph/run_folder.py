@@ -1,4 +1,4 @@
-"""What stands beside the recording of a run: configuration, versions, seed, results."""
+"""Files stored with the recording of a run: configuration, versions, seed, results."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _DISTRIBUTIONS = (
 
 
 def check_unused(folder: Path, option: str = "--out") -> None:
-    """See that the folder given for results is free for them.
+    """Check that the folder for results is new or empty.
 
     Args:
         folder: to be made.
         option: by which it was given.
 
     Raises:
-        ConfigurationError: it is a file, or holds something.
+        ConfigurationError: it is a file or not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigurationError(
@@ -68,10 +68,10 @@ def write_summary(document: Mapping[str, Any], folder: Path) -> None:
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
-    """Return the recordings of the runs in a folder that lack their end, as after a kill.
+    """Return the incomplete recordings of the runs in a folder, as a killed recorder leaves them.
 
-    A reader that starts at the beginning gets such a file up to its last whole chunk; its index,
-    which stands at the end, is missing.
+    Such a file can be read from the beginning up to its last complete chunk; its index, which is
+    at the end, is missing.
     """
     return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]
 

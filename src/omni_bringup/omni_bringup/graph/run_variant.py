@@ -41,12 +41,12 @@ Progress = Callable[[Mapping[str, float]], None]
 
 
 class RunError(WorkError):
-    """A run that did not come to its end; the bag keeps what was recorded."""
+    """A run that did not finish; the recording up to then is kept."""
 
 
 @dataclasses.dataclass(frozen=True)
 class VariantResult:
-    """What a finished run leaves.
+    """Results of a finished run.
 
     Attributes:
         variant: its name.
@@ -61,7 +61,7 @@ class VariantResult:
     metrics: Mapping[str, Metric]
 
     def still_moving(self) -> str:
-        """Return a sentence about a vehicle that rolls on with the pedal down, else nothing."""
+        """Return a warning if the vehicle still rolls with the pedal down, else an empty text."""
         if not still_rolls(self.history):
             return ""
         return (
@@ -89,10 +89,10 @@ def run_variant(
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
         on_progress: called with time [s], speed [m/s] and share [0..1] as the run goes on.
         recording: how it is recorded.
-        external: nodes that are not started, because somebody else answers in their place.
+        external: nodes that are not started, because a user's node replaces them.
 
     Raises:
-        RunError: a node ended, fell silent or lost data; the message says which.
+        RunError: a node ended, stopped sending or lost data; the message names it.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
         nodes = graph.run_nodes(
@@ -106,7 +106,7 @@ def run_variant(
 def measured(
     report: Mapping[str, Any], variant: str, folder: Path, configuration: ExperimentConfiguration
 ) -> VariantResult:
-    """Return the results of a run that has come to its end.
+    """Return the results of a finished run.
 
     Args:
         report: the last one of the simulator.
@@ -126,7 +126,7 @@ def measured(
 
 
 def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
-    """Return for how long the run was beyond what the simulation covers [s], and its sentence."""
+    """Return the time outside the validity of the simulation [s], and a warning."""
     time, sentence = report["limits"].get(limit, (0.0, ""))
     return Metric(time, "s", note=sentence)
 
@@ -201,7 +201,7 @@ def _follow(
 
 
 def check_report(report: Mapping[str, Any]) -> None:
-    """See by the simulator's last report that a run came to its end and no node fell silent.
+    """Check by the simulator's last report that a run finished and no node stopped sending.
 
     Raises:
         ProcessError: names the node.
@@ -218,10 +218,10 @@ def check_report(report: Mapping[str, Any]) -> None:
 
 
 def _check_life(group: ProcessGroup) -> None:
-    """See that every node lived through all of the run, and ended well when it was asked to.
+    """Check that every node ran until the end and then ended without error.
 
     Raises:
-        ProcessError: names the node that did not.
+        ProcessError: names the failed node.
     """
     for process in group.running:
         if process.was_halted:

@@ -1,1 +1,1 @@
-"""Recorded inputs through the nodes, or their cores, once more."""
+"""Replay of recorded inputs through the nodes or their cores."""

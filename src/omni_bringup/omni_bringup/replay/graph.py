@@ -25,7 +25,7 @@ _POLL = 0.05  # [s]
 
 
 def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) -> None:
-    """Run the nodes of a plan on the recorded inputs and record what they answer.
+    """Run the nodes of a plan on the recorded inputs and record their outputs.
 
     Args:
         bag: the recording.
@@ -34,7 +34,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
         rate: speed as a multiple of the recorded one, 0 for as fast as the nodes follow.
 
     Raises:
-        ProcessError: a node ended, fell silent or lost data; the message says which.
+        ProcessError: a node ended, stopped sending or lost data; the message names it.
         NoFreeDomainError: all ROS domains are taken.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
@@ -70,7 +70,7 @@ def _follow(group: ProcessGroup, player: RunningProcess) -> Mapping[str, Any]:
 
 
 def _check_counts(recorder: RunningProcess, report: Mapping[str, Any]) -> None:
-    """See that the recorder has kept every result that the player has seen."""
+    """Check that the recorder has stored every result that the player has received."""
     reports = recorder.new_reports()
     if not reports:
         raise ProcessError(describe_end(recorder))

@@ -1,4 +1,4 @@
-"""Lines of cameras in recordings: written from files, read to be looked at."""
+"""Writes lines of cameras into recordings, and reads them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_lines(
         folder: rosbag2 folder to make.
         lines: of each camera, oldest first, shape (m, n).
         sensors: of which only the line rates are used.
-        batch_time: that the lines of a message take [s].
+        batch_time: duration of the lines of a message [s].
         start_ns: stamp of the first line [ns].
 
     Raises:
@@ -65,7 +65,7 @@ def read_batches(
         bag: the recording.
         sensors: names of the cameras.
         start: since the first line of any of them [s].
-        duration: from there [s].
+        duration: of the part that is read [s].
 
     Raises:
         BagError: a message cannot be read, or there is none of a camera.

@@ -45,7 +45,7 @@ Result = tuple[str, int, Any]  # topic, stamp [ns], message
 
 
 def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
-    """Run the cores of the nodes of a plan and record what they answer.
+    """Run the cores of the nodes of a plan and record their outputs.
 
     Args:
         bag: the recording.
@@ -77,7 +77,7 @@ def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[RecordedMessage]:
 
 
 class _Cores:
-    """What takes the messages of each topic."""
+    """The function that processes the messages of each topic."""
 
     def __init__(self, plan: ReplayPlan) -> None:
         configuration = plan.configuration

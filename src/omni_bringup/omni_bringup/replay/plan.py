@@ -1,4 +1,4 @@
-"""What a replay of nodes takes from a recording and what it makes anew."""
+"""The inputs that a replay takes from a recording and the outputs that it computes."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ReplayPlan:
     Attributes:
         configuration: of the nodes.
         nodes: those that run, some of `NODES`.
-        inputs: type by topic of what comes from the recording.
-        outputs: type by topic of what the nodes answer.
+        inputs: message type of each topic taken from the recording.
+        outputs: message type of each topic that the nodes publish.
     """
 
     configuration: ExperimentConfiguration
@@ -77,7 +77,7 @@ def feedback_topic(configuration: ExperimentConfiguration) -> Topic:
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
-    """See that a recording holds what a replay needs, and return all its counts by topic.
+    """Check that a recording has the inputs of a replay, and return its counts by topic.
 
     Raises:
         BagError: a topic is missing, empty or of another type; names all that are missing.

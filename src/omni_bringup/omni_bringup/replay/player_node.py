@@ -1,8 +1,8 @@
-"""Publishes recorded messages, byte for byte, to nodes that are to work on them once more.
+"""Publishes recorded messages unchanged to nodes that process them again.
 
-A round, one message of each topic, goes out only when the round before has its result: topics
-cannot overtake each other then, no queue runs over, and the results do not depend on the speed.
-Where a result does not come, as while a sensor is silent, one more round is sent ahead. At the end
+A round is one message of each topic. It is sent when the round before has its result: then topics
+cannot overtake each other, no queue overflows, and the results do not depend on the speed. If no
+result comes, for example while a sensor is missing, one more round is sent. At the end
 the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
 """
 
@@ -57,7 +57,7 @@ class PlayerConfiguration(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse lists that do not fit together."""
+        """Refuse lists of different lengths."""
         for key, names, kinds in (
             ("input_types", self.inputs, self.input_types),
             ("output_types", self.outputs, self.output_types),
@@ -101,7 +101,7 @@ class PlayerNode(Node):
 
     @property
     def unanswered(self) -> int:
-        """How many rounds are without a result on some output."""
+        """Number of rounds without a result on every output."""
         answered = min(self._newest.values())
         while self._waiting and self._waiting[0] <= answered:
             self._waiting.popleft()
@@ -151,10 +151,10 @@ def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
 
 
 def _await_result(node: PlayerNode, spinner: Spinner, ahead: int) -> int:
-    """Wait until fewer than `ahead` rounds are without a result; return how many may be next.
+    """Wait until fewer than `ahead` rounds lack a result; return how many may lack one next.
 
     Raises:
-        NodeError: nothing comes any more.
+        NodeError: no result has come within the timeout.
     """
     timeout = node.configuration.answer_timeout
     started = any(node.results.values())
@@ -180,7 +180,7 @@ def _spin_until_time(spinner: Spinner, deadline: float) -> None:
 
 
 def _await_silence(node: PlayerNode, spinner: Spinner) -> None:
-    """Take in the results that are still on their way."""
+    """Receive the remaining results."""
     before = -1
     while not spinner.stop and sum(node.results.values()) != before:
         before = sum(node.results.values())

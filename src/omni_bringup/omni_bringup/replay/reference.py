@@ -27,9 +27,9 @@ _SPREAD = 3  # samples to either side over which the acceleration is taken
 def read_reference(
     bag: Bag, configuration: ExperimentConfiguration, kind: str
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Return times [s], twists (v_x, v_y, yaw rate) and which reference they are from.
+    """Return times [s], twists (v_x, v_y, yaw rate) and the name of their reference.
 
-    Wheel speeds count only where they hardly change, as driven and braked wheels slip.
+    Wheel speeds are used only while they are nearly constant, as driven and braked wheels slip.
 
     Args:
         bag: the recording.
@@ -68,7 +68,7 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists between poses, which shocks in between do not falsify."""
+    """Return the mean twists between poses, which short shocks do not affect."""
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)
@@ -83,7 +83,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray) -> NDArray[np.bool_]:
-    """Return when the velocity changes so much that the wheels slip."""
+    """Return the times at which the acceleration is so large that the wheels slip."""
     padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)

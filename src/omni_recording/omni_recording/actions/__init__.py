@@ -1,1 +1,1 @@
-"""What ``./omni bag`` does with a recording."""
+"""The actions of ``./omni bag``."""

@@ -1,4 +1,4 @@
-"""Is a recording what it claims to be? Every byte is read, every known message decoded."""
+"""Checks a recording: every byte is read and every known message decoded."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _SEQUENCE_RANGE = 1 << 32
 
 @dataclasses.dataclass(frozen=True)
 class BagCheck:
-    """What a check has found.
+    """Findings of a check.
 
     Attributes:
-        counts: messages by topic that are really there.
+        counts: messages found, by topic.
         problems: what is wrong, one line each; empty for a sound recording.
-        remarks: what could not be looked into, or is unusual but no damage.
+        remarks: parts that could not be checked, and unusual properties that are no damage.
     """
 
     counts: Mapping[str, int]
@@ -134,7 +134,7 @@ class _Findings:
 
 
 class _Sequence:
-    """Do the numbers of a channel's messages follow each other?"""
+    """Checks that the sequence numbers of a channel are consecutive."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -144,7 +144,7 @@ class _Sequence:
 
     @property
     def missing(self) -> int:
-        """How many numbers were left out; 0 where the recorder gave none."""
+        """Count of missing numbers; 0 if the recorder gave none."""
         return self._gaps if self._numbered else 0
 
     def add(self, number: int) -> None:

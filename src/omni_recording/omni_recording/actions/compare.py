@@ -41,7 +41,7 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether there is something to compare and all of it differs by no more than this.
+        """Return whether there are pairs and all values differ by at most the tolerance.
 
         Args:
             tolerance: largest absolute difference of two values, in the unit of each.
@@ -67,7 +67,7 @@ def compare_topics(
 
 
 def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
-    """Walk along both recordings by stamp, so that memory does not grow with them."""
+    """Merge both recordings by stamp in bounded memory."""
     decoder = MessageDecoder()
     result = TopicComparison(topic)
     streams = _stamped(decoder, first, topic), _stamped(decoder, second, topic)

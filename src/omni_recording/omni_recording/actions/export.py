@@ -31,7 +31,7 @@ class ExportError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class BagExport:
-    """What an export has made.
+    """Files of an export.
 
     Attributes:
         files: by topic.

@@ -1,7 +1,7 @@
-"""Saves what is whole of a recording that was never finished or is damaged in places.
+"""Recovers the complete messages of a recording that is unfinished or damaged in places.
 
-The recording itself is never touched: what is kept goes into a new folder beside it, byte for
-byte, with the index and the metadata that readers need.
+The recording itself is never changed: its complete messages are copied to a new folder, with the
+index and the metadata that readers need.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LARGEST_NOTE = 1 << 24  # [B] of a file stored with the recording
 
 @dataclasses.dataclass(frozen=True)
 class Recovery:
-    """What became of a recording.
+    """Result of a recovery.
 
     Attributes:
         folder: the new recording.
@@ -44,20 +44,20 @@ class Recovery:
 
 
 def recover(path: Path, folder: Path) -> Recovery | None:
-    """Write every whole message of a recording into a new one.
+    """Write every complete message of a recording into a new one.
 
-    A chunk that cannot be unpacked is left out; where records no longer follow each other the
-    file is given up, and so is one that cannot be opened, such as a link to nothing.
+    A chunk that cannot be unpacked is omitted. The rest of a file is omitted where records no
+    longer follow each other, as is a file that cannot be opened, such as a broken link.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
         folder: of the new recording; must be empty if it exists.
 
     Returns:
-        What was kept; None if nothing is wrong with the recording, and nothing is written then.
+        The result; None if the recording is undamaged, in which case nothing is written.
 
     Raises:
-        BagError: there is nothing to save in it.
+        BagError: it has no complete message.
         RecordingError: the new recording cannot be written.
     """
     problems: list[str] = []
@@ -79,7 +79,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
 
 @dataclasses.dataclass
 class _Survey:
-    """What a first reading finds."""
+    """Findings of the first pass."""
 
     problems: list[str]
     channels: Collection[RecordedChannel] = ()
@@ -110,7 +110,7 @@ def _whole_messages(
     problems: list[str],
     channels: list[RecordedChannel],
 ) -> Iterator[RecordedMessage]:
-    """Return what can be read of every file; note what cannot, and the channels found."""
+    """Return the readable messages of every file; collect problems and channels."""
     for file in files:
 
         def note(problem: str, name: str = file.name) -> None:
@@ -146,7 +146,7 @@ def _topic(path: Path, channel: RecordedChannel) -> RecordedTopic:
 
 
 def _qos(metadata: Mapping[str, str]) -> RecordedQos:
-    """Return the offered QoS, rosbag2's default where it is not given in words."""
+    """Return the offered QoS, rosbag2's default if the recording does not contain it."""
     text = metadata.get("offered_qos_profiles", "")
     try:
         profile = read_plain_yaml(text)[0] if len(text) <= _LARGEST_QOS else {}

@@ -1,1 +1,1 @@
-"""The torque, dead time and lag of a vehicle's own brakes, from its recorded stops."""
+"""Torque, dead time and lag of a vehicle's brakes from recorded stops."""

@@ -1,4 +1,4 @@
-"""Recorded stops as a fit of the brakes needs them: motion, wheel speeds and what was asked."""
+"""Data of recorded stops for the fit of the brakes: motion, wheel speeds and commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OPEN = 0.5  # enable from which an on-off valve is open
 
 
 class BrakeDataError(InputError):
-    """Recordings that do not determine the brakes; the message names what is missing."""
+    """The recordings do not determine the brakes; the message names what is missing."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class BrakeData:
         time: of the samples [s], increasing, shape (K,).
         twist: of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
         wheel_speed: [rad/s], shape (K, N).
-        command_time: from when each command holds [s], increasing, shape (C,).
-        command: share of the largest torque that is asked of each brake [1], shape (C, N).
+        command_time: start of each command [s], increasing, shape (C,).
+        command: commanded share of the largest torque of each brake [1], shape (C, N).
     """
 
     time: FloatArray
@@ -52,8 +52,8 @@ def read_brake_data(
     Args:
         folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal`, a twist, and
             `brake/enable` unless the pedal alone braked.
-        wheel_names: of the vehicle; they order the columns.
-        brake: with the response of a valve to an enable.
+        wheel_names: of the vehicle, in the order of the columns.
+        brake: with the resolution of its valves.
         twist_topic: one of `TWIST_TOPICS`.
 
     Raises:

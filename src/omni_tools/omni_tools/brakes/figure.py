@@ -1,4 +1,4 @@
-"""The figure of fitted brakes: what they explain of each stop, and how they answer the pedal."""
+"""Figure of fitted brakes: measured and fitted stops, and the response to the pedal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SIZE = (9.0, 7.4)  # [inch]
 
 
 def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
-    """Draw the speed that the brakes took, measured and fitted, and the answer of one brake.
+    """Draw the measured and fitted change of speed, and the response of one brake.
 
     Args:
         fit: of the stops.

@@ -1,20 +1,21 @@
 """Fit the brakes' torque, dead time and lag to recorded stops, without a tire.
 
-A wheel that turns under its brake reveals the force of its tire:
+The force of a tire follows from the speed of a wheel that turns under its brake:
 ``I d(omega)/dt = g F - sign(omega) T``, with ``g = R cos(gamma)``, gives the force ``F`` on the
-vehicle along the roller's axis. Over each interval between two samples momentum and angular
-momentum then hold only the brakes' torques:
+vehicle along the roller's axis. Momentum and angular momentum over each interval between two
+samples then depend only on the brake torques:
 
     sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
 
 where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity, and the mean
-pressure ``p_i`` follows what is asked through dead time and first-order lag, in closed form. What
-the tire of a standing or reversing wheel does is not known: the equations are projected onto what
-such wheels cannot change. No load and no tire is needed, only masses and the wheels' inertia; the
-radius that a wheel rolls on is seen before the pedal goes down.
+pressure ``p_i`` follows the command with dead time and first-order lag, in closed form. The tire
+force of a locked or reversing wheel is unknown: the equations are projected onto the directions
+    that
+such wheels cannot affect. Wheel loads and tires are not needed, only masses and the wheels'
+inertia; the rolling radius is estimated before the pedal goes down.
 
-While the same wheels turn, the equations are summed up from interval to interval: the error of a
-measured speed then stands in one row and not, with both signs, in two.
+While the same wheels turn, the equations are summed over the intervals, so that the error of a
+measured speed occurs in one row instead of two rows with opposite signs.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ class BrakeFit:
     Attributes:
         values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
         standard_errors: of the values, NaN for a time that ended on its bound, shape (3,).
-        wheel_torque: torque of each wheel's own brake with those times [N m], shape (N,).
-        wheel_error: standard errors of those [N m], NaN where a wheel never showed it, (N,).
+        wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
+        wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
         residual: differences of speed, root mean square [m/s].
-        intervals: number of them in which a wheel turned under its brake.
+        intervals: number of intervals in which a wheel turned under its brake.
         stops: the data of each recording, for the figure.
     """
 
@@ -76,8 +77,8 @@ class StopEquations:
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
         segment: number of the span in which the same wheels turn, shape (K,).
-        change: impulse that the brakes must have made, projected [m/s], shape (K, 3).
-        per_torque: of one newton meter of each brake [m/s per N m], shape (K, 3, N).
+        change: projected impulse of the brakes [m/s], shape (K, 3).
+        per_torque: impulse per torque of each brake [m/s per N m], shape (K, 3, N).
     """
 
     data: BrakeData
@@ -93,7 +94,7 @@ def fit_brakes(stops: Sequence[BrakeData], vehicle: VehicleConfiguration) -> Bra
 
     Args:
         stops: recorded.
-        vehicle: its masses, wheels and wheel inertia count; its brake does not.
+        vehicle: with masses, wheels and wheel inertia; its brake is not used.
 
     Raises:
         BrakeDataError: the stops do not determine the brakes; names what is missing.
@@ -154,7 +155,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Integrate the answer to all commands up to some times [s], shape (K, N)."""
+        """Integrate the response to all commands up to given times [s], shape (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -164,7 +165,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
 
 
 def _asked(stop: StopEquations) -> NDArray[np.bool_]:
-    """Return in which intervals a brake was asked for torque, shape (K,)."""
+    """Return whether a brake was commanded a torque in each interval, shape (K,)."""
     row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
@@ -223,7 +224,7 @@ def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return what the brakes explain less what happened, summed up [m/s], flat."""
+    """Return fitted less measured impulses, cumulated [m/s], flat."""
     torque, dead_time, time_constant = unknowns
     parts = [
         _summed(
@@ -237,7 +238,7 @@ def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> Fl
 
 
 def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
-    """Sum rows (K, ...) up within each segment, and take out the unknown error at its start."""
+    """Cumulate rows (K, ...) within each segment, and remove the unknown error at its start."""
     sums = []
     for number in np.unique(stop.segment):
         steps = rows[stop.segment == number]
@@ -247,7 +248,7 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
 
 
 def _rolling_share(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray:
-    """Return the radius that each wheel rolls on over its own, (N,); 1 where it is not seen."""
+    """Return rolling radius over nominal radius of each wheel, shape (N,); 1 if not observable."""
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
     found = np.sum(expected * stop.wheel_speed[rolling], axis=0)
@@ -258,12 +259,12 @@ def _rolling_share(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray
 
 
 def _search(equations: Sequence[StopEquations]) -> Any:
-    """Return scipy's result, from the best of a grid of starts."""
+    """Return scipy's result, started from the best point of a grid."""
     # Only a fit needs it, and it takes its time to load.
     from scipy.optimize import least_squares
 
     def start(dead_time: float, time_constant: float) -> tuple[float, float]:
-        """Return the best torque for some times, and what it leaves."""
+        """Return the best torque for given times, and its residual."""
         nothing = _differences(equations, np.array([0.0, dead_time, time_constant]))
         one = _differences(equations, np.array([1.0, dead_time, time_constant])) - nothing
         square = float(one @ one)
@@ -288,13 +289,12 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Differences that are alike from row to row carry less information than their number, and those
-    of few rows may decide: what each row has moved an unknown by is summed up with its
-    autocovariance up to the first zero (White 1980, Bartlett 1946).
+    Correlated residuals carry less information than their number. The influence of each row on an
+    unknown is summed with its autocovariance up to the first zero (White 1980, Bartlett 1946).
 
     Args:
         jacobian: of the differences, shape (K, 3, P).
-        left: differences, shape (K, 3).
+        left: residuals, shape (K, 3).
     """
     rows, _, unknowns = jacobian.shape
     bread = np.linalg.pinv(np.einsum("kcp,kcq->pq", jacobian, jacobian))

@@ -1,4 +1,4 @@
-"""What a piece of a campaign costs: the one place of this folder that reads the clock."""
+"""Duration of a chunk of a campaign; the only module of this folder that reads the clock."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Result = TypeVar("Result")
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, float]:
-    """Return what some work gives, and how long it took [s]; it only sizes the next piece."""
+    """Return the result of some work and its duration [s], which only sizes the next chunk."""
     begin = time.perf_counter()
     result = work()
     return result, time.perf_counter() - begin

@@ -1,7 +1,7 @@
-"""Processes of this machine that share a campaign.
+"""Worker processes of a campaign on this machine.
 
-They are forks of the one that has made the first run: what that took to import and to load they
-have, and begin at once. Each gets its work through a pipe and ends with whoever started it.
+They are forks of the process that made the first run, so that imports and loaded data are shared.
+Each receives its work through a pipe and ends with its parent.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Run = Callable[[Sequence[int]], Any]
 
 
 class WorkerDiedError(RuntimeError):
-    """Some work has cost one worker after the other."""
+    """The same work ended several workers in turn."""
 
 
 class _Worker:
@@ -49,10 +49,10 @@ class _Worker:
             self.connection.send(self.seeds)
 
     def replace(self) -> None:
-        """Give the work of one that has died to another.
+        """Give the work of a dead worker to another one.
 
         Raises:
-            WorkerDiedError: not for the first time.
+            WorkerDiedError: the work has ended a worker before.
         """
         self._deaths += 1
         if self._deaths == _MOST_DEATHS:
@@ -74,12 +74,12 @@ def share(
 
     Args:
         run: makes the runs of some seeds; runs in the workers.
-        next_seeds: gives what to run next; nothing once all is given.
-        workers: processes.
-        take: called with what `run` returns, in any order.
+        next_seeds: returns the next seeds; empty at the end.
+        workers: number of processes.
+        take: called with each result of `run`, in any order.
 
     Raises:
-        WorkerDiedError: some seeds have cost one worker after the other.
+        WorkerDiedError: the same seeds ended several workers in turn.
     """
     team: list[_Worker] = []
     try:

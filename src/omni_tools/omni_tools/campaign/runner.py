@@ -1,6 +1,6 @@
-"""Many runs on all cores or on a cluster, which can be interrupted, parted and put together.
+"""Runs a campaign on all cores or on a cluster; it can be interrupted, divided and merged.
 
-A study that makes many runs says what one of them is: a function of a seed (or of the number of a
+A study with many runs defines one of them: a function of a seed (or of the number of a
 case) that returns a row, a NamedTuple whose first field is ``seed`` and whose others are of int,
 float or str. `run_campaign` does the rest::
 
@@ -14,12 +14,11 @@ float or str. `run_campaign` does the rest::
 
     rows = run_campaign(work, range(1000), Row, options, folder / "runs.csv", fingerprint, report)
 
-Workers take chunks of seeds, sized so that each takes about a second. A chunk whose worker dies
-goes to another one. What is finished is appended to a table as it comes in; a campaign that goes
-on (``--resume``) reads it and runs what is missing. The finished table is in the order of the
-seeds, so that it does not depend on who ran what. The tasks of a job array run pieces
-(``--seeds 0:500`` and ``--seeds 500:1000``, each with a folder of its own); ``--merge`` reads them
-into the table of the whole.
+Workers process chunks of seeds, each of which takes about a second. A chunk whose worker dies is
+given to another one. Finished rows are appended to a table; a resumed campaign (``--resume``) reads
+it and runs the missing seeds. The finished table is in the order of the seeds, so that it does not
+depend on the distribution of the work. The jobs of a job array run parts (``--seeds 0:500`` and
+``--seeds 500:1000``, each with its own folder); ``--merge`` combines them into one table.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from omni_tools.campaign.cost import timed
 from omni_tools.campaign.processes import WorkerDiedError, share
 
 CHUNK_TIME = 1.0
-"""How long a worker should be busy with a chunk of runs [s]."""
+"""Target duration of a chunk of runs [s]."""
 
 _ALONE = 2.0  # total time of runs from which the rest is estimated [s]
 _FIRST_RUNS = 3  # runs from which the rest is estimated at least
@@ -62,7 +61,7 @@ class CampaignError(WorkError):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CampaignOptions(Configuration):
-    """Options of a study that makes many runs."""
+    """Options of a study with many runs."""
 
     workers: int | None = parameter(
         None,
@@ -92,10 +91,10 @@ class CampaignOptions(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse options that do not go together.
+        """Refuse contradicting options.
 
         Raises:
-            ConfigurationError: names them.
+            ConfigurationError: options contradict each other; names them.
         """
         if self.workers is not None and self.scheduler is not None:
             raise ConfigurationError("--workers", "does not go with --scheduler, which has its own")
@@ -103,13 +102,13 @@ class CampaignOptions(Configuration):
             raise ConfigurationError("--seeds", f"{self.seeds!r} must be two numbers such as 0:500")
 
     def piece(self, seeds: range) -> range:
-        """Return the seeds of this piece of a campaign.
+        """Return the seeds of this part of a campaign.
 
         Args:
-            seeds: of the whole.
+            seeds: of the whole campaign.
 
         Raises:
-            ConfigurationError: none of them is in the piece.
+            ConfigurationError: the part has none of them.
         """
         if not self.seeds:
             return seeds
@@ -132,24 +131,24 @@ def run_campaign(
     fingerprint: str,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> list[Row]:
-    """Run what is missing of a campaign.
+    """Run the missing seeds of a campaign.
 
     Args:
-        work: makes a run; sent to the workers.
+        work: does a run; sent to the workers.
         seeds: of the whole campaign.
-        row: what a run returns, a NamedTuple whose first field is ``seed``.
-        options: which piece of it, where, and what is there already.
+        row: type of the result of a run, a NamedTuple whose first field is ``seed``.
+        options: the part of the campaign, the workers, and earlier results.
         path: of the table of all runs, a CSV file.
         fingerprint: of everything that the runs depend on besides their seeds.
-        report: called with the share done and words about it.
+        report: called with the completed share [0..1] and a text.
 
     Returns:
-        The rows of this piece in the order of their seeds.
+        The rows of this part in the order of their seeds.
 
     Raises:
-        ConfigurationError: the options do not fit, or a table is of another campaign.
-        CampaignError: a run has cost the cluster one worker after the other.
-        KeyboardInterrupt: with words about what is kept.
+        ConfigurationError: the options are invalid, or a table is of another campaign.
+        CampaignError: the same run ended several workers of the cluster in turn.
+        KeyboardInterrupt: after Ctrl-C; the message names the table that is kept.
     """
     piece = options.piece(seeds)
     table: ResultTable[Row] = ResultTable(path, row, fingerprint, resume=options.resume)
@@ -207,7 +206,7 @@ def _run(
 
 
 class _Chunks:
-    """Seeds in parts that each keep a worker busy for a while; the last ones end together."""
+    """Divides seeds into chunks of about equal duration; the last ones end at the same time."""
 
     def __init__(self, seeds: Sequence[int], lanes: int) -> None:
         self._left = list(reversed(seeds))
@@ -215,13 +214,13 @@ class _Chunks:
         self._size = _FIRST_CHUNK
 
     def next(self) -> list[int]:
-        """Return the next part, empty once there is none."""
+        """Return the next chunk, empty at the end."""
         return [self._left.pop() for _ in range(min(self._size, len(self._left)))]
 
     def taking(
         self, take: Callable[[list[Row]], None]
     ) -> Callable[[tuple[list[Row], float]], None]:
-        """Return what takes the answer of a worker: hand its rows on, learn from its duration."""
+        """Return the callback for results: it stores the rows and updates the chunk size."""
 
         def learn(answer: tuple[list[Row], float]) -> None:
             rows, duration = answer
@@ -268,7 +267,7 @@ def distribute(
         take: called with the rows of every chunk as it is finished, in any order.
 
     Raises:
-        CampaignError: a chunk has cost the cluster one worker after the other.
+        CampaignError: the same chunk ended several workers of the cluster in turn.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -299,7 +298,7 @@ def distribute(
 
 
 def _run_chunk(work: Work[Row], seeds: Sequence[int]) -> tuple[list[Row], float]:
-    """Run some seeds in this process; return their rows and how long it took [s]."""
+    """Run some seeds in this process; return their rows and the duration [s]."""
     return timed(lambda: [work(seed) for seed in seeds])
 
 
@@ -310,10 +309,10 @@ class ResultTable(Generic[Row]):
         path: of the CSV file.
         row: what a run returns.
         fingerprint: of everything that the runs depend on besides their seeds.
-        resume: whether to go on with what is there.
+        resume: whether to continue an existing table.
 
     Raises:
-        ConfigurationError: the file to go on with is of another campaign.
+        ConfigurationError: the existing table is of another campaign.
     """
 
     def __init__(self, path: Path, row: Any, fingerprint: str, *, resume: bool) -> None:
@@ -336,10 +335,10 @@ class ResultTable(Generic[Row]):
         self.save()
 
     def take(self, path: Path) -> None:
-        """Take the runs of another table of the same campaign in.
+        """Add the runs of another table of the same campaign.
 
         Raises:
-            ConfigurationError: it is not there, or is of another campaign.
+            ConfigurationError: it does not exist, or is of another campaign.
         """
         if not path.is_file():
             raise ConfigurationError("--merge", f"there is no {path}")
@@ -347,7 +346,7 @@ class ResultTable(Generic[Row]):
         self.save()
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Take finished runs in, and write them at once."""
+        """Add finished runs, and write them to the file."""
         if self._stream is None:
             raise ValueError("the table is not open")
         for result in rows:
@@ -378,7 +377,7 @@ class ResultTable(Generic[Row]):
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt for a while, whatever it does otherwise."""
+    """Let Ctrl-C raise KeyboardInterrupt within the block."""
     previous = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

@@ -1,9 +1,9 @@
 """Mistakes in the description of a vehicle, by hypothesis tests on a commissioning drive.
 
-The wheel angles of three known motions are three numbers a wheel, Eq. (32). Each hypothesis is one
-change of the description; the one whose prediction fits the measured angles is the mistake. Twist
-sensor, gyro and accelerometer are compared with the known motions directly, the brakes with the
-enables that they should follow.
+The wheel angles of three known motions are three numbers per wheel, Eq. (32). Each hypothesis is
+one change of the description; the one whose prediction fits the measured angles is the mistake.
+Twist sensor, gyro and accelerometer are compared with the known motions directly, the brakes with
+the enables that they should follow.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def find_mistakes(
     angle: float,
     dead_time: float = 0.0,
 ) -> list[Mistake]:
-    """Return the mistakes that a drive shows.
+    """Return the mistakes found in a drive.
 
     Args:
         wheels: as described.
@@ -254,7 +254,7 @@ def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
 def _brake_mistakes(
     wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, dead_time: float
 ) -> Iterator[Mistake]:
-    """Compare the slip of each wheel with the enables, each with the delay that fits best."""
+    """Compare the slip of each wheel with each enable at the best-fitting delay."""
     names = list(wheels)
     rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
     measured = signals.wheel_speed[stop]
@@ -295,7 +295,7 @@ def _brake_mistakes(
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the correlation of each column of one with each of the other, 0 for a constant."""
+    """Return the correlations of all pairs of columns, 0 for a constant column."""
     a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
     scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     product: FloatArray = np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)

@@ -140,7 +140,7 @@ def motions_of(signals: Signals) -> Motions:
     """Find the three motions and the stop.
 
     Raises:
-        ConfigurationError: there are not three motions without the pedal, and one that ends by it.
+        ConfigurationError: there are not three motions without the pedal and one that ends with it.
     """
     speed = np.nanmax(np.abs(signals.wheel_speed), axis=1)
     free = np.nan_to_num(signals.pedal) <= 0.0

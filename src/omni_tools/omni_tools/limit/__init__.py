@@ -1,1 +1,1 @@
-"""How short a stop can be at best: certified bounds from forces, loads and friction alone."""
+"""Certified lower bounds of the stopping distance from forces, loads and friction."""

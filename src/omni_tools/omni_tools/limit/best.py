@@ -102,7 +102,7 @@ class OptimalStop:
     Args:
         vehicle: what brakes.
         friction: factor of the ground [1].
-        maneuver: from where; the pedal is down at once.
+        maneuver: motion at the start of braking, with the full pedal.
         intervals: of the transcription.
     """
 
@@ -127,12 +127,12 @@ class OptimalStop:
         self._transcribe()
 
     def plan(self, rotation: float, guess: RunHistory) -> Plan:
-        """Return the shortest stop found that turns by no more than a rotation.
+        """Return the shortest stop found within an allowed rotation.
 
         Args:
-            rotation: that the heading may leave that of the start by [deg].
-            guess: a stop of any law from the same motion, to start from; later plans start from
-                the one before.
+            rotation: largest change of heading [deg].
+            guess: a stop of any law from the same motion as the initial guess; later plans start
+                from the one before.
         """
         opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))
@@ -161,7 +161,7 @@ class OptimalStop:
         )
 
     def _start_from(self, guess: RunHistory) -> None:
-        """Take a run for the first guess."""
+        """Set a run as the initial guess."""
         opti, first = self._opti, guess.brake_start or 0
         ends = np.linspace(0.0, 1.0, self._intervals + 1)
         points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
@@ -190,7 +190,7 @@ class OptimalStop:
         return np.array((*place, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
 
     def _fit(self) -> _Tire:
-        """Take slope, peak and sliding force of the vehicle's tire over its loads."""
+        """Fit slope, peak and sliding force of the vehicle's tire over its loads."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
         curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
@@ -208,7 +208,7 @@ class OptimalStop:
         )
 
     def _start_of(self, maneuver: Maneuver) -> FloatArray:
-        """Return the state as the pedal goes down: the wheels roll."""
+        """Return the state at the start of braking, with rolling wheels."""
         geometry = self._geometry
         lever = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
         turning = cross(geometry.position, geometry.active)
@@ -219,7 +219,7 @@ class OptimalStop:
         return np.concatenate((body, np.abs(spin)))
 
     def _motion(self) -> Any:
-        """Return the function of state, torques and loads to their rates and missing loads."""
+        """Return the function from state, torques and loads to rates and residuals of the loads."""
         ca, masses = self._casadi, self._masses
         active, arm = self._geometry.active, self._geometry.position - self._masses.center
         swing, wheels = cross(arm, active), len(active)
@@ -245,7 +245,7 @@ class OptimalStop:
         )
 
     def _transcribe(self) -> None:
-        """Lay the program out; the allowed rotation is its parameter."""
+        """Build the program, with the allowed rotation as its parameter."""
         ca, count, start = self._casadi, self._intervals, self._start
         wheels, size = len(self._lever), len(start)
         speed = max(math.hypot(start[3], start[4]), 1.0)
@@ -289,7 +289,7 @@ class OptimalStop:
         opti.minimize(self._distance + _CALM * ca.sumsqr(change))
 
     def _way(self, last: Any) -> Any:
-        """Return how far base_link has come at a state [m]."""
+        """Return the distance of base_link from the start at a state [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

@@ -65,12 +65,12 @@ class Bound:
     """A lower bound of the stopping distance.
 
     Attributes:
-        distance: [m], NaN where there is none.
-        gap: by how much the bound may be below what forces that exist can do [1].
-        tolerance: by how much a run may go below it because of what is left out [m]: loads lag
-            behind, tires give back their deflection once the vehicle stands, and heading and
-            direction of motion may each be off by `KEPT`.
-        reason: why there is none, else empty.
+        distance: the bound [m], NaN if there is none.
+        gap: largest relative difference to a stop with feasible forces [1].
+        tolerance: by how much a run may be shorter because of neglected effects [m]: lag of the
+            loads, elastic deflection of the tires at rest, and deviations of heading and direction
+            of up to `KEPT`.
+        reason: why there is no bound, else empty.
     """
 
     distance: float
@@ -108,9 +108,9 @@ def straight_bound(
     """Return the bound of stops that keep heading and line.
 
     Args:
-        vehicle: what brakes.
-        ground: what it brakes on.
-        maneuver: from where.
+        vehicle: the vehicle.
+        ground: its ground.
+        maneuver: motion at the start of braking.
     """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
@@ -127,7 +127,7 @@ def any_heading_bound(
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return why there are no bounds, else nothing."""
+    """Return why there are no bounds, else an empty text."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
@@ -136,10 +136,10 @@ def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str
 def straight_sketch(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> float:
-    """Return what `straight_bound` is not above, for a few programs instead of many [m].
+    """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    A run that takes longer need not be compared with the bound itself. Torque that builds up is
-    rounded down.
+    A longer run need not be compared with the bound itself. Torque during build-up is rounded
+    down.
     """
     return _Way(vehicle, ground).straight_sketch(maneuver)
 
@@ -147,7 +147,7 @@ def straight_sketch(
 def any_heading_sketch(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> float:
-    """Return what `any_heading_bound` is not above [m]: one good heading; see `straight_sketch`."""
+    """Return an upper estimate of `any_heading_bound` [m]; see `straight_sketch`."""
     return _Way(vehicle, ground).any_heading_sketch(maneuver)
 
 
@@ -174,7 +174,7 @@ class _Way:
         return brake.max_torque * maneuver.pedal * share
 
     def _integrate(self, maneuver: Maneuver, speed: float, cases: _Cases) -> float:
-        """Return the distance [m] over which the strongest deceleration takes all speed."""
+        """Return the distance [m] to rest with the strongest deceleration."""
         enough = cases.enough_torque
         final = self._brake.max_torque * maneuver.pedal
         distance = time = 0.0
@@ -233,14 +233,14 @@ class _Way:
         return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
 
     def straight_sketch(self, maneuver: Maneuver) -> float:
-        """Return no less than the bound of stops that keep heading and line [m]."""
+        """Return an upper estimate of the bound of stops that keep heading and line [m]."""
         cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
         if cases.first is None or cases.first.bound <= _LEAST:
             return math.inf
         return self._integrate(maneuver, math.hypot(*maneuver.twist[:2]), cases)
 
     def any_heading_sketch(self, maneuver: Maneuver) -> float:
-        """Return no less than the bound of every stop [m]."""
+        """Return an upper estimate of the bound of every stop [m]."""
         cases = _OneHeading(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
         return self._integrate(maneuver, self._center_speed(maneuver), cases)
 
@@ -267,7 +267,7 @@ class _Way:
 
 
 class _Cases:
-    """Decelerations by place and torque; each distinct case is solved once."""
+    """Decelerations by position and torque; each distinct case is solved once."""
 
     def __init__(
         self,
@@ -293,11 +293,11 @@ class _Cases:
         self._lay_out(limit, maneuver)
 
     def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
-        """Keep what the cases need of the vehicle and its motion."""
+        """Store the vehicle and its motion for the cases."""
         raise NotImplementedError
 
     def level(self, torque: float) -> float:
-        """Round a torque [N m] that builds up, so that few cases need be solved: a bound's up."""
+        """Round a torque [N m] during build-up to limit the number of cases; up for a bound."""
         if self._sketch:
             grain = self.enough_torque / _SKETCHED_LEVELS
             return float(math.floor(torque / grain) * grain)
@@ -305,7 +305,7 @@ class _Cases:
         return float(math.ceil(torque / grain) * grain)
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
-        """Return the strongest deceleration [m/s^2] between two places of the way [m]."""
+        """Return the strongest deceleration [m/s^2] between two positions along the path [m]."""
         friction = self.friction(start, end)
         key = (*friction.tolist(), torque)
         if key not in self._solved:
@@ -313,7 +313,7 @@ class _Cases:
         return self._solved[key]
 
     def friction(self, start: float, end: float) -> FloatArray:
-        """Return the largest friction factor of each wheel between two places, shape (N,)."""
+        """Return the largest friction factor of each wheel on a segment [1], shape (N,)."""
         raise NotImplementedError
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
@@ -357,9 +357,10 @@ class _Straight(_Cases):
 
     @property
     def near(self) -> list[float]:
-        """The ends of what heading and direction may be off by [rad], and where wheels stand.
+        """Deviations of heading and direction to check [rad]: limits, and where wheels lock.
 
-        A wheel that the motion does not drag may hold either way, which one nearby may not.
+        A locked wheel that the motion does not drive may exert a force of either sign; at a
+        slightly different direction it may not.
         """
         d, active = self._direction, self._limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
@@ -373,7 +374,7 @@ class _Straight(_Cases):
         return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._cap))
 
     def lagging(self, lag: float) -> float:
-        """Return the strongest deceleration while the loads lag behind [m/s^2]."""
+        """Return the strongest deceleration while the loads lag [m/s^2]."""
         case = Case(self.friction(0.0, 0.0), True, self._cap, lag)
         return self._strongest(self._direction, case)
 
@@ -400,7 +401,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """A stop under the heading that is best at its start, of a few."""
+    """A stop with the best of a few headings at its start."""
 
     _heading: FloatArray | None = None
 
@@ -423,7 +424,7 @@ def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, F
 
 
 def _largest_friction(friction: FrictionMap, start: FloatArray, end: FloatArray) -> float:
-    """Return the largest friction [1] within the margin of a short way from start to end [m]."""
+    """Return the largest friction factor [1] within the margin of a segment [m]."""
     middle = 0.5 * (start + end)
     return _reachable_friction(friction, middle, 0.5 * math.hypot(*(end - start)) + EDGE_MARGIN)
 

@@ -133,7 +133,7 @@ class LimitVehicle:
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return rows and right sides of the equations that tie the loads to the forces."""
+        """Return rows and right-hand sides of the equations between loads and forces."""
         wheels = len(self.active)
         z = self._zero_moment_point(lag)
         if model == PLANE:
@@ -183,10 +183,10 @@ class LimitVehicle:
         return self._solve(direction, case, PLANE)
 
     def at_least(self, direction: FloatArray, case: Case) -> float:
-        """Return a deceleration that `strongest` of a stop that may turn is not below [m/s^2].
+        """Return a lower estimate of `strongest` for a stop that may rotate [m/s^2].
 
-        Every wheel pushes as hard as it can against the direction; loads follow by iteration, and
-        forces shrunk by what they exceed friction by exist, as in `_solve`.
+        Every wheel exerts its largest force against the direction. The loads follow by iteration,
+        and the forces are scaled down to the friction limit, as in `_solve`.
         """
         along = self.active @ direction
         torque = case.torque * self.torque_force
@@ -206,7 +206,7 @@ class LimitVehicle:
         return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
-        """Return the models of the loads, and the wheels that they lift, that need be tried."""
+        """Return the load models to try, each with the wheel that it lifts."""
         reach = self.masses.height / GRAVITY * self.loose(friction)
         hull = self._arm[support_polygon(self._arm)]
         edge = np.roll(hull, -1, axis=0) - hull
@@ -216,11 +216,11 @@ class LimitVehicle:
         return [(PLANE, None), *((BALANCE, int(j)) for j in np.flatnonzero(~stays))]
 
     def give(self, direction: FloatArray, deceleration: float) -> float:
-        """Return by how much the tires' springs push a vehicle that has stopped back [m].
+        """Return the elastic deflection of the tires that moves a stopped vehicle back [m].
 
         Args:
             direction: of the motion, unit vector, shape (2,).
-            deceleration: along it when the vehicle comes to stand [m/s^2].
+            deceleration: along the direction at the end of the stop [m/s^2].
         """
         force = self.masses.mass * deceleration * direction
         stiffness = self._tire.stiffness * self.active.T @ self.active
@@ -240,7 +240,7 @@ class LimitVehicle:
             direction: of the motion in the body frame [1], shape (2,).
             case: friction, torque and constraints.
             model: PLANE, BALANCE or SUM.
-            lifted: a wheel at which the plane would pull.
+            lifted: a wheel whose load would be negative in the plane model.
         """
         wheels = len(self.active)
         along, passive_along = self.active @ direction, self._passive @ direction
@@ -332,7 +332,7 @@ class LimitVehicle:
 
         Args:
             case: conditions; the motion need not be straight.
-            tolerance: what the bound may be too large by [1].
+            tolerance: largest relative excess of the bound [1].
         """
 
         def support(angle: float) -> float:
@@ -345,12 +345,12 @@ class LimitVehicle:
 def farthest(support: Callable[[float], float], tolerance: float) -> float:
     """Return a bound of the distance of the points of a convex set from the origin.
 
-    Between two directions no point is farther than where their two lines meet; the interval with
-    the farthest such point is halved until little can be gained.
+    Between two directions no point is farther than the intersection of their support lines; the
+    interval with the farthest intersection is halved until the bound is within the tolerance.
 
     Args:
         support: largest component of the set's points along a direction [rad], at least 0.
-        tolerance: what the bound may be too large by [1].
+        tolerance: largest relative excess of the bound [1].
     """
     angles = np.linspace(-math.pi, math.pi, 9).tolist()
     heights = [support(angle) for angle in angles[:-1]]
@@ -370,7 +370,7 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return how far the points between two directions can be, given support in both."""
+    """Return the largest distance of points between two directions, given their supports."""
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)

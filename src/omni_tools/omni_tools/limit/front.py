@@ -1,4 +1,4 @@
-"""The front of distance against rotation: the best that is known, and the laws beside it."""
+"""The Pareto front of distance against rotation: the shortest known stops and the laws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from omni_tools.limit.best import OptimalStop
 from omni_tools.limit.bounds import Maneuver
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)
-"""That the stops of a front may turn by [deg]."""
+"""Allowed rotations of the stops of a front [deg]."""
 
 
 class Stop(NamedTuple):
@@ -51,11 +51,11 @@ _ALLOCATION = (
 )
 
 Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
-"""Takes ``dotted.key=value`` texts and returns the experiment with these changes."""
+"""Function that composes the experiment with ``dotted.key=value`` overrides."""
 
 
 def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
-    """Return the best stops that are known, and those of the laws, by name.
+    """Return the shortest known stops, and those of the laws, by name.
 
     Args:
         load: composes the experiment with the overrides of a law; sensors are taken to be ideal.
@@ -90,7 +90,7 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
     Args:
         name: of the experiment or the vehicle.
         stops: from `front`.
-        bound: of stops that keep heading and line [m], NaN where there is none.
+        bound: of stops that keep heading and line [m], NaN if there is none.
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     draw_title(figure, f"{name.replace('_', ' ')}: the best that is known, and the laws")

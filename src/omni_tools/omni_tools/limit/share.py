@@ -1,4 +1,4 @@
-"""How near a stop comes to what is possible: the bound over its distance."""
+"""Ratio of the bound to the distance of a stop."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _ANY = "limit_share is that of stops with any heading:"
 def limit_share(
     history: RunHistory, configuration: ExperimentConfiguration, distance: float
 ) -> Metric:
-    """Return the least stopping distance over that of a run [1].
+    """Return the bound of the stopping distance divided by the distance of a run [1].
 
-    The least one keeps heading and line; where no such stop exists, any heading will do, and the
-    note says so. The pedal is taken to be as far down from the start as it ever gets.
+    The bound is that of stops that keep heading and line. If no such stop exists, it is that of
+    any heading, and the note says so. The pedal is assumed at its largest position throughout.
 
     Args:
         history: of the run.

@@ -1,1 +1,1 @@
-"""Lines of real cameras in files, and the picture of what a camera saw."""
+"""Lines of real cameras in files, and figures of a camera's lines."""

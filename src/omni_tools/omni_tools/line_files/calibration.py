@@ -1,20 +1,22 @@
-"""Where line cameras really sit and how far their pixels reach, from drives of known motion.
+"""Calibration of the mounting and pixel pitch of line cameras from drives of known motion.
 
 A camera of pitch p whose axis points to phi and passes base_link at the lever ``l = x sin phi -
 y cos phi`` sees, in a motion (v_x, v_y, Omega), Eq. (23),
 
     pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
 
-That is linear in c, which a drive with straight, sideways and turning parts shows: then ``p = 1 /
-|(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The place along the axis is not seen by
-a camera, nor does it matter to what it measures: it stays as configured. Lines that come in the
-opposite order (a mirror, a camera the other way round) turn phi by half a turn.
+This is linear in c, which a drive with straight, sideways and turning parts determines: then ``p =
+    1 /
+|(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis has no
+effect on the measurement and keeps its configured value. Mirrored lines (a mirror, a camera mounted
+the other way round) turn phi by half a turn.
 
-What a drive does not excite stays as configured: the configured values enter as one observation of
-each coefficient, uncertain by a third (of 1 / p, and 0.3 m of the lever), and a coefficient that
-this observation determines as well as the drives is left at it. The fit is robust (Huber), and
-its errors are summed over stretches of the drive before they are squared, as those of neighboring
-batches are not independent (cluster-robust, Liang and Zeger 1986).
+Coefficients that a drive does not excite keep their configured values: these enter as one
+    observation
+of each coefficient, with a standard deviation of a third (of 1 / p, and 0.3 m of the lever), and a
+coefficient that this observation determines as well as the drives is not changed. The fit is robust
+(Huber). Its standard errors are cluster-robust (Liang and Zeger 1986), because the errors of
+neighboring batches are not independent.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from omni_platform.sensors import LineSensor, velocity_row
 from omni_platform.signals import LineBatch
 
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
-"""What of a camera is calibrated."""
+"""Calibrated quantities of a camera."""
 
 _HUBER = 2.5  # robust standard deviations
 _ROUNDS = 20
@@ -53,14 +55,14 @@ _KNOWN = 0.1  # of its prior uncertainty, below which a coefficient counts as se
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """What one camera and the reference saw of a drive, batch by batch.
+    """Measurements of one camera and of the reference during a drive, by batch.
 
     Attributes:
         time: middle of each batch [s], shape (m,).
         pixels: displacement [px/s], shape (m,).
         twist: of the reference (v_x, v_y [m/s], yaw rate [rad/s]), shape (m, 3).
-        line_rate: as the stamps show it [1/s].
-        line_rate_error: its standard error [1/s].
+        line_rate: line rate from the stamps [1/s].
+        line_rate_error: standard error of the line rate [1/s].
     """
 
     time: FloatArray
@@ -75,14 +77,14 @@ class Calibration:
     """One calibrated camera.
 
     Attributes:
-        nominal: as it was configured.
-        sensor: as it is.
+        nominal: the configured camera.
+        sensor: the calibrated camera.
         error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
         mirrored: whether its lines run against the configured axis.
-        unseen: what the drives do not show, in words.
-        drives: that it was seen in.
-        residual: of the velocity along the axis in each drive [m/s].
-        before: the same with the configured values.
+        unseen: descriptions of the quantities that the drives do not determine.
+        drives: the drives with this camera.
+        residual: RMS residual of the velocity along the axis in each drive [m/s].
+        before: RMS residual in each drive with the configured values [m/s].
     """
 
     nominal: LineSensor
@@ -102,13 +104,13 @@ def observe(
     reference_twist: FloatArray,
     configuration: OdometryConfiguration,
 ) -> Drive:
-    """Return a drive as one camera saw it.
+    """Return the measurements of one camera during a drive.
 
     Args:
         sensor: as configured.
         batches: of its lines, oldest first.
         reference_time: stamps of the reference [s], ascending, shape (k,).
-        reference_twist: the known motion then, NaN where it is not known, shape (k, 3).
+        reference_twist: known motion at these stamps, NaN where unknown, shape (k, 3).
         configuration: of the odometry that matches the lines.
 
     Raises:
@@ -133,7 +135,7 @@ def observe(
 
 
 def _line_rate(batches: Sequence[LineBatch]) -> tuple[float, float]:
-    """Return lines per second by the stamps, with its standard error."""
+    """Return the line rate [1/s] from the stamps, with its standard error."""
     number = np.cumsum([len(batch.lines) for batch in batches]).astype(np.float64)
     stamp = 1e-9 * np.array([batch.stamp_ns - batches[0].stamp_ns for batch in batches])
     if len(batches) < 3 or stamp[-1] <= 0.0:
@@ -252,7 +254,7 @@ def _fit(
 
 
 def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figure:
-    """Draw the residuals of configured and found values of each camera's velocity.
+    """Draw the residuals of each camera's velocity with configured and calibrated values.
 
     Args:
         calibrations: by camera.

@@ -1,4 +1,4 @@
-"""What a line camera saw: its lines over time, their displacements, and how well they match."""
+"""Kymograph of a line camera: lines over time, displacements and correlations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MOST_ROWS = 1200  # of a picture
 
 @dataclasses.dataclass(frozen=True)
 class Sight:
-    """What one camera saw and what the odometry made of it.
+    """Lines of one camera and the estimates of the odometry.
 
     Attributes:
         sensor: the camera.
@@ -40,7 +40,7 @@ class Sight:
         displacement: of each line against the one before it [px], shape (m - 1,); NaN for no match.
         correlation: of these pairs at their shift [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
-        readings: what each batch said.
+        readings: the estimate of each batch.
     """
 
     sensor: LineSensor
@@ -64,7 +64,7 @@ def see(
 
     Args:
         sensor: the camera.
-        batches: as recorded; batches without lines are left out of the picture.
+        batches: as recorded; batches without lines are omitted.
         configuration: of the odometry.
     """
     odometry = SensorOdometry(sensor, configuration)

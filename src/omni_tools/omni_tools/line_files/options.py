@@ -32,7 +32,7 @@ class FileOptions(Configuration):
 
     @property
     def cut(self) -> Cut:
-        """What of a picture is lines."""
+        """Selection of the lines in a picture."""
         from linescan_odometry.camera.cut import Cut, row_range
 
         return Cut(row_range(self.rows, "--rows"), self.band, self.columns)
@@ -48,12 +48,12 @@ class FileOptions(Configuration):
 def camera_files(
     sources: Sequence[str], known: Collection[str], where: str, key: str = "CAMERA=FILE"
 ) -> dict[str, Path]:
-    """Return the file of each camera, of words such as ``left=left.npy``.
+    """Return the file of each camera from arguments such as ``left=left.npy``.
 
     Args:
         sources: as they were given.
         known: names of the cameras.
-        where: these names come from, for messages.
+        where: source of these names, for messages.
         key: of the option, for messages.
 
     Raises:

@@ -1,8 +1,8 @@
-"""Reads the lines of a camera from the files that frame grabbers and cameras leave.
+"""Reads the lines of a camera from files of frame grabbers and cameras.
 
 A *stack* is a folder of pictures, taken in the order of their names, or a single one with one or
-many pages. Every row of a picture is a line, unless `Cut` takes one row or the mean of a band of
-each, as of an area camera that looks at the ground. Arrays (NPY), tables (CSV, a line in a row) and
+many pages. Every row of a picture is a line, unless `Cut` selects one row or the mean of a band of
+each picture, as for an area camera. Arrays (NPY), tables (CSV, a line in a row) and
 raw bytes hold lines alone; a video needs OpenCV.
 """
 
@@ -119,7 +119,7 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
 
 
 def _by_number(path: Path) -> list[Any]:
-    """Order names as people count: frame2 before frame10."""
+    """Sort names by the numbers in them: frame2 before frame10."""
     words = re.split(r"(\d+)", path.name)
     return [int(word) if word.isdigit() else word for word in words]
 

@@ -1,1 +1,1 @@
-"""Line cameras moved over a ground, and what is measured from their lines."""
+"""Simulated line cameras that move over a ground, and errors of their measurements."""

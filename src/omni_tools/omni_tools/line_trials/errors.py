@@ -1,4 +1,4 @@
-"""Errors of displacements in every unit that they are asked for in.
+"""Errors of displacements in pixels, millimeters and per cent.
 
 Eq. (85) is printed with a division by the frame rate: meters times seconds over meters per second.
 A velocity error is the displacement error *times* the rate, and so it is computed here.
@@ -13,13 +13,13 @@ import numpy as np
 from omni_platform.quantities import FloatArray
 
 ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
-"""Header of what `error_values` returns."""
+"""Column names of `error_values`."""
 
 
 def error_values(
     pixel_error: FloatArray, error: FloatArray, pitch: float, line_rate: float, speed: float
 ) -> tuple[float, float, float, float]:
-    """Return the mean error as the dissertation counts it, and the unrounded one in three units.
+    """Return the mean error by the dissertation's definition, and the RMS error in three units.
 
     Args:
         pixel_error: in whole pixels, Eq. (84).

@@ -1,4 +1,4 @@
-"""Line cameras moved over a ground along known paths, and the lines that they expose.
+"""Simulates line cameras that move over a ground along known paths.
 
 The platform moves at a constant twist in its own frame, which is a circle or a straight line.
 """
@@ -20,7 +20,7 @@ from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration
 
 PERIOD = 0.2
-"""Edge of a ground before it repeats itself [m]."""
+"""Period of a ground [m]."""
 
 BATCH_TIME = 0.01
 """Time of a batch of lines, one control period [s]."""
@@ -33,13 +33,13 @@ def batch_lines(line_rate: float) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class View:
-    """What a camera sees.
+    """Field of view and line rate of a camera.
 
     Attributes:
-        pixels: of a line.
-        length: of the field of view along the axis [m].
-        width: of it across the axis [m].
-        line_rate: [1/s].
+        pixels: number of pixels of a line.
+        length: field of view along the axis [m].
+        width: field of view across the axis [m].
+        line_rate: lines per second [1/s].
     """
 
     pixels: int = 1024
@@ -66,11 +66,11 @@ class View:
 
     @classmethod
     def of(cls, sensor: LineSensor) -> View:
-        """Return what a mounted camera sees."""
+        """Return the view of a mounted camera."""
         return cls(sensor.pixels, sensor.length, sensor.width, sensor.line_rate)
 
     def mounted(self, x: float = 0.0, y: float = 0.0, heading_deg: float = 0.0) -> LineSensor:
-        """Return a camera of this view at a place [m] of the platform, axis turned by [deg]."""
+        """Return a camera with this view at a position [m] of the platform and a heading [deg]."""
         return LineSensor(
             x=x,
             y=y,
@@ -124,7 +124,7 @@ class Rig:
 
     Attributes:
         sensors: the cameras' mounting and view, by name.
-        array: the cameras; it counts the lines of each, on which their noise depends.
+        array: the cameras, with the line counts that determine their noise.
     """
 
     def __init__(

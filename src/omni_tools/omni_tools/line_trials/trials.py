@@ -34,7 +34,7 @@ class Matches:
         truth: displacement along the axis [px], shape (m,).
         shift: integer shift of the smallest distance [px], shape (m,).
         displacement: refined shift [px], shape (m,).
-        variance: that the refinement states [px^2], infinite where there is none, shape (m,).
+        variance: stated by the refinement [px^2], infinite without one, shape (m,).
         similarity: Pearson's correlation at the shift, shape (m,).
     """
 
@@ -48,15 +48,16 @@ class Matches:
     def pixel_error(self) -> FloatArray:
         """Measured less rounded true displacement, Eq. (84) [px].
 
-        A truth within the half pixel between two whole ones has two right roundings: the nearer
-        one of those that are at most 0.55 px off counts.
+        A truth near the middle between two integers has two valid roundings: of those within 0.55
+            px
+        the one closer to the measurement is used.
         """
         error = self.shift - np.round(self.truth)
         return np.where(np.abs(self.shift - self.truth) <= 0.55, 0.0, error)
 
     @property
     def right(self) -> BoolArray:
-        """Whether each pair found its match: a neighboring pixel is noise, not a wrong match."""
+        """Whether each pair matched within a pixel; an error of one pixel counts as noise."""
         found: BoolArray = np.abs(self.pixel_error) <= 1.0
         return found
 
@@ -85,7 +86,7 @@ class Matches:
         """Return the errors in whole pixels of medians of consecutive shifts (section 4.6).
 
         Args:
-            group: n of the median; what is left over at the end is not used.
+            group: n of the median; an incomplete group at the end is not used.
         """
         count = len(self.shift) // group * group
         median = np.median(self.shift[:count].reshape(-1, group), axis=1)
@@ -101,7 +102,7 @@ class Matches:
         """Return the errors under `displacement_errors.ERROR_COLUMNS`.
 
         Args:
-            view: what the camera saw.
+            view: field of view of the camera.
             speed: at which it moved [m/s].
         """
         return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
@@ -112,7 +113,7 @@ class Motion:
     """Uniform motion of a camera.
 
     Attributes:
-        view: what it sees.
+        view: field of view of the camera.
         speed: [m/s].
         angle: from its axis [rad].
         axis: its direction on the ground [rad].
@@ -141,13 +142,13 @@ def measure(
     """Return the matches of consecutive lines of each motion.
 
     Args:
-        motions: what to try; shifts are searched up to half the pixels.
+        motions: the motions; shifts are searched up to half the pixels.
         texture: the ground.
-        pairs: of consecutive lines, from each place.
+        pairs: number of consecutive lines from each position.
         noise: standard deviation [gray levels].
-        seed: of places and noise.
+        seed: of positions and noise.
         metric: name of the distance.
-        runs: random places for each motion.
+        runs: number of random positions for each motion.
     """
     generator = np.random.default_rng(seed)
     views = list(dict.fromkeys(motion.view for motion in motions))
@@ -172,10 +173,10 @@ def path(
     generator: np.random.Generator,
     axis: float = 0.0,
 ) -> FloatArray:
-    """Return the poses of consecutive lines from a random place, shape (lines, 3).
+    """Return the poses of consecutive lines from a random position, shape (lines, 3).
 
     Args:
-        view: what the camera sees.
+        view: field of view of the camera.
         speed: of the camera [m/s].
         angle: of its motion from its axis [rad].
         lines: how many.
@@ -204,12 +205,12 @@ def match(
     """Match every line with the one before it.
 
     Args:
-        view: what the camera saw.
+        view: field of view of the camera.
         poses: of the lines, all with the same axis, shape (m + 1, 3).
         lines: shape (m + 1, pixels).
         metric: name of the distance.
         divisor: k; shifts are searched up to pixels / k.
-        recovery: distance within which a peak that noise has moved is looked for again [px].
+        recovery: distance within which a peak displaced by noise is searched again [px].
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
@@ -222,7 +223,7 @@ def match(
 
 
 def every_second(matches: Matches) -> Matches:
-    """Return the first, third, ... of some matches: those within pairs of lines in a row."""
+    """Return every second match, beginning with the first."""
     values = (getattr(matches, field.name)[::2] for field in dataclasses.fields(matches))
     return Matches(*values)
 
@@ -232,12 +233,12 @@ def cramer_rao_bound(
 ) -> FloatArray:
     """Return the smallest variance of unbiased displacements between pairs of lines [px^2].
 
-    Both lines are noisy and the ground is not known, so that the bound is twice that of a known
+    Both lines are noisy and the ground is unknown, so the bound is twice that of a known
     ground: ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap.
     Quantization adds 1/12 to the variance s^2 of the noise.
 
     Args:
-        view: what the camera sees.
+        view: field of view of the camera.
         eye: the camera.
         poses: of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).

@@ -20,11 +20,11 @@ class TwistTrial:
     Attributes:
         twist: of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         estimate: of it, where it was measured, shape (m, 3).
-        covariance: stated with each, shape (m, 3, 3).
+        covariance: stated with each estimate, shape (m, 3, 3).
         measured: share of the batches that were measured, 0..1.
         ratio: error of each camera's velocity along its axis over the stated deviation, of every
             batch that it measured, shape (k,).
-        together: whether all lines of that batch were matched together, shape (k,).
+        together: whether the whole-batch estimate was used, shape (k,).
     """
 
     twist: FloatArray

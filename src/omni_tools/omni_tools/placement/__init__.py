@@ -1,1 +1,1 @@
-"""Where line cameras measure the twist best."""
+"""Placement of line cameras for the most accurate twist."""

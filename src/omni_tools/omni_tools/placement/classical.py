@@ -1,4 +1,4 @@
-"""Placements that anybody would think of first: tangential, radial and parallel on a circle."""
+"""Common placements of cameras on a circle: tangential, radial and parallel."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
     Args:
         radius: of the circle [m].
-        prototype: what each sees.
+        prototype: type of the cameras.
         count: how many.
     """
     sensors = {}
@@ -43,14 +43,14 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 
 def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
-    """Return poses at equal angles on the largest circle that has room for tangential cameras.
+    """Return poses at equal angles on the largest circle that fits tangential cameras.
 
     Args:
         area: the chassis.
         count: of cameras.
 
     Returns:
-        ``tangential``, and at the same places the singular ``radial`` and ``parallel``.
+        ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.
     """
     largest = max(area.reach)
     radius, start = min(area.reach), 0.0

@@ -1,4 +1,4 @@
-"""Placements of line cameras under one vehicle side by side: best, given and classical ones."""
+"""Comparison of placements of line cameras under a vehicle: best, given and common ones."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ Report = Callable[[float, str], None]
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class DesignTask:
-    """What is asked for.
+    """Task of a placement.
 
     Attributes:
         area: the chassis and the cameras' rectangle.
         texture: ground over which the cameras are tried.
         noise: of the cameras, standard deviation [gray levels of 8 bit].
         count: of cameras.
-        mix: of motions that placements are judged by.
+        mix: mix of motions for the mean error.
         speed: of base_link in all of them [m/s].
-        redundant: whether to judge without the camera whose failure is the worst.
-        given: placements to judge beside the best one, by name.
+        redundant: whether to evaluate without the camera whose failure is the worst.
+        given: further placements to evaluate, by name.
         seed: of the search and the trials.
     """
 
@@ -58,14 +58,14 @@ class DesignTask:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
-    """What was found.
+    """Result of a placement.
 
     Attributes:
-        trial: of one camera.
-        criterion: that placements were judged by.
-        found: the search's result.
+        trial: error of one camera.
+        criterion: criterion of the search.
+        found: result of the search.
         placements: the best one, the given ones, the one with the smallest condition number and
-            the classical ones.
+            the common ones.
     """
 
     trial: SensorTrial
@@ -84,11 +84,11 @@ class Design:
 
 
 def design(task: DesignTask, report: Report) -> Design:
-    """Measure a camera's error, search the best placement and judge others beside it.
+    """Measure a camera's error, search the best placement and evaluate others.
 
     Args:
-        task: what is asked for.
-        report: called with the share done and its subject.
+        task: the task.
+        report: called with the completed share [0..1] and a text.
 
     Raises:
         ConfigurationError: the cameras do not fit or do not see the motion.
@@ -131,7 +131,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
-    """Drive the regular placements over rendered lines; return what was measured by name."""
+    """Return the errors of the regular placements measured on rendered lines, by name."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
     for index, placement in enumerate(regular):
@@ -146,12 +146,12 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
 
 
 def design_speed(speed: float | None, yaw_rate: float, area: MountingArea) -> float:
-    """Return the speed to design for: as asked, or 10 m/s where the cameras can follow it.
+    """Return the design speed [m/s]: the given one, or 10 m/s if the cameras allow it.
 
     Args:
-        speed: as asked [m/s], None for the usual one.
+        speed: given speed [m/s], None for the default.
         yaw_rate: of the turning motion [rad/s].
-        area: holds the cameras' type and how far out they may sit.
+        area: with the cameras' type and the largest distance from the center.
 
     Raises:
         ConfigurationError: sideways less than 60 % overlap are left.
@@ -174,7 +174,7 @@ def design_speed(speed: float | None, yaw_rate: float, area: MountingArea) -> fl
 
 
 def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
-    """Return what all cameras of a file see.
+    """Return the view of all cameras of a file.
 
     Args:
         name: of the file.

@@ -7,9 +7,9 @@ motions m,
 
     E^2 = mean_m mean_p trace(P_p C_m P_p^T) = mean_m (var v_x + var v_y + g^2 var yaw rate),
 
-for a rectangle about base_link with ``g^2 = (length^2 + width^2) / 12``: m/s and rad/s meet without
-an arbitrary weight. W depends on the motion, as a camera errs more the faster it moves across
-its axis (`sensor_error`). Singular placements have an infinite E.
+for a rectangle about base_link with ``g^2 = (length^2 + width^2) / 12``: m/s and rad/s are combined
+without an arbitrary weight. W depends on the motion, because the error of a camera grows with the
+speed across its axis (`sensor_error`). Singular placements have an infinite E.
 
 Information matrices ``a^T a / s^2`` are kept as their six different elements
 (xx, xy, xw, yy, yw, ww) for the velocities (v_x, v_y, g * yaw rate), all in m/s.
@@ -36,10 +36,10 @@ _FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # where the elements stand in the mat
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MotionMix:
-    """What a vehicle does while its sensors are judged.
+    """Mix of motions for the evaluation of placements.
 
     Attributes:
-        names: of the M motions; one that has a mirror image stands twice.
+        names: of the M motions; one with a mirror image occurs twice.
         twist: (v_x, v_y, yaw rate) of each [m/s, m/s, rad/s], shape (M, 3).
         share: of the time, sums to 1, shape (M,).
     """
@@ -77,10 +77,10 @@ class MotionMix:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MeanError:
-    """Judges placements by their mean twist error.
+    """Evaluates placements by their mean twist error.
 
     Attributes:
-        view: what each camera sees.
+        view: field of view of each camera.
         error: of each camera.
         mix: of motions.
         gyration: g, RMS distance of the platform's points from base_link [m].
@@ -92,7 +92,7 @@ class MeanError:
     gyration: float
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of what a camera at each pose adds to the information.
+        """Return the elements of the information of a camera at each pose.
 
         Args:
             poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
@@ -150,10 +150,10 @@ class MeanError:
 
 @dataclasses.dataclass(frozen=True)
 class ConditionNumber:
-    """Judges placements by the condition number of the sensor matrix in SI units, for comparison.
+    """Evaluates placements by the condition number of the sensor matrix, for comparison.
 
-    It asks that the components be known equally well, in units that have nothing to do with each
-    other, and not that they be known well: a wide platform has a poor one.
+    It compares components with different units and measures equal instead of small uncertainty: a
+    wide platform has a large condition number.
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ class ConditionNumber:
 
 
 Criterion = MeanError | ConditionNumber
-"""What a placement is judged by; the smaller the better."""
+"""Criterion of a placement, to be minimized."""
 
 
 def total_variance(information: FloatArray) -> FloatArray:
@@ -212,12 +212,12 @@ def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
-    """Return how far a placement is from being singular, in two numbers that are then 0.
+    """Return two measures that are 0 for a singular placement.
 
     Returns:
         Angle by which the axes spread [deg], 45 at best: its squared sine is the smaller
         eigenvalue of the mean of ``a a^T``. And the effective lever [m]: the RMS part of the
-        levers about base_link that no velocity can imitate; 0 if all axes meet in a point.
+        levers about base_link that no translation can explain; 0 if all axes meet in a point.
     """
     matrix = sensor_matrix(sensors)
     axes, levers = matrix[:, :2], matrix[:, 2]

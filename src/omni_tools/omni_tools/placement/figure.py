@@ -35,7 +35,7 @@ _WRAP = 87  # characters of a line of text in a panel
 def placement_figure(
     placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea, title: str
 ) -> Figure:
-    """Draw placements side by side, the one that sets the color scale first.
+    """Draw placements side by side; the first one sets the color scale.
 
     Args:
         placements: at least one.
@@ -79,7 +79,7 @@ def placement_figure(
 def _limits(
     placements: Sequence[JudgedPlacement], area: MountingArea
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of what every panel shows [m]."""
+    """Return the corners of the section of every panel [m]."""
     housings = [
         area.outline(pose, housing=True)
         for placement in placements
@@ -206,7 +206,7 @@ def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) ->
 
 
 def _draw_axes_through(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
-    """Draw the lines of all axes, which show why a placement is singular."""
+    """Draw the lines of all axes; they meet in a point if the placement is singular."""
     reach = math.hypot(area.scene.chassis_length, area.scene.chassis_width)
     for x, y, heading in poses_of(placement.sensors):
         step = reach * np.array([math.cos(heading), math.sin(heading)])

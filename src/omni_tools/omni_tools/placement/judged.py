@@ -1,4 +1,4 @@
-"""A placement of line cameras and what it comes to."""
+"""Evaluation of a placement of line cameras."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MINIMUM_LEVER = OdometryConfiguration.minimum_lever
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JudgedPlacement:
-    """A placement and what it comes to.
+    """A placement and its errors.
 
     Attributes:
         name: of the placement.
@@ -37,7 +37,7 @@ class JudgedPlacement:
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
             mix of motions, shape (3,).
         by_motion: E in each motion alone [m/s].
-        without: E without each camera [m/s], infinite where the others are singular, shape (N,).
+        without: E without each camera [m/s], infinite if the others are singular, shape (N,).
         condition: condition number of the sensor matrix in SI units.
         spread_deg: angle by which the axes spread, see `placement_error.closeness` [deg].
         lever: effective lever for the yaw rate [m].
@@ -59,7 +59,7 @@ class JudgedPlacement:
 
     @property
     def worst_without(self) -> float:
-        """E after the failure of the camera that is missed most [m/s]; infinite for three."""
+        """E after the worst failure of a camera [m/s]; infinite for three cameras."""
         return float(np.max(self.without))
 
     @property
@@ -77,7 +77,7 @@ def judge(
         name: of the placement.
         sensors: its cameras, of the criterion's type.
         criterion: gives the error.
-        area: gives the places where cameras can be mounted.
+        area: where cameras can be mounted.
     """
     poses = poses_of(sensors)
     mix = criterion.mix

@@ -1,8 +1,8 @@
 """Where line cameras can be mounted under a chassis.
 
-A camera takes the rectangle of its field of view and a housing around it. Between that and the
-edge of the chassis, the wheels and the other cameras a clearance is left. Wheels take
-the rectangle that they are drawn with, since a mount does not state a wheel's width.
+A camera takes the rectangle of its field of view and a housing around it. A clearance is kept from
+the edge of the chassis, the wheels and the other cameras. Wheels have the width with which they are
+drawn, since the configuration has no wheel width.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class MountingArea:
         return fit
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
-        """Return whether cameras at `poses`, shape (..., 3), leave room for one at `other`.
+        """Return whether cameras at `poses`, shape (..., 3), are clear of one at `other`.
 
         Args:
             poses: of the cameras.
@@ -87,7 +87,7 @@ class MountingArea:
         return free
 
     def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return why cameras cannot be mounted so; empty if they can."""
+        """Return why cameras cannot be mounted at these poses; empty if they can."""
         wheels = tuple(self.scene.wheels)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
@@ -127,9 +127,9 @@ class MountingArea:
 def _overlap(
     a: FloatArray, half_a: tuple[float, float], b: FloatArray, half_b: tuple[float, float]
 ) -> BoolArray:
-    """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`, (3,) or alike.
+    """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`.
 
-    Rectangles are apart if their shadows on one of the four directions of their sides are.
+    Rectangles are separate if their projections on one of the four directions of their sides are.
     """
     apart_x, apart_y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     turned = b[..., 2] - a[..., 2]

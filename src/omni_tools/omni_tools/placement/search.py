@@ -1,15 +1,14 @@
 """The placement of line cameras with the smallest mean twist error on a chassis.
 
-An exchange as in the optimal design of experiments: the Fisher information of a placement is the
-sum of that of its cameras, so that for one camera after the other every place and heading of a
-coarse grid is tried with the others kept, until none gets better. From the best of several random
-starts it goes on with ever smaller steps. Obstacles need no penalty: places that do not fit are
-left out.
+An exchange algorithm of optimal experimental design: the Fisher information of a placement is the
+sum of that of its cameras. So every position and heading of a coarse grid is tried for one camera
+after the other, with the others fixed, until none improves. The best of several random starts is
+refined with decreasing steps. Obstacles need no penalty: positions that do not fit are excluded.
 
-Mirror images have the same error, and so have many other placements nearly. Hence placements that
-are symmetric about an axis of the vehicle or turned by 180 deg are searched as well, and
-win unless a free one is better by more than a per cent. The result is rounded to what can be
-drilled and measured, with the places around tried again.
+Many placements have nearly the same error. Hence placements that are symmetric about an axis of the
+vehicle or under a rotation by 180 deg are searched as well, and preferred unless a free one is
+better by more than a per cent. The result is rounded to values that can be drilled and measured,
+with its neighbors tried again.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from omni_tools.placement.error import Criterion
 from omni_tools.placement.mounting_area import MountingArea
 
 LATTICE = (1e-3, math.radians(1.0))
-"""What places and headings are rounded to [m], [rad]."""
+"""Resolution of positions [m] and headings [rad]."""
 
 _EQUAL = 0.01  # a symmetric placement may be worse by this
 _ACROSS = 28  # places of the coarse grid across the chassis
@@ -49,8 +48,8 @@ class _Unit:
 
     Attributes:
         images: factors of x, y and heading for each camera of the unit.
-        free: which of x, y and heading may be chosen; the others are fixed, to 0 for places.
-        heading: that may not be chosen [rad].
+        free: which of x, y and heading are free; a fixed position is 0.
+        heading: the fixed heading [rad].
     """
 
     images: tuple[tuple[float, float, float], ...] = (_ITSELF,)
@@ -65,13 +64,13 @@ class _Unit:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FoundPlacement:
-    """The end of a search.
+    """Result of a search.
 
     Attributes:
         poses: x, y [m] and heading [rad] of the cameras, on the lattice, shape (N, 3).
         value: of the criterion.
-        rounding: by how much rounding made it worse [1].
-        symmetry: in words, empty without any.
+        rounding: relative increase of the criterion by rounding [1].
+        symmetry: description of the symmetry, empty without one.
     """
 
     poses: FloatArray
@@ -81,7 +80,7 @@ class FoundPlacement:
 
 
 class NoRoomError(ValueError):
-    """The cameras do not fit on the chassis, or in no way that determines the twist."""
+    """The cameras do not fit on the chassis, or only in singular placements."""
 
 
 def search(
@@ -97,11 +96,11 @@ def search(
     """Return the best placement that was found.
 
     Args:
-        criterion: what placements are judged by.
+        criterion: to be minimized.
         area: where cameras can be mounted.
         count: of cameras.
-        redundant: whether the criterion counts without the camera whose failure is the worst.
-        starts: random placements to begin with, for each symmetry.
+        redundant: whether the criterion is evaluated without the camera whose failure is the worst.
+        starts: number of random initial placements for each symmetry.
         seed: of these placements.
         report: called with the share done and its subject.
 
@@ -163,7 +162,7 @@ def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
 
 
 class _Search:
-    """Exchange and refinement on one chassis with one criterion."""
+    """Exchange and refinement for one chassis and criterion."""
 
     def __init__(self, criterion: Criterion, area: MountingArea, redundant: bool) -> None:
         self._criterion = criterion
@@ -178,7 +177,7 @@ class _Search:
     def exchange(
         self, units: tuple[_Unit, ...], generator: np.random.Generator, starts: int
     ) -> list[FloatArray]:
-        """Return the best few ends on the coarse grid, each of shape (units, 3)."""
+        """Return the best results on the coarse grid, each of shape (units, 3)."""
         sets = [self._candidates(unit) for unit in units]
         if not all(len(places) for places, _ in sets):
             return []
@@ -199,7 +198,7 @@ class _Search:
         return [ends[value] for value in sorted(ends)[:_ENDS]]
 
     def refine(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Move in ever smaller steps; return the criterion and the places."""
+        """Refine with decreasing steps; return the criterion and the positions."""
         current = places.copy()
         step = self._spacing
         turn = math.pi / self._headings / step  # the steps of heading shrink alike
@@ -210,7 +209,7 @@ class _Search:
         return value, current
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Put the places on the lattice, and the best of those around; return as `refine`."""
+        """Round the positions, choose the best of the neighbors; return as `refine`."""
         lattice = np.array([LATTICE[0], LATTICE[0], LATTICE[1]])
         current = np.round(places / lattice) * lattice
         value = self._walk(units, current, math.inf, LATTICE, 3)
@@ -226,8 +225,8 @@ class _Search:
     ) -> float:
         """Move one unit after the other by up to `reach` steps until none gets better.
 
-        From an infinite `value` on, every unit takes the best place around it once, since some
-        may stand where there is no room.
+        If `value` is infinite, every unit is first moved to its best neighbor, since some may be at
+        invalid positions.
         """
         forced = not math.isfinite(value)
         for _ in range(_SWEEPS):
@@ -254,7 +253,7 @@ class _Search:
         places: FloatArray,
         own: FloatArray,
     ) -> tuple[float, FloatArray]:
-        """Return the best of some places for one unit with the others kept, and its criterion.
+        """Return the best of given positions for one unit with the others fixed, and the criterion.
 
         Args:
             units: of the placement.

@@ -1,21 +1,21 @@
-"""Error of one line camera over the direction of its motion: a law of two parameters, measured.
+"""Error of one line camera over the direction of its motion: a model with two fitted parameters.
 
-Moving along its axis a camera errs by the noise of its lines alone. Moving across it, a share
-``q = |v_across| / (line rate * width)`` of the ground under a line is replaced from one line to
-the next, and what comes and goes is noise with the contrast of the texture. Both add to the
-difference of two lines, which Gauss-Newton divides by the gradient energy of what the lines
-have in common, ``(1 - q) (1 - p)`` of it with ``p = |v_along| / (line rate * length)``:
+Moving along its axis, the error of a camera is due to the noise of its lines. Moving across it, a
+share ``q = |v_across| / (line rate * width)`` of the ground under a line is replaced from one line
+to the next, and the replaced ground acts as noise with the contrast of the texture. Both add to the
+difference of two lines, which Gauss-Newton divides by the gradient energy of what the lines have in
+common, ``(1 - q) (1 - p)`` of it with ``p = |v_along| / (line rate * length)``:
 
     s^2 = (a + b q f) / ((1 - q)^2 (1 - p)),
 
 where the sum over the line makes ``1 - p`` enter once and the mean over the width ``1 - q`` twice.
-Every strip of ground does harm twice and in the same sense: when it enters the view and when it
-leaves it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and beyond
-that mostly the same ones, so that ``f = max(1, 2 - 1 / (m q))``.
+Every strip of ground contributes the same error twice: when it enters the view and when it leaves
+it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and mostly the
+same ones beyond that, so that ``f = max(1, 2 - 1 / (m q))``.
 
-How much of a and b is left in the mean over a batch depends on ground, noise, optics and filters.
-Hence both are measured: a camera of the type is moved over a ground at several angles, its rendered
-lines go through the odometry's own `SensorOdometry`, and the law is fitted to the errors.
+The values of a and b for the mean over a batch depend on ground, noise, optics and filters. Hence
+both are fitted: a camera of the type is moved over a ground at several angles, its rendered lines
+are processed by the odometry's `SensorOdometry`, and the model is fitted to the errors.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, batch_lines
 
 MOST_CROSSED = 0.4
-"""Largest share of the width that may be crossed between lines: 60 % overlap (section 4.4)."""
+"""Largest displacement across the axis between lines as a share of the width (section 4.4)."""
 
 ORIENTATIONS = 24
 """Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
@@ -64,7 +64,7 @@ class SensorError:
         """Return the variance of the measured velocity [m^2/s^2]; infinite without overlap.
 
         Args:
-            view: what the camera sees.
+            view: field of view of the camera.
             along: velocity of the camera along its axis [m/s].
             across: velocity across it [m/s], same shape.
         """
@@ -83,11 +83,11 @@ class SensorTrial:
     """Errors of one camera type over a ground.
 
     Attributes:
-        error: the law fitted to them.
+        error: the fitted model.
         along: velocity along the axis [m/s], shape (A,).
         across: velocity across it [m/s], shape (A,).
         rms: error of the measured velocity [m/s], shape (A,).
-        fitted: by the law [m/s], shape (A,).
+        fitted: errors of the model [m/s], shape (A,).
     """
 
     error: SensorError
@@ -98,27 +98,27 @@ class SensorTrial:
 
     @property
     def misfit(self) -> float:
-        """Typical factor between the law and the measured errors, less 1 [1]."""
+        """Typical ratio of modeled and measured errors, less 1 [1]."""
         return math.expm1(float(np.sqrt(np.mean(np.log(self.fitted / self.rms) ** 2))))
 
 
 def sideways_limit(view: View) -> float:
-    """Return the speed across the axis at which 60 % overlap are left [m/s]."""
+    """Return the speed across the axis with 60 % overlap [m/s]."""
     return MOST_CROSSED * view.line_rate * view.width
 
 
 def measure_sensor_error(
     view: View, texture: GroundTexture, noise: float, speed: float, batches: int, seed: int
 ) -> SensorTrial:
-    """Move a camera over a ground at several angles and fit the law to its errors.
+    """Move a camera over a ground at several angles and fit the model to its errors.
 
     Args:
-        view: what the camera sees.
+        view: field of view of the camera.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
         speed: of the camera [m/s], at most `sideways_limit`.
         batches: of lines, for each angle in each of `ORIENTATIONS`.
-        seed: of places, speeds and noise.
+        seed: of positions, speeds and noise.
 
     Raises:
         ConfigurationError: the camera does not see this motion over this ground.
@@ -176,14 +176,14 @@ def _odometry(view: View) -> SensorOdometry:
 
 
 def _most_frequent(reasons: list[str]) -> str:
-    """Return a reason of the most frequent kind, which is what stands before its numbers."""
+    """Return a reason of the most frequent kind; the text before its numbers is its kind."""
     kinds = collections.Counter(reason.partition(":")[0] for reason in reasons)
     kind = kinds.most_common(1)[0][0]
     return next(reason for reason in reasons if reason.partition(":")[0] == kind)
 
 
 def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
-    """Return the option to blame for a reason of the odometry, and what to choose instead."""
+    """Return the option that causes a reason of the odometry, and a remedy."""
     if reason.startswith("frozen"):  # which the noise of a real camera rules out
         return "--noise", "more --noise or a higher --speed, so that the lines change"
     choices = ["another --ground", "another --type"]
@@ -199,7 +199,7 @@ def _rms(error: FloatArray) -> float:
 
 
 def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> SensorError:
-    """Fit a and b to the logarithms of the errors, so that small ones count as much as large."""
+    """Fit a and b to the logarithms of the errors, so that all have the same relative weight."""
     from scipy.optimize import least_squares
 
     straight = float(rms[np.argmin(across)]) ** 2

@@ -1,4 +1,4 @@
-"""Line cameras of one type at chosen places, named by their places."""
+"""Line cameras of one type at given positions, with names for the positions."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ _SECTORS = (
 
 
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
-    """Return cameras named by where they sit.
+    """Return cameras named by their positions.
 
-    An axis has no sense of its own: headings are those within -90 and 90 deg, so that a camera
+    The direction of an axis may be reversed: headings are those within -90 and 90 deg, so that a
+        camera
     that looks forward measures forward motion as positive.
 
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).
-        view: what each camera sees.
+        view: field of view of each camera.
         rounded: to 1 mm and 1 deg.
     """
     half = np.max(np.abs(poses[:, :2]), axis=0) + 1e-9

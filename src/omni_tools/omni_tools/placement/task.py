@@ -1,4 +1,4 @@
-"""The task of a placement, from the options of a command line."""
+"""Task of a placement from the options of a command line."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _TEXELS = 4096  # of the ground over 0.2 m
 
 
 def design_task(options: PlacementOptions, library: ExperimentLibrary) -> DesignTask:
-    """Check the options and read the files that they name.
+    """Check the options and read their files.
 
     Raises:
-        ConfigurationError: an option does not fit.
+        ConfigurationError: an option is invalid.
     """
     if options.ground not in KINDS:
         hint = did_you_mean(options.ground, KINDS)

@@ -1,4 +1,4 @@
-"""Placements of line cameras tried on rendered lines: the errors of their twist."""
+"""Measures the twist error of placements of line cameras on rendered lines."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def drive_mix(
     seed: int,
     report: Callable[[float], None] = lambda _share: None,
 ) -> PlacementTrial:
-    """Drive a placement over a ground and measure its twist from the lines of the cameras.
+    """Simulate a placement over a ground and estimate its twist from the rendered lines.
 
-    Every batch begins at a random place of the ground, in one of several random orientations.
+    Every batch begins at a random position of the ground, in one of several random orientations.
 
     Args:
         sensors: the placement, not singular.
@@ -67,8 +67,8 @@ def drive_mix(
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
         batches: of each motion in each orientation.
-        seed: of places, orientations and noise.
-        report: called with the share done.
+        seed: of positions, orientations and noise.
+        report: called with the completed share [0..1].
     """
     generator = np.random.default_rng(seed)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))

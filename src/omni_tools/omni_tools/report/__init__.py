@@ -1,6 +1,6 @@
-"""Reports: recordings as one HTML file that people look at.
+"""Reports: recordings as one HTML file.
 
-`recording` reads a bag and the files next to it, `derived` computes what no topic
-carries, `document` turns it into plain values, and `page` puts those into the page of the folder
-`page`, whose script draws them.
+`recording` reads a recording and the files next to it, `derived` computes quantities that no topic
+contains, `document` converts them to plain values, and `page` puts these into the page of the
+folder `page`, whose script draws them.
 """

@@ -1,8 +1,9 @@
-"""What a report shows of the wheels although no topic carries it: slips and loads.
+"""Slips and loads of the wheels, which no topic contains.
 
 Both follow from the recorded true motion and the vehicle's configuration. The slip is that of the
-rim against the ground; the simulator's is that of the contact patch, which the tire's spring
-lets move for some milliseconds after a brake changes. The loads are those of a flat ground.
+rim against the ground. The simulator's slip is that of the contact patch, which differs for some
+milliseconds after a brake changes because of the tire's elasticity. The loads are those of a flat
+ground.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     """Return the slips of the rims along the active directions: 0 rolls, 1 is locked.
 
     ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``, Eqs. (20), (22)
-    with sign and over the larger speed, as Eq. (20) itself grows without bound where a wheel
-    locks; above 1 the rim turns against the ground. Where neither moves it is NaN.
+    with sign and over the larger speed, as Eq. (20) grows without bound for a locked wheel.
+    Above 1 the rim turns backwards; at rest the slip is NaN.
 
     Args:
         vehicle: with the wheels of the history, in any order.

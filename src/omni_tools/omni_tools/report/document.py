@@ -1,7 +1,7 @@
 """A report as plain values, ready for strict JSON.
 
 Numbers over time are base64 texts of little-endian 32-bit floats, one text per column, NaN
-where there is no value: a third of the size of digits, and the browser reads them at once.
+where there is no value: a third of the size of decimal numbers, and fast to read in a browser.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def report_document(title: str, runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """Return a report as plain values.
 
     Args:
-        title: what the runs have in common.
+        title: of the report.
         runs: in the order in which they are listed; at least one.
     """
     return {
@@ -104,7 +104,7 @@ def _columns(values: ArrayLike, stride: int) -> list[str]:
 
 
 def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
-    """Return where the assistant's state changes, and to what."""
+    """Return the changes of the assistant's state."""
     changes, row = [], 0
     for state, span in itertools.groupby(history.assist_state[::stride]):
         changes.append((row, state.replace("_", " ")))
@@ -167,6 +167,6 @@ def _metrics(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
 
 
 def _configuration(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
-    """Return every key with the value of each run, None where a run has none."""
+    """Return every key with the value of each run, None if a run has none."""
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]

@@ -1,8 +1,8 @@
-"""The HTML file of a report: one file with all in it, from which no request leaves.
+"""The self-contained HTML file of a report.
 
-The page's own policy forbids every request, and every script but its own, which is identified by
-its hash. What the recordings hold is data to that script: it stands in a block of JSON from which
-no text can break out, and the script puts it on the page as text only, never as markup.
+Its content security policy forbids all requests and all scripts except its own, which is identified
+by its hash. The content of recordings is data of that script: a block of JSON that no text can
+escape from, and that the script inserts as text, never as markup.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def report_page(
     """Return the HTML text of a report.
 
     Args:
-        title: what the runs have in common.
+        title: of the report.
         runs: in the order in which they are listed; at least one.
-        seen: pictures (PNG) of what their cameras saw, by the words about each.
+        seen: figures (PNG) of the camera lines, by caption.
 
     Raises:
         ValueError: there is no run.

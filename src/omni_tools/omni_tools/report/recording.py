@@ -1,4 +1,4 @@
-"""A recording with all that a report says of it."""
+"""The data of a recording for a report."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class ReportedRun:
 
     Attributes:
         name: unique within the report.
-        history: what happened.
+        history: time histories.
         metrics: by quantity.
         forces: of the wheels on the vehicle, if the recording shows them.
-        configuration: of the whole loop, if it is next to the recording and holds for all wheels.
-        values: the configuration as texts by dotted key, as far as there is one.
-        notes: sentences about what is missing.
+        configuration: of the whole loop, if it is stored with the recording and has all its wheels.
+        values: the configuration as texts by dotted key, as far as available.
+        notes: sentences about missing data.
     """
 
     name: str
@@ -65,7 +65,7 @@ def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
-    """Return the metrics of each stop of a recording, and how far its odometry drifts.
+    """Return the metrics of each stop of a recording, and the drift of its odometry.
 
     A drive with several stops is summarized as a whole too: length, time and drift.
 
@@ -196,15 +196,15 @@ def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
 def read_configuration(
     path: Path, wheel_names: Sequence[str]
 ) -> tuple[ExperimentConfiguration | None, dict[str, str], str]:
-    """Read the configuration next to a recording, as far as it makes sense.
+    """Read the configuration stored with a recording, as far as it is valid.
 
     Args:
         path: of the file.
         wheel_names: of the recording, in any order.
 
     Returns:
-        The configuration if it holds for the recording, its values as texts by dotted key as far
-        as there are any, and why there is no configuration; empty if there is one.
+        The configuration if it matches the recording, its values as texts by dotted key, and the
+        reason if there is no configuration, else an empty text.
     """
     values: dict[str, str] = {}
     try:
@@ -238,7 +238,7 @@ def _read_tree(path: Path) -> dict[str, Any]:
 def _flattened(
     tree: Mapping[Any, Any], above: str = "", depth: int = 1
 ) -> Iterator[tuple[str, str]]:
-    """Yield dotted keys and texts; lazily, since aliases may make a small file endless."""
+    """Yield dotted keys and texts; lazily, since aliases may make a small file very large."""
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(value, dict) and value and depth < _DEEPEST:

@@ -1,18 +1,19 @@
-"""The ground that a vehicle needs to stop, with its footprint and its swerve, for every motion.
+"""The area that a vehicle needs to stop, with its footprint and rotation, for every motion.
 
-A stop is kept as the support function of what it sweeps: for `DIRECTIONS` fixed directions d_k in
+A stop is stored as the support function of the area it covers: for `DIRECTIONS` fixed directions
+    d_k in
 the frame of `base_link` at the alarm, h_k = max d_k . p over all points p of the footprint until
 rest. The area of a cell (a direction of motion, a band of speeds, a band of yaw rates) is the
 polygon {p: d_k . p <= H_k}; a stop stays inside exactly if h_k <= H_k for all k.
 
-A first part of the stops of a cell gives a hull, H_k = max h_k. Of the others it is measured by
-how much the hull must grow, and it grows by the largest of these n lengths (split conformal
-prediction; Wilks' tolerance limit): a further stop of the same population is then inside with a
-probability of `coverage` at least, with a `confidence` of 1 - coverage^n.
+A first part of the stops of a cell gives a hull, H_k = max h_k. For each of the others the required
+growth of the hull is computed, and the hull grows by the largest of these n lengths (split
+conformal prediction; Wilks' tolerance limit): a further stop of the same population is then inside
+with a probability of `coverage` at least, with a `confidence` of 1 - coverage^n.
 
-Drawn for each stop: speed, direction and yaw rate within the cell, mass and place of the load,
-friction. The stops that make the areas are at the ends of these ranges in two draws of three,
-where stops are longest and swerve most; those held out come from both kinds of population.
+Drawn for each stop: speed, direction and yaw rate within the cell, mass and position of the load,
+friction. Two of three draws for the areas are at the ends of these ranges, where distance and
+rotation are largest; held-out stops come from both kinds of population.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
 DIRECTIONS = 16
-"""Directions of the support function: the corners that a polygon may have."""
+"""Number of directions of the support function, the largest number of corners of a polygon."""
 
 SECTORS = (
     *("forward", "forward_left", "left", "backward_left"),
     *("backward", "backward_right", "right", "forward_right"),
 )
-"""Directions of motion, each 45 deg wide, counter-clockwise."""
+"""Names of the directions of motion, each 45 deg wide, counter-clockwise."""
 
 HULL_STOPS = 60
-"""Stops of a cell that give the shape of its area."""
+"""Number of stops that determine the hull of a cell."""
 
 _SETTLING = 0.2  # [s] for which the vehicle rolls before the alarm, as its loads settle
 _NORMALS = np.array(
@@ -72,7 +73,7 @@ class Cell(NamedTuple):
     yaw_rate: tuple[float, float]
 
     def holds(self, twist: FloatArray) -> bool:
-        """Return whether a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] is one of them."""
+        """Return whether a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] is in the cell."""
         angle, (start, end) = math.atan2(twist[1], twist[0]), self.direction
         after, before = angle >= start, angle <= end
         return (
@@ -112,12 +113,12 @@ def _wrapped(angle: float) -> float:
 
 
 def calibration_stops(coverage: float, confidence: float) -> int:
-    """Return how many stops of a cell it takes to promise a coverage with a confidence."""
+    """Return the number of stops of a cell for a coverage with a confidence."""
     return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
 
 
 class Sweep(NamedTuple):
-    """What a stop swept.
+    """Area covered by a stop.
 
     Attributes:
         seed: number of the stop in the campaign.
@@ -130,15 +131,15 @@ class Sweep(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class StopCampaign:
-    """The stops of a vehicle from which areas are made, and those by which they are checked.
+    """The stops of a vehicle for the areas and for their check.
 
     Attributes:
-        base: the loop; its load is the largest one, at its farthest place from the center.
+        base: the loop, with the largest load at its largest offset.
         cells: of the motions.
         friction: of the ground, lowest and highest [1].
-        reaction_time: from the alarm to the pedal, during which the motion goes on [s].
-        per_cell: stops of each cell that make its area; numbers from there on are held out.
-        seed: of everything drawn.
+        reaction_time: from the alarm to the pedal, with constant motion [s].
+        per_cell: number of stops of each cell for its area; higher numbers are held out.
+        seed: of all draws.
     """
 
     base: ExperimentConfiguration
@@ -150,12 +151,12 @@ class StopCampaign:
 
     @property
     def fitted(self) -> int:
-        """How many stops make the areas; the numbers from there on are held out."""
+        """Number of stops for the areas; higher numbers are held out."""
         return self.per_cell * len(self.cells)
 
     @property
     def fingerprint(self) -> str:
-        """A digest of all that a stop depends on besides its number."""
+        """Digest of everything that a stop depends on besides its number."""
         parts = dataclasses.asdict(self) | {"base": to_mapping(self.base)}
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
@@ -164,7 +165,7 @@ class StopCampaign:
         return number % len(self.cells)
 
     def extreme(self, number: int) -> bool:
-        """Return whether a stop is drawn mostly from the ends of the ranges."""
+        """Return whether a stop is drawn mainly from the ends of the ranges."""
         return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
 
     def configuration(self, number: int) -> ExperimentConfiguration:
@@ -195,7 +196,7 @@ class StopCampaign:
         )
 
     def stop(self, number: int) -> Sweep:
-        """Brake once.
+        """Simulate a stop.
 
         Raises:
             ConfigurationError: the vehicle does not come to rest.
@@ -218,7 +219,7 @@ def _uniform(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def _extreme(random: np.random.Generator, low: float, high: float) -> float:
-    """Draw either end or anything between, each in a third of all cases."""
+    """Draw the lower end, the upper end or a value between, each with probability 1/3."""
     return (low, high, _uniform(random, low, high))[int(random.integers(3))]
 
 
@@ -232,12 +233,12 @@ def footprint(vehicle: VehicleConfiguration) -> FloatArray:
 
 
 def support(run: FastRun, points: FloatArray, start: float) -> FloatArray:
-    """Return how far a run sweeps its footprint in each direction [m], shape (DIRECTIONS,).
+    """Return the support function of the area covered by a run [m], shape (DIRECTIONS,).
 
     Args:
         run: to its end.
         points: the footprint in `base_link` [m], shape (C, 2).
-        start: time from which on it counts, and of its frame [s].
+        start: first time, which also defines the frame [s].
     """
     pose = run.pose[round(start * SECOND_NS / run.period_ns) :]
     angle = pose[:, 2] - pose[0, 2]
@@ -256,7 +257,7 @@ def _rotation(angle: FloatArray | float) -> FloatArray:
 
 
 def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
-    """Return H_k of every cell [m], shape (cells, DIRECTIONS), from the stops that make them."""
+    """Return H_k of every cell [m], shape (cells, DIRECTIONS), from its stops."""
     supports = supports_of(sweeps[: campaign.fitted])
     # Numbers run through the cells in turn.
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
@@ -285,7 +286,7 @@ def corners(limits: FloatArray) -> FloatArray:
     """Return the corners of an area [m], counter-clockwise, shape (C, 2).
 
     Args:
-        limits: H_k [m], the support function of something convex, shape (DIRECTIONS,).
+        limits: H_k [m], the support function of a convex area, shape (DIRECTIONS,).
     """
     following = np.roll(limits, -1)
     step = 2 * math.pi / DIRECTIONS

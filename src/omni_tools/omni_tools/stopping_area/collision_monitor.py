@@ -31,7 +31,7 @@ _LONGEST = 120.0  # [s] that a stop may take
 
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> StopCampaign:
-    """Return the stops from which the areas are made."""
+    """Return the stops for the areas."""
     fixed = [
         f"vehicle={options.vehicle}",
         "feedback=velocity_sensor",

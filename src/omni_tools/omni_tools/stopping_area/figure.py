@@ -1,4 +1,4 @@
-"""A picture of stopping areas: one panel for each direction of motion, a shade for each speed."""
+"""Figure of stopping areas: one panel for each direction of motion, a shade for each speed."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _COLUMNS = 4
 def areas_figure(
     cells: Sequence[Cell], limits: FloatArray, vehicle: VehicleConfiguration, title: str
 ) -> Figure:
-    """Draw the areas of straight motion, or of any motion if it is not distinguished.
+    """Draw the areas of straight motion, or of all motion if yaw rates are not distinguished.
 
     Args:
         cells: of the motions.
         limits: H_k of each [m], shape (cells, DIRECTIONS).
-        vehicle: drawn where it is at the alarm.
+        vehicle: drawn at its pose at the alarm.
         title: of the figure.
     """
     shown = [

@@ -11,7 +11,7 @@ from omni_tools.campaign.runner import CampaignOptions
 
 @dataclass(frozen=True, kw_only=True)
 class AreaOptions(CampaignOptions):
-    """Motions, grounds and loads for which stopping areas hold, and with what certainty."""
+    """Motions, grounds and loads of stopping areas, with coverage and confidence."""
 
     vehicle: str = parameter(
         "mecanum_forklift",

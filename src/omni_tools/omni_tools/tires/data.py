@@ -1,8 +1,8 @@
 """Measured tire forces: a CSV file with the columns slip, load and force.
 
-The first line names the columns, in any order; others are left alone. ``load_N`` and ``force_N``
-are understood too, other units are not. Lines that begin with ``#`` are comments. A file that
-cannot be used is refused with the reason and the line.
+The first line names the columns, in any order; other columns are ignored. ``load_N`` and
+``force_N`` are accepted too, other units are not. Lines that begin with ``#`` are comments. A file
+that cannot be used is refused with the reason and the line.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _COLUMNS = {"slip": ("slip",), "load": ("load", "load_n"), "force": ("force", "f
 
 
 class TireDataError(InputError):
-    """Measurements that no tire can be fitted to; the message says why."""
+    """The measurements do not determine a tire; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def read_tire_data(path: Path) -> TireData:
 
 
 def _find_columns(header: list[str]) -> dict[str, int]:
-    """Return the place of every column that is needed."""
+    """Return the index of every required column."""
     named = [name.strip().lower() for name in header]
     places, missing = {}, []
     for column, names in _COLUMNS.items():

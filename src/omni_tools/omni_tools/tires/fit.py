@@ -1,10 +1,10 @@
-"""Fit a tire model to measured forces by least squares, or say why the data do not suffice.
+"""Fit a tire model to measured forces by least squares.
 
 The unknowns of the model's `FitRecipe` minimize the sum of squared differences of force. With n
 rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is
 ``s^2 (J^T J)^-1``, ``s^2`` the sum of squares over ``n - P``; the standard errors of the values
-follow by linear propagation. They hold for differences that are independent, of one size and small
-enough for the model to be linear over them. An unknown that ends on a bound counts as fixed.
+follow by linear propagation. They are valid for independent residuals of equal variance that are
+small enough for linear propagation. An unknown that ends on a bound counts as fixed.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class TireFit:
     """A model fitted to data.
 
     Attributes:
-        tire: with the fitted model; stiffness and damping are not in steady data and stay defaults.
-        keys: of the fitted values, dotted, below the model's name.
-        values: in the units of the keys, shape (P,).
-        standard_errors: of them, shape (P,).
-        at_bound: whether each unknown ended on its bound, so that its error is not known, (P,).
-        residual: differences of force, standard deviation with n - P degrees of freedom [N].
-        mapping: configuration of the tire as nested mappings, only what was fitted.
+        tire: with the fitted model; stiffness and damping do not follow from steady data.
+        keys: dotted keys of the fitted values, below the model's name.
+        values: fitted values in the units of their keys, shape (P,).
+        standard_errors: of `values`, shape (P,).
+        at_bound: whether each unknown ended on a bound, so that it has no error, shape (P,).
+        residual: standard deviation of the force residuals with n - P degrees of freedom [N].
+        mapping: the fitted values as nested mappings of the tire's configuration.
     """
 
     tire: TireConfiguration
@@ -87,7 +87,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe) -> None:
-    """Refuse data that are too few or too alike before anything is computed."""
+    """Refuse data that are too few or too similar."""
     needed = _ROWS_PER_UNKNOWN * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
@@ -107,7 +107,7 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe) -> None:
 
 
 def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
-    """Return scipy's result of the best of several searches."""
+    """Return scipy's result of the best of several starts."""
     # Only a fit needs it, and it takes its time to load.
     from scipy.optimize import least_squares
 
@@ -145,7 +145,7 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """See slope and peak in the lighter and the heavier half of the data."""
+    """Estimate slope and peak in the lighter and the heavier half of the data."""
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
@@ -187,7 +187,7 @@ def _tire(
 
 
 def _require_description(data: TireData, model: str, residual: float) -> None:
-    """Refuse data that look nothing like the model's best curve."""
+    """Refuse data that the best curve of the model does not fit."""
     size = float(np.sqrt(np.mean(data.force**2)))
     if residual > _LARGEST_RESIDUAL * size:
         raise TireDataError(
@@ -197,7 +197,7 @@ def _require_description(data: TireData, model: str, residual: float) -> None:
 
 
 def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
-    """Refuse a fit whose largest force is beyond what was measured."""
+    """Refuse a fit whose peak is outside the measured slips."""
     heavy = data.load >= 0.5 * (np.min(data.load) + np.max(data.load))
     peak = Tire(configuration).curve(float(np.mean(data.load[heavy]))).peak_slip
     largest = float(np.max(np.abs(data.slip[heavy])))

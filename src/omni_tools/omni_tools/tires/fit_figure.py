@@ -1,4 +1,4 @@
-"""The figure of a fitted tire: measured forces against the curves of the model."""
+"""Figure of a fitted tire: measured forces and the curves of the model."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _SIZE = (9.0, 6.6)  # [inch]
 
 
 def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
-    """Draw data against curve, and below it what is left of the force.
+    """Draw data and curves, and below them the residuals.
 
     Each point has the color of the curve at the nearest load.
 
     Args:
         data: measured forces.
-        fit: of them.
+        fit: of the data.
         title: of the figure.
     """
     figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")

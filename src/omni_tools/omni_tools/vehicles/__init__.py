@@ -1,1 +1,1 @@
-"""Vehicles before they drive: estimated, judged, drawn."""
+"""Estimates, checks and drawings of vehicles."""

@@ -1,4 +1,4 @@
-"""What a vehicle, a tire, a ground and line cameras are, in words and drawn."""
+"""Descriptions and drawings of vehicles, tires, grounds and line cameras."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
 def draw_vehicle(
     vehicle: VehicleConfiguration, sensors: Mapping[str, LineSensor] | None = None
 ) -> Figure:
-    """Draw a vehicle from above: chassis, wheels with the direction they push in, masses, cameras.
+    """Draw a vehicle from above: chassis, wheels with their active directions, masses, cameras.
 
     Args:
         vehicle: to draw.
@@ -175,7 +175,7 @@ def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
 
 
 def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
-    """Return place, view and largest speed of each camera."""
+    """Return position, view and largest speed of each camera."""
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "
@@ -186,7 +186,7 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
 
 
 def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
-    """Draw where the cameras are and look, seen from above; the views ten times as large."""
+    """Draw the cameras from above, with their views enlarged ten times."""
     figure = Figure(figsize=(6.5, 6.5), layout="constrained")
     axes = figure.add_subplot()
     for name, one in sensors.items():

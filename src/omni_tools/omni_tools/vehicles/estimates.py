@@ -1,4 +1,4 @@
-"""A vehicle from a measuring tape: files in which every estimate is marked."""
+"""Files of a vehicle from a few measurements, with every estimate marked."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ BRAKES = tuple(_BRAKES)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Measured(Configuration):
-    """Size and mass of a vehicle, by tape and scale."""
+    """Measured size and mass of a vehicle."""
 
     length: float = parameter(
         unit="m", above=0.0, maximum=50.0, description="length of the chassis"
@@ -72,7 +72,7 @@ class Measured(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse numbers of wheels and wheels that the chassis has no room for."""
+        """Refuse wheels that do not fit the chassis, and invalid numbers of wheels."""
         if self.kind == _MECANUM and (self.wheels < 4 or self.wheels % 2):
             raise ConfigurationError("wheels", f"{self.wheels} must be 4, 6, ... for mecanum")
         across = 2.0 * self.wheel_radius
@@ -106,7 +106,7 @@ def new_vehicle(name: str, measured: Measured) -> NewVehicle:
 
     Args:
         name: of the vehicle, for the comments.
-        measured: what is known of it.
+        measured: its measured values.
     """
     return NewVehicle(
         {
@@ -232,10 +232,10 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 
 
 def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> dict[str, float]:
-    """Return stiffness and damping by key: a tire that deflects by the same share of its radius.
+    """Return stiffness and damping by key, for the same deflection relative to the radius.
 
     Args:
-        largest_load: that the tire is for [N].
+        largest_load: largest load of the tire [N].
         radius: of the wheel [m].
     """
     table_1 = TireConfiguration()

@@ -1,6 +1,6 @@
-"""Whether the values of an experiment fit together: what a person would see at one glance.
+"""Plausibility of the values of an experiment.
 
-Nothing is refused: each remark is a sentence with the values and a remedy.
+No value is refused: each remark is a sentence with the values and a remedy.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _OVERLAP = 0.6  # of two consecutive lines, which the dissertation asks for
 
 @dataclasses.dataclass(frozen=True)
 class WheelFacts:
-    """What a wheel stands and brakes with.
+    """Load and force limits of a wheel.
 
     Attributes:
         load: at rest [N].
-        grip: largest force across the load on dry ground [N].
+        grip: friction capacity [N].
         brake_force: of the brake at the ground [N].
     """
 
@@ -44,7 +44,7 @@ class WheelFacts:
 
 
 def plain(value: float) -> str:
-    """Return a number with three digits that count, never with an exponent."""
+    """Return a number with three significant digits, without an exponent."""
     words = f"{value:.3g}"
     return f"{float(words):.0f}" if "e+" in words else words
 
@@ -53,7 +53,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     """Return load, grip and brake of each wheel of a standing vehicle.
 
     Args:
-        vehicle: its wheels may be more than three: the loads are those of a rigid chassis.
+        vehicle: with any number of wheels; the loads are those of a rigid chassis.
         friction: of the ground, as a factor [1].
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
@@ -83,16 +83,16 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
 
 
 def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
-    """Return what does not fit together, most dangerous for the result first."""
+    """Return remarks on an experiment, the most important first."""
     cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
     return (*vehicle_remarks(experiment.vehicle, experiment.ground.friction), *cameras)
 
 
 def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tuple[str, ...]:
-    """Return what does not fit together in a vehicle alone.
+    """Return remarks on a vehicle.
 
     Args:
-        vehicle: to judge.
+        vehicle: to check.
         friction: of the ground, as a factor [1].
     """
     wheels = (f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels))
@@ -248,12 +248,12 @@ def _speed(sensor: Mount, twist: tuple[float, float, float]) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class _Hurry:
-    """How fast a camera moves.
+    """Speed of a camera.
 
     Attributes:
-        sensor: its name.
+        sensor: name of the camera.
         speed: over the ground [m/s].
-        share: of the largest in that direction.
+        share: speed over the largest measurable speed in that direction [1].
     """
 
     sensor: str
@@ -262,14 +262,14 @@ class _Hurry:
 
     @classmethod
     def of(cls, name: str, sensor: LineSensor, twist: tuple[float, float, float]) -> _Hurry:
-        """Return that of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
+        """Return the speed of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
         x, y = twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
         speed = _speed(sensor, twist)
         return cls(name, speed, speed / camera_speed(sensor, math.atan2(y, x)))
 
 
 def _twists(maneuver: ManeuverConfiguration) -> list[tuple[float, float, float]]:
-    """Return the twists that a driver asks for [m/s, m/s, rad/s]."""
+    """Return the twists demanded by a driver [m/s, m/s, rad/s]."""
     table = maneuver.demands
     if table.time:
         return list(zip(table.forward, table.left, table.turn, strict=True))

@@ -1,8 +1,8 @@
 """Arrangement of the rollers of a platform, and the wheel whose roller angle has the wrong sign.
 
-A wrong sign of one roller angle leaves a platform that still moves in all three degrees of freedom,
-but the kinematics is that of another vehicle. It shows in the symmetry: where two wheels are mirror
-images of each other, so are their rollers.
+With a wrong sign of one roller angle the platform still moves in all three degrees of freedom, but
+with wrong kinematics. The error violates symmetry: where two wheels are mirror images of each
+other, so are their rollers.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, t
 
 @dataclasses.dataclass(frozen=True)
 class Rollers:
-    """What the rollers of a platform have in common.
+    """Arrangement of the rollers of a platform.
 
     Attributes:
         shape: ``X`` or ``O``, formed by the rollers on top of the wheels seen from above (those on
@@ -43,7 +43,7 @@ class Rollers:
 
     @classmethod
     def of(cls, wheels: Mapping[str, WheelMount]) -> Rollers:
-        """Return those of some wheels."""
+        """Return the arrangement of the rollers of wheels."""
         kinematics = PlatformKinematics.of(wheels)
         geometry = kinematics.geometry
         lever = float(np.min(np.abs(kinematics.matrix[:, 2])))
@@ -84,7 +84,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
 
 
 def _shape(geometry: PlatformGeometry) -> str:
-    """Return what the rollers on top of the wheels form; on the ground they are mirrored."""
+    """Return the shape formed by the rollers on top of the wheels; on the ground it is mirrored."""
     quadrant = np.sign(geometry.position[:, 0] * geometry.position[:, 1])
     slope = geometry.active[:, 0] * geometry.active[:, 1]
     signs = (np.sign(slope) * quadrant)[(quadrant != 0.0) & (np.abs(slope) > 0.05)]
@@ -94,14 +94,14 @@ def _shape(geometry: PlatformGeometry) -> str:
 
 
 def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return the wheels one of which, with the opposite roller angle, makes all mirrors fit."""
+    """Return the wheels whose opposite roller angle would make the arrangement symmetric."""
     if _mirrors_fit(wheels):
         return ()
     return tuple(name for name in wheels if _mirrors_fit({**wheels, name: _flipped(wheels[name])}))
 
 
 def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
-    """Return whether rollers are mirrored wherever the positions of all wheels are."""
+    """Return whether rollers are mirrored wherever wheel positions are."""
     geometry = PlatformGeometry.from_wheels(wheels)
     near = _POSITION * float(np.max(np.linalg.norm(geometry.position, axis=1)))
     for mirror in _MIRRORS:

@@ -1,6 +1,6 @@
 """``./omni bag``: show, check, export or recover a recording.
 
-Look into recordings, check them, save them and make tables of them; nothing of ROS is needed.
+Inspect recordings, check them, recover them and export tables; ROS is not needed.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ PACKAGE = __name__
 
 
 def bag_option() -> Any:
-    """Declare the recording that an action is about."""
+    """Declare the argument for the recording."""
     return option(
         positional=True, metavar="BAG", description="rosbag2 folder, or a single .mcap file"
     )
 
 
 def out_option(ending: str) -> Any:
-    """Declare the new folder for the files that an action writes."""
+    """Declare the option for the folder of the files that an action writes."""
     words = f"new folder (default: beside the recording, BAG_{ending})"
     return option(None, metavar="DIR", description=words)
 

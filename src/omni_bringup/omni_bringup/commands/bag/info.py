@@ -1,6 +1,6 @@
 """``./omni bag info``: show topics, types, counts and times.
 
-Show what a recording claims to hold, without reading its messages.
+Show the index of a recording without reading its messages.
 """
 
 from __future__ import annotations

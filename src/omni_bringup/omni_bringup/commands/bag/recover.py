@@ -1,7 +1,7 @@
-"""``./omni bag recover``: save what is whole of an unfinished or damaged recording.
+"""``./omni bag recover``: recover the complete messages of an unfinished or damaged recording.
 
-Write every whole message into a new recording with index and metadata, and report the counts. The
-recording itself is not touched.
+Write every complete message into a new recording with index and metadata, and report the counts.
+The recording itself is not changed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Options(Configuration):
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
-    """Write the whole messages into a new recording."""
+    """Write the complete messages into a new recording."""
     from omni_recording.actions.recover import recover
 
     result = recover(options.bag, options.out or beside(options.bag, "recovered"))

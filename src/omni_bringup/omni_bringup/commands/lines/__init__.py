@@ -1,7 +1,7 @@
-"""``./omni lines``: take the lines of real cameras into recordings, and look at them.
+"""``./omni lines``: import lines of real cameras into recordings, and show them.
 
-Take the lines of real cameras from files into a recording that `omni replay` and the odometry take,
-and look at what a camera saw.
+Import the lines of real cameras from files into a recording for `omni replay` and the odometry, and
+show the lines of a camera.
 """
 
 from __future__ import annotations

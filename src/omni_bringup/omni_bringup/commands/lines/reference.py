@@ -1,8 +1,8 @@
-"""``./omni lines reference``: tables of the fixed pattern of line cameras.
+"""``./omni lines reference``: compute tables of the fixed pattern of line cameras.
 
-Make the tables by which the odometry corrects its lines from the first one on: of dark lines (the
-lens covered) and white ones (an even surface under the lamp), and of the fixed pattern in
-the lines of a recorded drive. `odometry.flat_field_tables` takes the folder.
+Compute the tables with which the odometry corrects lines from the first one on, from dark lines
+(lens covered), from white lines (an even surface under the lamp), or from the lines of a recorded
+drive. `odometry.flat_field_tables` takes the folder.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _field(
     references: tuple[Lines | None, Lines | None],
     batches: Sequence[LineBatch],
 ) -> FlatField | None:
-    """Return the tables of a camera: of its dark and white lines, and of a drive; None of none."""
+    """Return the tables of a camera from dark lines, white lines and a drive; None if not given."""
     from linescan_odometry.measurements import LineBatchError
     from linescan_odometry.view.flat_field import FlatField
 

@@ -1,7 +1,7 @@
-"""``./omni lines show``: what the line cameras saw in a recording.
+"""``./omni lines show``: show the lines of a recording.
 
-Draw the lines of a recording over time, beside the displacements and correlations of consecutive
-lines and what the odometry makes of them.
+Draw the lines of a recording over time, the displacements and correlations of consecutive lines,
+and the estimates of the odometry.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Options(Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Draw the lines and what the odometry makes of them."""
+    """Draw the lines and the estimates of the odometry."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import replay_configuration
     from omni_figures.style import save_figure
