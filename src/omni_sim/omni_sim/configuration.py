@@ -24,7 +24,7 @@ from omni_sim.velocity_sensor import VelocitySensorConfiguration
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GroundConfiguration(Configuration):
-    """What the vehicle drives on and what its line cameras look at."""
+    """Friction, elevation and texture of the ground."""
 
     texture: TextureConfiguration = section(TextureConfiguration, description="Look of the ground")
     friction: float = parameter(
@@ -83,7 +83,7 @@ class SimulationConfiguration(Configuration):
         """Refuse a control period that is no multiple of the physics step.
 
         Raises:
-            ConfigurationError: names both.
+            ConfigurationError: it is none; names both values.
         """
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
@@ -95,7 +95,7 @@ class SimulationConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfiguration(Configuration):
-    """Everything that the simulated machine depends on."""
+    """Configuration of vehicle, ground, sensors and maneuver."""
 
     seed: int = parameter(1, description="Seed of every random draw", minimum=0)
     vehicle: VehicleConfiguration = parameter(description="Vehicle")
@@ -128,11 +128,11 @@ class SimulatorConfiguration(Configuration):
     def check_consistency(self) -> None:
         """Refuse a camera that is too slow to deliver a pair of lines in every control period.
 
-        Nor may a line be exposed for longer than there is time, nor may a run end before the
-        driver's demands do.
+        Also refuse an exposure longer than a line period, and a run that ends before the driver's
+        demands.
 
         Raises:
-            ConfigurationError: names the sensor.
+            ConfigurationError: names the sensor or the duration.
         """
         for name, sensor in self.sensors.items():
             if sensor.line_rate * self.simulation.control_period < 2.0:

@@ -1,7 +1,7 @@
-"""Wheel encoders: the mean speed of each wheel over a control period, in whole counts.
+"""Wheel encoders: mean speed of each wheel over a control period, from integer counts.
 
 ``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` with ``q`` the angle of a count,
-plus white noise; without a resolution the speed of the stamp itself.
+plus white noise; with unlimited resolution the true speed at the stamp.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Encoders(NamedTuple):
     Attributes:
         grain: angle of a count [rad], 0 for none.
         noise: standard deviation [rad/s].
-        angle: of the stamp before, in whole counts [rad], shape (N,).
+        angle: at the last stamp, rounded down to counts [rad], shape (N,).
     """
 
     grain: float

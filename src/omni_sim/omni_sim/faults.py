@@ -1,8 +1,8 @@
-"""Sensor faults: what a channel reads in place of the true value.
+"""Sensor faults: readings of a channel in place of the true values.
 
-Each fault takes one channel from an onset on for a while: the velocity sensor, the gyro, the
-accelerometer or the wheel encoders; one axis (or wheel) of it or all. With ``y`` what the channel
-would read and ``tau`` the time since the onset it reads
+Each fault affects one channel for a time from its onset: the velocity sensor, the gyro, the
+accelerometer or the wheel encoders, one axis (or wheel) or all. With the fault-free reading ``y``
+and the time ``tau`` since the onset the reading is
 
     offset   y + a                   drop_out  no number
     drift    y + a tau               zero      0
@@ -12,8 +12,7 @@ would read and ``tau`` the time since the onset it reads
     noise    y + a * N(0, 1)         swap      the axes in each other's place
     sign     -y                      echo      a y + (1 - a) times y of the onset
 
-so that a channel may be wrong in any way, plausibly or not. Faults of one channel add up in their
-order.
+Faults of one channel are applied in their order.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
-"""What may fail: the velocity sensor, either half of the IMU, the wheel encoders."""
+"""Channels: the velocity sensor, gyro and accelerometer, the wheel encoders."""
 
 KINDS = (
     "offset",
@@ -48,7 +47,7 @@ KINDS = (
     "swap",
     "echo",
 )
-"""The ways in which a channel fails."""
+"""Kinds of faults."""
 
 TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 (_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _WHISPER, _DELAY,
@@ -93,12 +92,12 @@ class FaultConfiguration(Configuration):
 
 
 class Faults(NamedTuple):
-    """The faults of a run and what they remember.
+    """The faults of a run and their state.
 
     Attributes:
         table: one row per fault, shape (K, 7).
         held: readings at the onsets, shape (K, W).
-        begun: whether the onset of each has been seen, shape (K,).
+        begun: whether the onset of each fault has passed, shape (K,).
         past: the latest readings before each fault, a ring by stamp, shape (K, 64, W).
     """
 
@@ -116,7 +115,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
         wheels: number of encoders.
 
     Raises:
-        ConfigurationError: a fault is of an axis or wheel that there is not.
+        ConfigurationError: a fault is of an unknown axis or wheel.
     """
     sizes = (3, 1, 2, wheels)
     for name, fault in faults.items():

@@ -1,9 +1,9 @@
-"""Optical-flow sensors: they count how far the ground moves under them along two axes.
+"""Optical-flow sensors, which count the displacement of the ground along two axes.
 
-A sensor sums up the motion of its place in its own axes and hands on, at its own rate, the counts
-since the last time; what is left of a count stays in the sum. As a velocity over the time in
-between, with the variance that noise and rounding give it, this is what a driver publishes. Moved
-faster than it can follow it has no value, which real ones report by their surface quality.
+A sensor integrates the motion of its position in its own axes and returns, at its own rate, the
+counts since the last reading; the fraction of a count remains in the sum. A driver publishes this
+as a velocity over the time between, with the variance of noise and rounding. Above its largest
+speed the sensor has no value, which real ones report by their surface quality.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from omni_platform.signals import Flow
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowConfiguration(Configuration):
-    """Errors of the flow sensors, those of a PMW3901 a hand's breadth above the ground."""
+    """Errors of the flow sensors; defaults of a PMW3901 about 80 mm above the ground."""
 
     resolution: float = parameter(
         0.0002, description="Way of the ground that is one count", unit="m", minimum=0.0
@@ -49,7 +49,7 @@ class FlowConfiguration(Configuration):
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Refuse rates that do not fit the control period [s], and a failure of an unknown sensor.
+    """Refuse rates that do not match the control period [s], and a failure of an unknown sensor.
 
     Raises:
         ConfigurationError: names the sensor.
@@ -79,13 +79,13 @@ class FlowSensorArray:
         random: np.random.Generator,
         twist: FloatArray,
     ) -> None:
-        """Place the sensors under a vehicle that has moved evenly until now.
+        """Place the sensors under a vehicle with a constant twist so far.
 
         Args:
             sensors: by name.
             configuration: their errors.
             random: source of the noise.
-            twist: body twist until now [m/s, m/s, rad/s], shape (3,).
+            twist: body twist so far [m/s, m/s, rad/s], shape (3,).
         """
         self._sensors = sensors
         self._configuration = configuration
@@ -101,7 +101,7 @@ class FlowSensorArray:
             self._way[name] = _turned(place, -sensor.heading) * period_ns / SECOND_NS
 
     def advance(self, trajectory: FloatArray) -> None:
-        """Move on by a trajectory: x, y, yaw of base_link at each step, shape (n + 1, >= 3)."""
+        """Advance along a trajectory: x, y, yaw of base_link at each step, shape (n + 1, >= 3)."""
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():
@@ -110,7 +110,7 @@ class FlowSensorArray:
             self._way[name] = self._way[name] + np.sum(way, axis=0)
 
     def measure(self, stamp_ns: int) -> dict[str, Flow]:
-        """Return what sensors measure at a stamp [ns], by name; one that is not due is left out."""
+        """Return the measurements at a stamp [ns] by name, without sensors that are not due."""
         due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
         return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
 

@@ -1,14 +1,14 @@
-"""The inertial measurement unit: yaw rate and specific force at the place where it is mounted.
+"""The inertial measurement unit: yaw rate and specific force at its mounting position.
 
-The accelerometer gives the mean over a control period, as a unit that sums its samples up does:
-with ``V`` the velocity of the mounting point in the ground plane and ``g`` the component of gravity
+The accelerometer gives the mean over a control period, like a unit that averages its samples: with
+    ``V`` the velocity of the mounting point in the ground plane and ``g`` the component of gravity
 along the (sloping) plane
 
     f = R(psi)^T ((V - V_before) / T - g)
 
-taken to the body axes at the middle of the period and turned by the error of the mounting. The
-gyro gives the yaw rate of the stamp. Both have a scale error, a bias and white noise, and come late
-by the latency; none of the errors is known to whoever listens.
+taken to the body axes at the middle of the period and turned by the error of the mounting. The gyro
+gives the yaw rate of the stamp. Both have a scale error, a bias, white noise and a latency; the
+receiving nodes know none of the errors.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ IMU_DRAWS = 3
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ImuConfiguration(Configuration):
-    """Mounting and errors of the inertial measurement unit, those of a good MEMS one by default."""
+    """Mounting and errors of the inertial measurement unit; defaults of a good MEMS unit."""
 
     enabled: bool = parameter(True, description="Whether the vehicle has one")
     x: float = parameter(0.0, description="Mounting, forward of the platform center", unit="m")
@@ -66,11 +66,11 @@ class Imu(NamedTuple):
     """The unit as the kernel reads it.
 
     Attributes:
-        enabled: whether there is one.
-        x: mounting [m].
+        enabled: whether there is a unit.
+        x: mounting position forward of base_link [m].
         y: left of base_link [m].
-        cos: of the error of the mounting angle.
-        sin: sine of it [1].
+        cos: cosine of the error of the mounting angle [1].
+        sin: sine of the error of the mounting angle [1].
         rate: bias, noise and scale of the gyro, shape (3,).
         force: bias of x and y, noise and scale of the accelerometer, shape (4,).
         memory: yaw [rad] and velocity of the mounting point [m/s] one stamp ago, shape (3,).
@@ -130,7 +130,7 @@ def read_imu(
         tilt: level components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).
         reading: receives yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,);
-            no numbers where there is no unit.
+            NaN without a unit.
     """
     if not imu.enabled:
         reading[:] = math.nan

@@ -31,7 +31,7 @@ class Instruments(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What a vehicle does at a stamp.
+    """True motion of a vehicle at a stamp.
 
     Attributes:
         step: number of the stamp.
@@ -54,9 +54,9 @@ class Readings(NamedTuple):
     """Measurements of its sensors, with their faults; written in place.
 
     Attributes:
-        twist: of the velocity sensor, which has read already, shape (3,).
-        inertial: what `read_imu` gives, shape (3,).
-        wheels: what `read_encoders` gives, shape (N,).
+        twist: reading of the velocity sensor [m/s, m/s, rad/s], shape (3,).
+        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
+        wheels: wheel speeds [rad/s], shape (N,).
     """
 
     twist: FloatArray
@@ -90,9 +90,9 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
 
     Args:
         instruments: changed in place.
-        truth: what there is to read.
+        truth: true motion.
         draw: standard normal noise, shape (`draws(N)`,).
-        readings: receives it.
+        readings: receives the measurements.
     """
     step, period_ns, motion, tilt, angle, speed = truth
     twist, inertial, wheels = readings

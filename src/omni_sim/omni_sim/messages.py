@@ -54,7 +54,7 @@ def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Im
 
 
 def flow_message(name: str, flow: Flow) -> TwistWithCovarianceStamped:
-    """Return what a flow sensor measures of its place, in its own axes."""
+    """Return the measurement of a flow sensor in its own axes as a message."""
     message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
     matrix = UNMEASURED_VARIANCE * np.eye(6)
@@ -182,7 +182,7 @@ def _point(coordinates: tuple[float, ...]) -> Point:
 
 
 def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
-    """Return the turn by the yaw, then the shortest one that tilts to roll and pitch."""
+    """Return the rotation by the yaw, followed by the smallest rotation to roll and pitch."""
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
     w = math.sqrt(0.5 * (1.0 + up))  # half the angle of the tilt, about (x, y, 0) in the body

@@ -1,9 +1,9 @@
-"""What anybody in the graph may ask of a running simulator: pause, step, reset, place.
+"""Services of a running simulator: pause, step, reset, place.
 
-`~/pause` (`std_srvs/SetBool`) halts the simulated time and lets it go on, `~/step`
+`~/pause` (`std_srvs/SetBool`) halts and resumes the simulated time, `~/step`
 (`std_srvs/Trigger`) advances a halted one by one control period. A vehicle that is driven from
-outside is put back to its start by `~/reset` (`std_srvs/Trigger`) and elsewhere by `initialpose`,
-as viewers publish it; time goes on, as the nodes around could not follow it back.
+outside is moved to its start by `~/reset` (`std_srvs/Trigger`) and to another pose by
+`initialpose`, which viewers publish; time is not reset, because other nodes could not follow.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _SCRIPTED = "a scripted run goes from its start to its end; start the node anew,
 
 
 class RunControl:
-    """Keeps what has been asked for until the loop asks for it.
+    """Stores requests until the loop processes them.
 
     Args:
-        node: whose services these are.
+        node: that provides the services.
         start: x, y [m], yaw [rad] of a vehicle that may be placed, shape (3,); None if it may not.
         frame: in which places are given.
     """
@@ -44,7 +44,7 @@ class RunControl:
             listen(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
 
     def wait(self, spinner: Spinner) -> float:
-        """Return once time may go on, and for how long it stood still [s]."""
+        """Wait while the time is paused; return the duration of the pause [s]."""
         if not self._paused:
             return 0.0
         began = time.monotonic()
@@ -54,7 +54,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return where to put the vehicle, x, y [m], yaw [rad]; None unless somebody has asked."""
+        """Return the requested pose x, y [m], yaw [rad], None without a request."""
         pose, self._pose = self._pose, None
         return pose
 

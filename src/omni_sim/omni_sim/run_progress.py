@@ -1,4 +1,4 @@
-"""How far a run is, and when it is over."""
+"""Progress and end of a run."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _REST = np.dtype([("still", "?"), ("since", "f8")])  # whether it stands still, 
 
 
 class End(NamedTuple):
-    """When a run is over; see `SimulationConfiguration`.
+    """End of a run; see `SimulationConfiguration`.
 
     Attributes:
-        rest_speed: below which the vehicle stands still [m/s].
-        settling_time: for which it must [s].
-        duration_limit: time at which a run ends at the latest [s].
-        earliest: time before which standing still ends none [s].
+        rest_speed: speed below which the vehicle is at rest [m/s].
+        settling_time: required time at rest [s].
+        duration_limit: latest end of a run [s].
+        earliest: earliest end of a run at rest [s].
     """
 
     rest_speed: float
@@ -58,10 +58,10 @@ def rim_speed(twist: NDArray[np.float64]) -> float:
 
 @lean
 def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float) -> int:
-    """Take a control stamp into account and return RUNNING, STOPPED or TIME_LIMIT.
+    """Update with a control stamp and return RUNNING, STOPPED or TIME_LIMIT.
 
     Args:
-        end: when it is over.
+        end: conditions for the end.
         memory: of `rest_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         pedal: the driver's brake demand 0..1.
@@ -81,8 +81,8 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
 class RunProgress:
     """Follows a run from its observations.
 
-    A run is over when the vehicle has stood still for the settling time after the pedal went
-    down, or at the limit of its duration.
+    A run is over when the vehicle has been at rest for the settling time after the start of
+    braking, or at the limit of its duration.
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:
@@ -104,11 +104,11 @@ class RunProgress:
 
     @property
     def is_news(self) -> bool:
-        """Whether the share done has visibly grown since the last report."""
+        """Whether the completed share has grown visibly since the last report."""
         return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:
-        """Take the newest observation into account."""
+        """Update with the latest observation."""
         self._time = observation.stamp_ns / SECOND_NS
         self._speed = rim_speed(observation.twist)
         self._initial_speed = max(self._initial_speed, self._speed)

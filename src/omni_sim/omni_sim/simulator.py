@@ -42,14 +42,14 @@ class Observation:
         attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the noisy sampled sensor.
-        imu: what it reads: yaw rate [rad/s], specific force along x and y at the mounting [m/s^2],
-            shape (3,); no numbers without one.
+        imu: its reading: yaw rate [rad/s], specific force along x and y at the mounting [m/s^2],
+            shape (3,); NaN without an IMU.
         encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
         wheel_load: [N], shape (N,).
-        wheel_force_body: the same as vectors in the body frame [N], shape (N, 2).
+        wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
         slip: of the contact patches, Eq. (20) [1], shape (N,).
         line_batches: lines since the last stamp, by camera.
-        flows: what flow sensors measure at this stamp, by name.
+        flows: measurements of the flow sensors at this stamp, by name.
     """
 
     stamp_ns: int
@@ -76,8 +76,8 @@ class Simulator:
 
     Attributes:
         configuration: everything that it depends on.
-        vehicle: the vehicle, to look into.
-        control_period_ns: time that one `advance` takes [ns].
+        vehicle: the vehicle, for inspection.
+        control_period_ns: simulated time of one `advance` [ns].
         overloaded: whether a wheel carried more than its tire model covers in the last period.
         tipping: whether the vehicle would have tipped over in the last period.
     """
@@ -92,8 +92,8 @@ class Simulator:
 
         Args:
             configuration: everything that the machine depends on.
-            textures: where the ground comes from; the user's cache by default.
-            driver: who drives; the one that follows the script of the maneuver by default.
+            textures: source of the ground; the user's cache by default.
+            driver: the driver; by default the script of the maneuver.
         """
         self.configuration = configuration
         simulation = configuration.simulation
@@ -221,7 +221,7 @@ class Simulator:
         self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
     def advance(self, brake_enable: FloatArray) -> None:
-        """Go on by one control period.
+        """Advance by one control period.
 
         Args:
             brake_enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
@@ -256,7 +256,7 @@ class Simulator:
             self._batches = self._expose(self._lines, trajectory, start_ns)
 
     def place(self, pose: FloatArray) -> None:
-        """Put the vehicle somewhere at rest, while time goes on.
+        """Place the vehicle at rest; the time is not changed.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
@@ -270,9 +270,9 @@ class Simulator:
 
     @property
     def tipping_time(self) -> float:
-        """For how long the load has lain on one edge of the wheels' polygon [s].
+        """Time for which one edge of the support polygon has carried the vehicle [s].
 
-        A real vehicle would have begun to tip over there; the planar model ends.
+        A real vehicle would begin to tip over, which the planar model does not simulate.
         """
         return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
 

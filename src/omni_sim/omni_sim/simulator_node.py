@@ -1,4 +1,4 @@
-"""The simulator as a ROS node: what a vehicle's sensors would see out, brake enables in.
+"""The simulator as a ROS node: sensor data out, brake enables in.
 
 The driver is scripted, or publishes on `driver/pedal` and `cmd_vel`; without messages the vehicle
 brakes fully.
@@ -62,7 +62,7 @@ _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LoopConfiguration(Configuration):
-    """How the simulator keeps step with the nodes around it."""
+    """Synchronization of the simulator with other nodes."""
 
     mode: str = parameter(
         "lockstep",
@@ -190,7 +190,7 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step; the pedal last, so that what it is answered with is under way."""
+        """Publish one step; the pedal last, which triggers the answers."""
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first: to match them takes longest
             image = line_image(batch.stamp_ns, self._prefix + name, batch.lines)
@@ -233,7 +233,7 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return for how long [s] the run left what the model covers, and a sentence, by limit."""
+        """Return by limit the time outside the validity of the model [s], and a sentence."""
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
         if overload is not None:
@@ -247,7 +247,7 @@ class SimulatorNode(Node):
         return exceeded
 
     def _report_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
-        """Report that the vehicle leaves the range of its model, or returns."""
+        """Report when the vehicle leaves the range of its model, or returns."""
         self._reported_limits = exceeded
         sentences = self.limits_exceeded()
         words = "; ".join(sentences[state][1] for state in sorted(exceeded))
@@ -263,7 +263,7 @@ class SimulatorNode(Node):
         self._send(self._diagnostics, status)
 
     def take_demand(self) -> None:
-        """Let whoever drives from outside set pedal and command for the next step."""
+        """Set pedal and command of an external driver for the next step."""
         if self.manual_driver is None:
             return
         pose = self.control.take_pose()
@@ -276,7 +276,7 @@ class SimulatorNode(Node):
         self.manual_driver.steer(pedal, target, twist, period)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
-        """Return the enables (N,) to brake with; all on where they are missing or too old."""
+        """Return the enables (N,); all brakes on if they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
         if self._enables.get_publisher_count() > 1:
             self.get_logger().error(
@@ -290,7 +290,7 @@ class SimulatorNode(Node):
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Record for how long [s] nodes have been silent at a time [s] of the steady clock."""
+        """Record the time [s] since the last message of nodes, at a steady time [s]."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
@@ -354,7 +354,7 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     """Simulate until the vehicle has stopped, the time is over, or a signal asks to stop.
 
     Raises:
-        NodeError: in lockstep a reply does not come within the limit; names the silent node.
+        NodeError: in lockstep a reply does not come within the limit; names the node.
     """
     simulator = node.simulator
     expected, timeout = node.startup.subscribers, node.startup.match_timeout

@@ -1,1 +1,1 @@
-"""Line cameras: when they expose, what of the ground reaches each pixel, noise."""
+"""Line cameras: exposure times, mean gray level of each pixel's footprint, noise."""

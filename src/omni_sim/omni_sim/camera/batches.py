@@ -1,4 +1,4 @@
-"""Batches of lines that the cameras expose along a trajectory, rendered in the background."""
+"""Batches of lines of the cameras along a trajectory, rendered in the background."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
 
 @dataclasses.dataclass(frozen=True)
 class _Exposure:
-    """How a camera moved while it took a batch of m lines.
+    """Motion of a camera during a batch of m lines.
 
     Attributes:
         stamp_ns: of the newest line [ns].
         poses: of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
-        velocities: rates of these, None where they do not blur.
+        velocities: rates of `poses` [m/s, m/s, rad/s], shape (m, 3); None without motion blur.
     """
 
     stamp_ns: int
@@ -30,19 +30,19 @@ class _Exposure:
 
 
 class LineExposures:
-    """The lines of all cameras, period by period.
+    """The lines of all cameras, by control period.
 
     Attributes:
-        cameras: that take them.
+        cameras: the cameras.
     """
 
     def __init__(self, cameras: LineCameraArray, step_ns: float, *, blurred: bool) -> None:
         """Start the clocks of the cameras.
 
         Args:
-            cameras: that take the lines.
+            cameras: the cameras.
             step_ns: time between two rows of a trajectory [ns].
-            blurred: whether an exposure lasts so long that motion blurs the line.
+            blurred: whether to compute velocities for motion blur.
         """
         self.cameras = cameras
         self._step_ns = step_ns
@@ -52,7 +52,7 @@ class LineExposures:
         self._batches = _Batches({}, self._render)
 
     def complete(self) -> None:
-        """Render the lines that were exposed and not asked for: the cameras count their lines."""
+        """Render the remaining lines, because the noise depends on the line count."""
         for name in self._batches:
             self._batches[name]
 
@@ -84,7 +84,7 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, the first rendered when it is asked for, the others meanwhile.
+    """Batches of the cameras; the first is rendered on access, the others in the background.
 
     A subscriber can match one batch while the next is rendered.
     """

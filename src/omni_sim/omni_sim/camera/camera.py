@@ -50,8 +50,8 @@ class LineCamera:
     """One line camera.
 
     Attributes:
-        sensor: where it sits and what it sees.
-        rise: how much higher over the ground it is now than it is mounted [m].
+        sensor: mounting and field of view.
+        rise: current height above the mounting height [m].
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class LineCamera:
         """Place a camera over a ground.
 
         Args:
-            sensor: where it sits and what it sees.
+            sensor: mounting and field of view.
             texture: the ground.
             configuration: its exposure.
             key: of its noise, see `line_exposure.noise_key`.
@@ -80,7 +80,7 @@ class LineCamera:
 
     @property
     def texels(self) -> int:
-        """Texels per period of the texture that the camera is rendered from."""
+        """Texels per period of the texture of the camera."""
         return self._texture.texels
 
     def footprints(self, poses: FloatArray) -> FloatArray:
@@ -111,7 +111,7 @@ class LineCamera:
     def ground(
         self, poses: FloatArray, velocities: FloatArray | None = None
     ) -> NDArray[np.float32]:
-        """Return what `grays` would without shading, dirt and unlike gains of the pixels."""
+        """Return `grays` without shading, dirt and unequal gains of the pixels."""
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
@@ -158,7 +158,7 @@ class LineCamera:
         return lines
 
     def blank(self, count: int) -> Lines:
-        """Return room for some lines, shape (count, pixels)."""
+        """Return an uninitialized array for lines, shape (count, pixels)."""
         shape = (count, self.sensor.pixels)
         if self._configuration.bit_depth == 8:
             return np.empty(shape, np.uint8)
@@ -175,7 +175,7 @@ class LineCamera:
         self.develop(self.ground(poses, velocities), first_line, lines)
 
     def develop(self, ground: NDArray[np.float32], first_line: int, lines: Lines) -> None:
-        """Fill `lines` with the exposures of a ground as perfect optics see it.
+        """Fill `lines` with exposures of gray levels of perfect optics.
 
         Args:
             ground: gray levels, see `ground`, shape (m, pixels).
@@ -219,7 +219,7 @@ class LineCameraArray:
         """Prepare the ground and place the cameras.
 
         Args:
-            sensors: where the cameras sit, by name.
+            sensors: mounting and field of view of the cameras, by name.
             texture: the ground.
             configuration: exposure of all cameras.
             seed: of the noise.

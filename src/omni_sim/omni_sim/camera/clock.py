@@ -1,7 +1,7 @@
-"""When a line camera exposes its lines, exactly.
+"""Exact exposure times of the lines of a camera.
 
-Line j is exposed at j / rate. The comparison with control stamps, which are whole nanoseconds,
-is done in whole numbers, so that no line is lost or doubled at the seam of two control periods.
+Line j is exposed at j / rate. Times are compared with control stamps [ns] as
+integers, so that no line is lost or duplicated between two control periods.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class LineClock:
         return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)
 
     def _count_until(self, stamp_ns: int) -> int:
-        """Return how many lines there are with ``time <= stamp``."""
+        """Return the number of lines with ``time <= stamp``."""
         if stamp_ns < 0:
             return 0
         return stamp_ns * self.period_ns.denominator // self.period_ns.numerator + 1

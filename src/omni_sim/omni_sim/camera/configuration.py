@@ -1,4 +1,4 @@
-"""Parameters of the line cameras besides their place: exposure, optics and noise (section 4.4)."""
+"""Exposure, optics and noise of the line cameras (section 4.4)."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class CameraConfiguration(Configuration):
         return 1.0 + self.height_error / self.working_distance
 
     def widening(self, rise: float) -> float:
-        """Return by which factor more is seen when a camera rises [m], within limits."""
+        """Return the factor on the field of view of a raised camera [m], within limits."""
         if self.lens == TELECENTRIC:
             return 1.0
         widened = 1.0 + rise / (self.working_distance + self.height_error)
@@ -167,10 +167,10 @@ class CameraConfiguration(Configuration):
         return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
 
     def check_consistency(self) -> None:
-        """Refuse a bit depth that has no image encoding, and a camera under the ground.
+        """Refuse a bit depth without image encoding, and a camera under the ground.
 
         Raises:
-            ConfigurationError: names the bit depth or the height error.
+            ConfigurationError: the bit depth or the height error is invalid.
         """
         if self.bit_depth not in {8, 16}:
             raise ConfigurationError("bit_depth", f"{self.bit_depth} bit is neither 8 nor 16 bit")

@@ -24,7 +24,7 @@ _TABLE_BITS = 12
 
 
 class _Response(NamedTuple):
-    """How a gray level on the ground becomes one of a pixel [levels of a pixel]."""
+    """Conversion of gray levels of the ground to those of a pixel [levels of a pixel]."""
 
     gain: np.float32
     offset: np.float32
@@ -32,7 +32,7 @@ class _Response(NamedTuple):
 
 
 class _Noise(NamedTuple):
-    """What noise is drawn from: normal quantiles [levels of a pixel], and the sensor's key."""
+    """Source of the noise: normal quantiles [levels of a pixel], and the sensor's key."""
 
     quantiles: NDArray[np.float32]
     key: np.uint64
@@ -79,7 +79,7 @@ def expose(
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return equally probable values of a normal distribution, half of whose variance is theirs."""
+    """Return equally probable values with half the variance of a normal distribution."""
     count = 1 << _TABLE_BITS
     normal = statistics.NormalDist()
     upper = np.array([normal.inv_cdf((i + 0.5) / count) for i in range(count // 2, count)])

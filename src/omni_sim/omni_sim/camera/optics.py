@@ -1,4 +1,4 @@
-"""What stands between ground and gray levels: optics, dirt, motion blur and faulty pixels."""
+"""Optics, dirt, motion blur and faulty pixels of the cameras."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _PENUMBRA = 0.002  # width of a shadow's soft edge [m]
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
-    """Return a sensor with the field of view that it really has at its height.
+    """Return a sensor with its true field of view at its height.
 
     Raises:
-        ConfigurationError: that is more than a field of view may have.
+        ConfigurationError: the field of view is larger than permitted.
     """
     scale = configuration.magnification
     if scale == 1.0:
@@ -34,10 +34,10 @@ def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
 
 
 def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfiguration) -> None:
-    """Refuse an exposure that lasts longer than a line.
+    """Refuse an exposure that is longer than a line period.
 
     Raises:
-        ConfigurationError: names the sensor.
+        ConfigurationError: the exposure is too long; names the sensor.
     """
     for name, sensor in sensors.items():
         if configuration.exposure_time * sensor.line_rate > 1.0:
@@ -53,13 +53,13 @@ def transmission(
 ) -> NDArray[np.float32] | None:
     """Return the share of the light that reaches each pixel (pixels,), None if all of it does.
 
-    The shading falls by the square of the distance from the middle; specks of dirt, far out of
-    focus, throw shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
+    The shading decreases with the square of the distance from the middle; specks of dirt, far out
+    of focus, cast shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
 
     Args:
         sensor: the camera.
         configuration: its optics.
-        key: of the places and sizes of the specks, and of the gains of the pixels.
+        key: seed of the positions and sizes of the specks, and of the gains of the pixels.
     """
     unlike = configuration.photo_response > 0.0
     if configuration.shading == 0.0 and configuration.dirt_spots == 0 and not unlike:
@@ -82,8 +82,8 @@ class PixelFaults:
     """Signal of the pixels besides the light of the ground, in gray levels of an 8-bit scale.
 
     Attributes:
-        offset: dark signal, and the light of what hides the ground, shape (pixels,).
-        sight: share of the ground's light, 0 where mud or a defect hides it, shape (pixels,).
+        offset: dark signal, and light of occluding mud, shape (pixels,).
+        sight: share of the ground's light, 0 under mud or for a defect, shape (pixels,).
     """
 
     offset: NDArray[np.float32]
@@ -98,7 +98,7 @@ def pixel_faults(
     Args:
         sensor: the camera.
         configuration: its faults.
-        key: of their places.
+        key: seed of their positions.
     """
     pixels = sensor.pixels
     generator = _pattern(key, 3)
@@ -125,7 +125,7 @@ def shade(
     configuration: CameraConfiguration,
     first_line: int,
 ) -> NDArray[np.float32]:
-    """Return lines darkened by a shadow whose soft edge stands in the view or runs to and fro.
+    """Return lines darkened by a shadow whose soft edge is fixed or oscillates in the view.
 
     Args:
         grays: of the ground, shape (m, pixels).
@@ -143,7 +143,7 @@ def shade(
 
 
 def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
-    """Return gray levels of crumbs of a millimeter and less."""
+    """Return gray levels of mud with crumbs of a millimeter and less."""
     nodes = np.arange(0.0, sensor.length + 1e-3, 6e-4)
     place = (np.arange(sensor.pixels) + 0.5) * sensor.pixel_pitch
     grays = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)
@@ -157,13 +157,13 @@ def _pattern(key: np.uint64, number: int) -> np.random.Generator:
 def blur_samples(
     sensor: LineSensor, exposure_time: float, headings: FloatArray, velocities: FloatArray
 ) -> NDArray[np.int64]:
-    """Return at how many instants of its exposure each line is rendered, shape (m,).
+    """Return the number of rendered instants of each line's exposure, shape (m,).
 
-    So many that the sensor moves at most a quarter of a pixel along and a sixteenth of its width
-    across from one to the next, rounded up to a power of two, and at most 128.
+    Between two instants the sensor moves at most a quarter of a pixel along and a sixteenth of its
+    width across. The number is rounded up to a power of two, and at most 128.
 
     Args:
-        sensor: the camera, with the field of view that it has.
+        sensor: the camera, with its true field of view.
         exposure_time: [s].
         headings: direction of its axis in the world [rad], shape (m,).
         velocities: of its footprint's center x, y and yaw rate in the world [m/s, m/s, rad/s],

@@ -1,13 +1,14 @@
-"""Where sensors look that look down from a chassis that sways on its springs.
+"""Motion of the fields of view of sensors on a sprung chassis.
 
 A chassis whose gradients are p forward and r to the left tilts about its center of gravity, which
-the planar motion follows at the height h. A line of sight perpendicular to it meets the ground
+the planar motion follows at the height h. A line of sight perpendicular to the chassis meets the
+ground
 
     h (p, r)
 
-further ahead and to the left than it would at rest, wherever it is mounted: so all views move
-alike, at h (p', r') over the ground, which no sensor that looks at the ground can distinguish from
-a motion of the vehicle. Between two control stamps p and r are those of a cubic with the values and
+further ahead and to the left than at rest, independent of the mounting position. All views move
+alike, at h (p', r') over the ground, which a ground sensor cannot distinguish from a motion of the
+vehicle. Between two control stamps p and r are those of a cubic with the values and
 rates of both; the heave only changes the magnification, of second order are the slant of the view
 and the cosine of the tilt.
 """
@@ -22,7 +23,7 @@ from omni_platform.quantities import FloatArray
 def swaying(
     trajectory: FloatArray, before: FloatArray, after: FloatArray, height: float, period: float
 ) -> FloatArray:
-    """Return the trajectory that views follow instead of that of the vehicle.
+    """Return the trajectory of the views, given that of the vehicle.
 
     Args:
         trajectory: x, y [m], yaw [rad] and their rates in the world frame at even steps, shape

@@ -1,1 +1,1 @@
-"""Who drives: a script, or a person."""
+"""Drivers of the vehicle: a script, or commands from outside."""

@@ -1,7 +1,7 @@
 """A driver commanded from outside: pedal and velocity, period by period.
 
-Full braking holds while no command arrives (the dead man's switch). The drive does not follow
-a joystick's jumps but accelerates within limits, from the velocity that the vehicle has.
+Without commands the vehicle brakes fully (dead man's switch). The drive accelerates within limits
+from the velocity of the vehicle and does not follow steps of a joystick.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FULL_BRAKING = 1.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ManualDriverConfiguration(Configuration):
-    """What a driver from outside may ask of the vehicle."""
+    """Limits of an external driver."""
 
     acceleration: float = parameter(
         2.5, description="Largest change of the commanded velocity", unit="m/s^2", above=0.0
@@ -39,12 +39,12 @@ class ManualDriverConfiguration(Configuration):
 
 
 class DemandInbox:
-    """The newest demand that has arrived; full braking where none has, or not for a while.
+    """The latest demand; full braking without one or after a timeout.
 
     Args:
-        timeout: age at which a demand no longer counts [s].
-        pedal_required: whether there is a pedal for sure; without, a velocity alone drives, until
-            the first pedal has been received.
+        timeout: age after which a demand is ignored [s].
+        pedal_required: whether a pedal is required; if not, a velocity alone drives until the first
+            pedal has been received.
     """
 
     def __init__(self, timeout: float, pedal_required: bool = True) -> None:
@@ -54,23 +54,23 @@ class DemandInbox:
         self._twist, self._twist_time = np.zeros(3), -math.inf
 
     def take_pedal(self, pedal: float, now: float) -> None:
-        """Take a pedal position, 0..1; anything else counts as full braking.
+        """Store a pedal position, 0..1; other values count as full braking.
 
         Args:
             pedal: the position.
-            now: time of arrival [s], on any clock that only goes forward.
+            now: time of arrival on a monotonic clock [s].
         """
         self._pedal = pedal if 0.0 <= pedal <= 1.0 else FULL_BRAKING
         self._pedal_time = now
         self._pedal_required = True
 
     def take_twist(self, twist: FloatArray, now: float) -> None:
-        """Take a body twist [m/s, m/s, rad/s], shape (3,); one that is no number is zero."""
+        """Store a body twist [m/s, m/s, rad/s], shape (3,); NaN counts as zero."""
         self._twist = np.where(np.isfinite(twist).all(), twist, 0.0)
         self._twist_time = now
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
-        """Return pedal, 0..1, and body twist [m/s, m/s, rad/s] that hold at a time [s]."""
+        """Return pedal, 0..1, and body twist [m/s, m/s, rad/s] at a time [s]."""
         fresh = now - self._twist_time <= self._timeout
         if not self._pedal_required:
             return (0.0, self._twist) if fresh else (FULL_BRAKING, np.zeros(3))
@@ -84,7 +84,7 @@ class ManualDriver:
 
     Args:
         configuration: limits of the driver.
-        maneuver: gives the place of the start; the rest of it does not apply.
+        maneuver: only its start pose is used.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class ManualDriver:
         return np.zeros(3)
 
     def halt(self) -> None:
-        """Take the drive's velocity back to zero at once, for a vehicle that has been placed."""
+        """Set the drive's velocity to zero, for a vehicle that has been placed."""
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
-        """Set what holds for the next control period.
+        """Set pedal and target for the next control period.
 
         Args:
             pedal: position of the brake pedal, 0..1.

@@ -1,4 +1,4 @@
-"""The scripted driver: sets off at a constant velocity and brakes at a given time, or as tabled."""
+"""The scripted driver: constant velocity and braking at a given time, or a table of demands."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from omni_sim.vehicle.dynamics import in_turned_frame
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DemandConfiguration(Configuration):
-    """What a driver asks for over time, a row after the other; straight lines between them.
+    """Table of a driver's demands over time, interpolated linearly.
 
-    After the last row the drive's velocity is zero and the pedal stays as it is. Where the pedal
-    opens the clutch, the velocities do not count.
+    After the last row the drive's velocity is zero and the pedal keeps its position. While the
+    pedal opens the clutch, the velocities are ignored.
     """
 
     time: tuple[float, ...] = parameter((), description="Times of the rows, increasing", unit="s")
@@ -28,10 +28,10 @@ class DemandConfiguration(Configuration):
     pedal: tuple[float, ...] = parameter((), description="Position of the pedal, 0..1")
 
     def check_consistency(self) -> None:
-        """Refuse a table that is none.
+        """Refuse an invalid table.
 
         Raises:
-            ConfigurationError: names the column.
+            ConfigurationError: a column is invalid; names it.
         """
         for name in ("forward", "left", "turn", "pedal"):
             column = getattr(self, name)
@@ -49,7 +49,7 @@ class DemandConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ManeuverConfiguration(Configuration):
-    """What the driver does during a run."""
+    """Demands of the scripted driver during a run."""
 
     x: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
     y: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
@@ -107,14 +107,14 @@ class ManeuverConfiguration(Configuration):
 
     @property
     def earliest_end(self) -> float:
-        """Time before which a run is not over, though the vehicle may stand still [s]."""
+        """Earliest end of a run, even if the vehicle is at rest [s]."""
         return self.demands.time[-1] if self.demands.time else 0.0
 
     def check_consistency(self) -> None:
-        """Refuse a table of body velocities that are to keep their direction in the world.
+        """Refuse a table together with a direction fixed in the world.
 
         Raises:
-            ConfigurationError: names the key.
+            ConfigurationError: both are given; names the key.
         """
         if self.demands.time and self.hold_world_direction:
             raise ConfigurationError(
@@ -123,7 +123,7 @@ class ManeuverConfiguration(Configuration):
 
 
 class Driver(Protocol):
-    """Whoever holds pedal and velocity command of the vehicle."""
+    """A source of pedal and velocity commands."""
 
     @property
     def start_pose(self) -> FloatArray:
@@ -141,7 +141,7 @@ class Driver(Protocol):
 
 
 class ScriptedDriver:
-    """Pedal and velocity command as functions of time; keeps no state.
+    """Pedal and velocity command as functions of time, without state.
 
     Attributes:
         configuration: the maneuver.
@@ -187,7 +187,7 @@ class ScriptedDriver:
 
     @property
     def settled_ns(self) -> int:
-        """Time from which on pedal and command stay as they are [ns]."""
+        """Time after which pedal and command are constant [ns]."""
         if self._times.size:
             return round(float(self._times[-1]) * SECOND_NS)
         return self._brake_ns + self._ramp_ns
@@ -209,7 +209,7 @@ class ScriptedDriver:
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
         """Return the commanded twist of base_link, zero once the pedal is fully down.
 
-        Until then it stays, so that the drive does not brake before its clutch opens.
+        Until then it is constant, so that the drive does not brake before its clutch opens.
 
         Args:
             stamp_ns: time since the start of the run [ns].

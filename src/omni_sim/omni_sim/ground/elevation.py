@@ -7,7 +7,7 @@ Every part is an analytic function ``z(x, y)``, smooth enough for the local road
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
     bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
 
-Without any part the ground is flat and nothing of this is computed.
+Without any part the ground is flat and none of this is computed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
-"""Largest rise over run [1] for which the horizontal projection of the motion may stand."""
+"""Largest slope [1] for which the horizontal projection of the motion is valid."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
 _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # of h (1 - r^2/R^2)^3, in h / R
@@ -44,7 +44,7 @@ class Terrain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WaveConfiguration(Configuration):
-    """A wave of the ground that is straight and endless."""
+    """A straight, infinite wave of the ground."""
 
     amplitude: float = parameter(
         description="Amplitude, half the height from trough to crest",
@@ -114,10 +114,10 @@ class ElevationConfiguration(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse ground that may become steeper than the model holds.
+        """Refuse ground that is steeper than the model permits.
 
         Raises:
-            ConfigurationError: names the steepest part.
+            ConfigurationError: the ground is too steep; names the steepest part.
         """
         steepness = {"grade": self.grade}
         for name, wave in self.waves.items():

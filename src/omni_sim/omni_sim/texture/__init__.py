@@ -1,1 +1,1 @@
-"""The look of the ground, procedural or from a picture."""
+"""Textures of the ground, procedural or from a picture."""

@@ -1,6 +1,6 @@
-"""Keeps generated ground textures on disk, so that only the first run waits for them.
+"""Stores generated ground textures on disk, so that only the first run generates them.
 
-A ground of 2400 dpi has a third of a gigabyte, so that nothing here holds it twice.
+A ground of 2400 dpi has a third of a gigabyte, so no copy is held in memory.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _FORMAT = (1, 0)  # of numpy's files
 
 
 class TextureCache:
-    """Textures in a folder, one file each, named after everything that they depend on.
+    """Textures in a folder, one file each, named by a digest of their parameters.
 
-    A file is an array in numpy's format followed by its CRC-32. One that is missing, damaged or
-    of the wrong shape is made anew. Writing is atomic, so processes may share the folder. The
-    cache only saves time: where it cannot be written, textures are generated every time.
+    A file is an array in numpy's format followed by its CRC-32. A missing, damaged or
+    wrongly shaped file is generated again. Writing is atomic, so processes may share the folder. If
+    the folder cannot be written, textures are generated every time.
 
     Attributes:
         directory: the folder; it is made when the first texture is stored.
@@ -56,7 +56,7 @@ class TextureCache:
         return cls(folder / "omni_sim" / "textures")
 
     def texture(self, configuration: TextureConfiguration) -> GroundTexture:
-        """Return a texture, from the cache if it is there; a picture is read from its own file.
+        """Return a texture, from the cache if possible; a picture is read from its own file.
 
         Raises:
             ConfigurationError: the picture cannot be used.
@@ -81,7 +81,7 @@ class TextureCache:
 
 
 def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
-    """Return the texture in a file, or None if there is no sound one."""
+    """Return the texture in a file, or None if it is missing or damaged."""
     try:
         with path.open("rb") as file:
             version = np.lib.format.read_magic(file)

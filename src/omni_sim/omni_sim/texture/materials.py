@@ -1,8 +1,8 @@
-"""What the procedural grounds are made of: layers of patterns with structure of known size.
+"""The layers of the procedural grounds, patterns with structure of known size.
 
-The grounds of Figures 59, 65 to 67 and 71, looked at as through the dissertation's flatbed
-scanner, and harder ones. Sizes are in meters, so the number of texels is only the resolution at
-which the same ground is looked at. Everything follows from the random generator.
+The grounds of Figures 59, 65 to 67 and 71, as scanned by the dissertation's flatbed scanner, and
+more difficult ones. Sizes are in meters, so the number of texels only changes the resolution. All
+random values are drawn from the generator.
 
 =============  =====================================================================================
 cork           pressed granules of 2 mm
@@ -306,7 +306,7 @@ MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
 
 
 def _per_period(size: float, spacing: float) -> int:
-    """Return how many cells of about `spacing` [m] make up a period, as a whole number."""
+    """Return the integer number of cells of about `spacing` [m] in a period."""
     return max(1, round(size / spacing))
 
 
@@ -319,13 +319,13 @@ def _stones(
     flattest: float,
     limits: tuple[float, float] = (20.0, 225.0),
 ) -> Leaves:
-    """Return ellipses of every scale alike: radii by the power law r^-3.
+    """Return ellipses of scale-invariant sizes: radii by the power law r^-3.
 
     Args:
         size: period [m].
         generator: of places, sizes and grays.
         radii: least and greatest long half axis [m].
-        coverage: times that they would cover the ground [1].
+        coverage: their total area over that of the ground [1].
         gray: mean and standard deviation of their gray levels.
         flattest: least ratio of the axes.
         limits: of the gray levels.

@@ -1,8 +1,8 @@
 """Compiled patterns that ground textures are made of; each is periodic over the picture.
 
 Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern draws any
-band of rows of the picture by itself, and the same texels whatever the band: so a picture of any
-resolution takes no more memory than its gray levels, and bands may be drawn side by side.
+band of rows of the picture independently, with the same texels for any band. So a picture of any
+resolution needs memory only for its gray levels, and bands may be drawn in parallel.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Pattern(Protocol):
     """One layer of a picture."""
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw over what the layers below have drawn.
+        """Draw over the layers below.
 
         Args:
             band: rows ``first_row ..`` of the picture, shape (rows, texels per period).
@@ -64,7 +64,7 @@ class Cells:
         border_gray: gray level half way between two points.
         border: distance from there at which the border has faded [cells].
         warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
-        darken: draw only where this is darker than what is below.
+        darken: draw only where this is darker than the layers below.
     """
 
     points: Float32Array
@@ -90,7 +90,7 @@ class Cells:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Noise:
-    """Values of a lattice, interpolated by the cubic 3 t^2 - 2 t^3 and added to what is below.
+    """Values of a lattice, interpolated by the cubic 3 t^2 - 2 t^3 and added to the layers below.
 
     Attributes:
         lattice: values at the nodes, any number of them along y and along x.
@@ -181,10 +181,10 @@ class Bond:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Added:
-    """Another pattern, added to what is below instead of drawn over it.
+    """A pattern that is added to the layers below instead of drawn over them.
 
     Attributes:
-        pattern: which.
+        pattern: the pattern.
     """
 
     pattern: Pattern

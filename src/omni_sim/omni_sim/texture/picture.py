@@ -3,7 +3,7 @@
 A picture becomes a ground as the dissertation's scans did (section 4.4): its pixels are texels of
 known size, taken from the dots per inch on the ground, which no file states reliably. The
 largest square from its middle is used, in gray (ITU-R 601) and 8 bits. A strip along two edges,
-a sixteenth of the square, is blended into what would come after the opposite edges, so that the
+a sixteenth of the square, is blended with the continuation beyond the opposite edges, so that the
 ground is seamless when tiled.
 """
 
@@ -41,7 +41,7 @@ _DAMAGE = (
 
 
 def read_picture(path: str, dpi: float) -> GroundTexture:
-    """Return the ground that a picture shows.
+    """Return the ground of a picture.
 
     Args:
         path: a PNG, TIFF, JPEG, BMP, PPM or WebP file, gray or color, 8 or 16 bits, any size.

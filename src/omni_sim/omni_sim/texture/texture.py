@@ -20,13 +20,13 @@ KINDS = tuple(MATERIALS)
 PICTURE = "picture"
 
 GENERATION = 1
-"""Version of the procedures, part of a cached texture's identity: raise it with every change."""
+"""Version of the procedures, part of a cached texture's name; increase it with every change."""
 
 INCH = 0.0254
 """An inch [m]."""
 
 BLOCK = 32
-"""Texels that a period is a multiple of where it is not given: whole ones can be averaged."""
+"""Divisor of the default number of texels per period, so that whole texels can be averaged."""
 
 MOST_TEXELS = 20480
 """Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""
@@ -38,7 +38,7 @@ _THREADS = 2
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TextureConfiguration(Configuration):
-    """Look of the ground: a material, or a picture of the user's."""
+    """Texture of the ground: a material, or a user's picture."""
 
     kind: str = parameter("cork", description="Kind of ground", choices=(*KINDS, PICTURE))
     size: float = parameter(
@@ -66,10 +66,10 @@ class TextureConfiguration(Configuration):
     )
 
     def check_consistency(self) -> None:
-        """Refuse a picture without its scale or that would not be looked at, and too many texels.
+        """Refuse a picture without scale, an unused picture, and too many texels.
 
         Raises:
-            ConfigurationError: names the key.
+            ConfigurationError: a value is invalid; names the key.
         """
         if self.kind != PICTURE:
             if self.picture:

@@ -2,7 +2,7 @@
 
 Source: W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics
 45(S), 2007, the generalized slip that section 2.3.1 of the dissertation refers to. The slips of
-Eqs. (1), (2) are divided by factors that make the two directions alike and added as vectors,
+Eqs. (1), (2) are normalized by factors for the two directions and added as vectors,
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
 

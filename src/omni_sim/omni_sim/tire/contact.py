@@ -1,8 +1,8 @@
-"""The contact equation of `wheel` for any tire curve that rises to a peak and falls beyond it.
+"""The contact equation of `wheel` for tire curves that rise to a peak and fall beyond it.
 
 ``R(s) = D V s + kappa F(s) = |A|`` has one solution where ``R`` rises. If the curve falls faster
-than the first term grows, ``R`` has a crest beyond the peak and a valley behind it; between their
-heights the patch keeps the state, adhering or sliding, that it has.
+than the first term grows, ``R`` has a maximum beyond the peak and a minimum behind it; between
+these values the patch keeps its state, adhering or sliding.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def _root(
 
 @lean
 def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
-    """Return the slip between `falling` and `rising` where ``R`` turns, on its rising side."""
+    """Return the slip at the minimum of ``R`` from `falling` to `rising`."""
     for _ in range(_TURN_ITERATIONS):
         middle = 0.5 * (falling + rising)
         if viscous + gain * force_at(curve, middle)[1] < 0.0:

@@ -1,14 +1,14 @@
-"""The interface that every tire model fills: slip, load and friction to force, inside kernels.
+"""The interface of tire models: slip, load and friction to force, inside kernels.
 
 A model is one file of `tire.models` that defines ``MODEL``, a `TireModel`. Its constants and its
 curve at one load are two NamedTuples of its own; kernels call `curve_at`, `force_at` and
 `contact_friction` here, and numba picks the model's functions by the types of those tuples when it
-compiles. So a vehicle's kernel is compiled and cached once for every model, the choice costs
-nothing in a step, and no list of models has to be kept anywhere.
+compiles. So a vehicle's kernel is compiled and cached once for every model, the choice needs no
+time in a step, and there is no list of models.
 
 Every model's force is odd in the slip, rises from zero with a finite slope to one peak and stays or
-falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the curve and leaves its
-slope at zero alone: ``F(s; mu) = mu F(s / mu; 1)``.
+falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the curve and keeps its
+slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Curve(Protocol):
 
 
 class Landmarks(NamedTuple):
-    """What is seen of measured curves at two loads, each of shape (2,), to start a fit from.
+    """Properties of measured curves at two loads, each of shape (2,), as a start of a fit.
 
     Attributes:
         load: half of the largest load in the data, and that load [N].
@@ -74,8 +74,8 @@ class FitRecipe:
         start: unknowns to start from, shape (P,).
         values: unknowns, of arrays with a P in front, to the values of `keys`; an unknown may be
             a ratio where that keeps the values in order.
-        scale: values and largest load [N] in the data to the sizes, shape (P,), by which it is
-            judged whether a value's standard error is small.
+        scale: values and largest load [N] in the data to magnitudes, shape (P,), with which
+            standard errors are compared.
         parameters: values and largest load [N] to the constants of the kernels.
         mapping: values and largest load [N] to the model's configuration as nested mappings.
     """

@@ -40,7 +40,7 @@ _ModelFields: Any = dataclasses.make_dataclass(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TireConfiguration(_ModelFields):
-    """A tire; the default is TMeasy with Table 1. Parameters of other models are ignored."""
+    """A tire, by default TMeasy with Table 1; parameters of other models are ignored."""
 
     model: str = parameter(
         "tmeasy",
@@ -111,7 +111,7 @@ def steady_forces(
 
     Args:
         parameters: constants of a model.
-        largest_load: at which loads are clamped [N].
+        largest_load: load to which loads are clamped [N].
         slip: [1], shape (n,).
         load: wheel loads [N], shape (n,).
         friction: ``mu/mu_0`` [1], shape (n,).
@@ -135,7 +135,7 @@ class Tire:
         self._parameters = configuration.kernel_parameters
 
     def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
-        """Return where a load [N] is beyond the model, so that it is clamped; any shape."""
+        """Return whether loads [N] exceed the model and are clamped; any shape."""
         beyond: NDArray[np.bool_] = np.asarray(load) > self.configuration.largest_load
         return beyond
 

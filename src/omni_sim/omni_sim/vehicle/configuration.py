@@ -1,4 +1,4 @@
-"""What a vehicle is made of: the configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
+"""Configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class DriveConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelCondition(Configuration):
-    """Differences of a wheel from the others: a worn or oily tire, a faulty brake."""
+    """Deviations of a wheel from the others: a worn or oily tire, a faulty brake."""
 
     friction: float = parameter(
         1.0,
@@ -183,7 +183,7 @@ class VehicleConfiguration(Configuration):
 
     @property
     def mounted(self) -> FloatArray:
-        """By how much each wheel is mounted higher than the others [m], shape (N,)."""
+        """Mounting height of each wheel relative to the others [m], shape (N,)."""
         return np.array([self._condition(name).mounted for name in self.wheels])
 
     @property
@@ -193,12 +193,12 @@ class VehicleConfiguration(Configuration):
 
     @property
     def open_valves(self) -> FloatArray:
-        """Share that the valve of each wheel lets pass in any case [1], shape (N,)."""
+        """Share of pressure that each valve passes at least [1], shape (N,)."""
         return np.array([self._condition(name).open_valve for name in self.wheels])
 
     @property
     def stuck_brakes(self) -> FloatArray:
-        """Share of its torque that each brake exerts in any case [1], shape (N,)."""
+        """Share of the largest torque that each brake exerts at least [1], shape (N,)."""
         return np.array([self._condition(name).stuck_brake for name in self.wheels])
 
     @property
@@ -225,11 +225,11 @@ class VehicleConfiguration(Configuration):
         return roller_geometries(self.wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
-        """Refuse platforms that cannot move or stand.
+        """Refuse platforms that cannot move in all directions or tip over at rest.
 
         Raises:
-            ConfigurationError: no wheel may sit so, its rollers do not fit, or the vehicle falls
-                over at standstill.
+            ConfigurationError: the wheels' positions are invalid, rollers do not fit, or the
+                vehicle tips over at rest.
         """
         for name in self.conditions:
             if name not in self.wheels:
@@ -282,7 +282,7 @@ class VehicleConfiguration(Configuration):
                 )
 
     def _check_heights(self) -> None:
-        """Refuse heights of wheels that nothing answers to."""
+        """Refuse mounting heights of wheels without suspension."""
         for place, has in (("conditions", self.mounted.any()), ("rollers.gap", self.rollers.gap)):
             if has and self.suspension.stiffness == 0.0:
                 raise ConfigurationError(

@@ -1,18 +1,18 @@
 """Planar motion of a vehicle on omni-wheels: one compiled kernel that advances many steps.
 
-The body moves in the plane by `move`; what follows here are the forces. The rigid body moves about
-its center of gravity, Eqs. (39), (40) read as ``m v_dot = sum f_i`` and ``J Omega_dot = sum
-cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Everything is taken at the middle of the
-step but velocities, which are implicit: each wheel's force is solved at the velocity that its hub
+The body moves in the plane by `move`; the rest of the module computes the forces. The rigid body
+moves about its center of gravity, Eqs. (39), (40) read as ``m v_dot = sum f_i`` and ``J Omega_dot =
+sum cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are evaluated at the middle
+of the step, but velocities are implicit: each wheel's force is solved at the velocity that its hub
 will have at the end of the step. That velocity is predicted from all forces of the step before, and
 corrected by ``W (F - F_before)`` with the sum of absolute mobilities that couple the wheel to any
 other as ``W``, which makes the pass over the wheels stable for any tire stiffness without
 iteration. The coupling between wheels lags by one step, an error of second order that energy tests
-find only with very hard tires. On uneven ground all this takes place in the path plane of
-`uneven_ground`, and gravity is one more force.
+show only with very stiff tires. On uneven ground the motion is in the path plane of
+`uneven_ground`, and gravity is an additional force.
 
-Kernels that one place uses are inlined by force: handing their many arguments on would cost more
-than a third of the time. What many places use is not, which keeps compilation short.
+Kernels with one caller are inlined: passing their many arguments would take more than a third of
+the time. Kernels with several callers are not inlined, which keeps compilation short.
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
 
 @lean
 def standing(state: State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return how the vehicle will stand after a time [s], as `uneven_ground.stand`."""
+    """Return the vehicle's attitude on the ground after a time [s], as `uneven_ground.stand`."""
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate
@@ -305,7 +305,7 @@ def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
 
 @lean_inline
 def _resultant(state: State, rollers: Rollers | None) -> Triple:
-    """Return the wheels' force in the body frame [N] and moment about the center [N m]."""
+    """Return the sum of the wheels' forces in the body frame [N] and moments [N m]."""
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
@@ -358,7 +358,7 @@ def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
 
 @lean
 def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
-    """Move the contacts to where the rollers touch the ground, Eqs. (9), (10).
+    """Move the contacts to the contact points of the rollers, Eqs. (9), (10).
 
     Args:
         plant: constants, with a roller pitch.
@@ -385,9 +385,9 @@ def _step_wheels(
 
     Args:
         state: of the vehicle.
-        rollers: of that state; the kernel is compiled for either case.
-        step: what all wheels see of it.
-        brake: torque that each brake's pressure lets it exert in this step [N m], shape (N,).
+        rollers: of that state; the kernel is compiled with and without rollers.
+        step: quantities common to all wheels.
+        brake: largest torque of each brake in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).
     """
     plant = state.plant

@@ -1,4 +1,4 @@
-"""Who carries a vehicle when a wheel lifts: the hard cases of `loads`.
+"""Wheel loads when a wheel lifts off: the special cases of `loads`.
 
 Arguments throughout: `position`, wheel contacts relative to the center of gravity [m], shape
 (N, 2); `hull`, indices of the support polygon, counter-clockwise; `weight` m g [N]; `z_x`, `z_y`,
@@ -19,7 +19,7 @@ _MAXIMUM_ITERATIONS = 100
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
-    """If the zero-moment point is outside, put the weight on the nearest point of the polygon."""
+    """Put the weight on the nearest point of the polygon if the zero-moment point is outside."""
     outside = False
     nearest = np.inf
     first, second, share = 0, 0, 0.0
@@ -117,7 +117,7 @@ def _newton_step(
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Find the wheels that carry; return their number, 0 if the iteration does not end.
+    """Find the wheels with load; return their number, 0 if the iteration does not converge.
 
     Balance is the minimum of a convex energy of the plane, the springs' less the weight's work.
     Newton's rule with a line search finds it from any start; it is done when the plane presses

@@ -3,10 +3,10 @@
 Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
 chassis, so their loads are on a plane ``a + b x + c y`` over the wheel positions that balances
 the weight and its moments, including those of inertia at the height of the center of gravity:
-the loads balance about the zero-moment point ``z = r_g - h a / g``. A wheel never pulls: those
-that the plane would pull are lifted, and the rest carry the weight. Where no such balance exists
-(the zero-moment point leaves the support polygon) the vehicle would tip over; then the nearest
-edge of the polygon carries it and `tipping` is reported, since the planar model ends there.
+the loads balance about the zero-moment point ``z = r_g - h a / g``. Loads are not negative: wheels
+with a negative load in the plane lift off, and the others carry the weight. Where no such balance
+exists (the zero-moment point leaves the support polygon) the vehicle would tip over; then the
+nearest edge of the polygon carries it and `tipping` is reported, since the planar model ends there.
 Neglected: the product of inertia of masses at different heights under yaw acceleration.
 """
 
@@ -61,7 +61,7 @@ class MassConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class MassProperties:
-    """What the planar dynamics need of all masses together.
+    """Total mass properties for the planar dynamics.
 
     Attributes:
         mass: m [kg].
@@ -111,7 +111,7 @@ def support_polygon(position: FloatArray) -> IntArray:
 
 
 def load_plane(position: FloatArray) -> FloatArray:
-    """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while all wheels stand.
+    """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while no wheel lifts off.
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).

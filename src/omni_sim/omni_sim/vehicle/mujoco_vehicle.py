@@ -1,15 +1,16 @@
-"""The vehicle on individual rollers in another engine: MuJoCo's rigid bodies and contacts.
+"""A vehicle with individual rollers in MuJoCo, with its rigid bodies and contacts.
 
-Chassis, load, wheels and every roller are bodies of their own. Each wheel is mounted on a vertical
+Chassis, load, wheels and every roller are separate bodies. Each wheel is mounted on a vertical
 spring: a rigid chassis on four wheels is statically indeterminate, and a millimeter of height would
-decide which three of them carry. Rollers are ellipsoids that touch the wheel's envelope at their
-middle and where the next one takes over. Friction is Coulomb's, with the sliding force of the
-vehicle's tire on the ground under the wheel, at the load that the wheel's spring shows when a call
-begins; there is no slip curve. The brake is dry friction in the wheel's joint, the drive a velocity
-servo there.
+determine which three of them have load. Rollers are ellipsoids that touch the wheel's envelope at
+their middle and at the change to the next roller. Friction is Coulomb's, with the sliding force of
+the vehicle's tire on the ground under the wheel, at the load that the wheel's spring shows when a
+call begins; there is no slip curve. The brake is dry friction in the wheel's joint, the drive a
+velocity servo there.
 
-Assumed where the planar vehicle needs nothing: the body is a homogeneous box as long and wide as
-the chassis with the height of its center of gravity in its middle, and the load is a sphere.
+Further assumptions: the body is a homogeneous box as long and wide as the chassis, with its center
+    of
+gravity in the middle, and the load is a sphere.
 
 Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-based control", IROS
 2012. The package is optional, see `requirements/mujoco.in`.
@@ -84,10 +85,10 @@ class MujocoVehicle(Vehicle):
         """Build the vehicle and place it, rolling on its springs at rest.
 
         Args:
-            configuration: what the vehicle is made of.
+            configuration: of the vehicle.
             *others: the other arguments of `Vehicle`.
             suspension: stiffness of each wheel's spring [N/m].
-            height_offset: by how much each wheel is mounted too high [m], a number or shape (N,).
+            height_offset: error of each wheel's mounting height [m], a number or shape (N,).
             **options: keyword arguments of `Vehicle`.
 
         Raises:
@@ -123,7 +124,7 @@ class MujocoVehicle(Vehicle):
         return state
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Put the vehicle somewhere, wheels and rollers turning as it moves.
+        """Place the vehicle, with wheels and rollers rolling at its twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -154,7 +155,7 @@ class MujocoVehicle(Vehicle):
             twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
 
         Returns:
-            With the radii of the wheels, which carry their loads on springs [rad/s], (..., N).
+            Wheel speeds with the nominal radii [rad/s], shape (..., N).
         """
         return self.kinematics.wheel_speeds(np.asarray(twist))
 
@@ -264,9 +265,9 @@ def _model(
     """Write a vehicle in MuJoCo's format.
 
     Args:
-        vehicle: what it is made of.
+        vehicle: its configuration.
         loads: of the wheels at rest [N], shape (N,).
-        offsets: by how much each wheel is mounted too high [m], shape (N,).
+        offsets: error of each wheel's mounting height [m], shape (N,).
         suspension: stiffness of each wheel's spring [N/m].
         physics_step: [s].
     """

@@ -1,4 +1,4 @@
-"""Wheels that carry more than their tire model covers: counted, named and reported in a sentence.
+"""Monitor of wheels whose load exceeds the range of their tire model.
 
 Above the largest permissible load the parabola (3) has no physical meaning (section 2.3.1), so
 the dynamics compute with the force at that load. This module reports it to the user.
@@ -21,9 +21,8 @@ class Overload:
     Attributes:
         model: name of the tire model.
         limit: largest load that it covers [N].
-        largest_load: seen at the end of a control period, of each wheel that was overloaded then
-            [N].
-        time: for which wheels were overloaded, added up over the wheels [s].
+        largest_load: of each overloaded wheel at the end of a control period [N].
+        time: total time of overload, summed over the wheels [s].
     """
 
     model: str
@@ -32,7 +31,7 @@ class Overload:
     time: float
 
     def sentence(self) -> str:
-        """Return what happened, as a sentence for people."""
+        """Return a description of the overload."""
         wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
         return (
             f"overload: wheels carried more than the {self.limit:.0f} N that the tire model "
@@ -45,13 +44,13 @@ class OverloadWatch:
     """Follows the wheel loads of a run.
 
     Attributes:
-        overload: what has happened so far, None if nothing.
+        overload: overload so far, None without any.
     """
 
     def __init__(
         self, wheel_names: Sequence[str], model: str, limit: float, physics_step: float
     ) -> None:
-        """Start with nothing seen.
+        """Start without overload.
 
         Args:
             wheel_names: in the order of all wheel arrays.
@@ -68,7 +67,7 @@ class OverloadWatch:
         self._count = 0
 
     def update(self, load: FloatArray, overloaded_steps: int) -> bool:
-        """Take a control period into account.
+        """Update with a control period.
 
         Args:
             load: wheel loads at its end [N], shape (N,).

@@ -1,4 +1,4 @@
-"""The state of a vehicle that is placed on the ground, rolling perfectly, its tires at rest."""
+"""Initial state of a vehicle on the ground, rolling without slip, with undeflected tires."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
 def place(
     state: State, masses: MassProperties, pose: FloatArray, twist: FloatArray, angle: FloatArray
 ) -> None:
-    """Put a vehicle somewhere, wheels and rollers turning as it moves.
+    """Place a vehicle, with wheels and rollers rolling at its twist.
 
     Args:
         state: changed in place.
@@ -83,7 +83,7 @@ def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> Float
 
 
 def _place_rollers(state: State) -> None:
-    """Let every roller spin as it would roll on the ground, ``k`` of Eq. (13)."""
+    """Set every roller's spin to rolling on the ground, ``k`` of Eq. (13)."""
     rollers, plant, body = state.rollers, state.plant, state.body[0]
     if rollers is None:
         return

@@ -1,4 +1,4 @@
-"""Turns a vehicle's configuration into the constants of the dynamics kernel."""
+"""Converts a vehicle's configuration to the constants of the dynamics kernel."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def build_plant(
     """Lay out the constants of a vehicle for the kernel.
 
     Args:
-        configuration: what the vehicle is made of.
+        configuration: of the vehicle.
         kinematics: of its wheels.
         masses: body and load together.
         friction: of the ground.
@@ -101,13 +101,13 @@ def build_losses(
     masses: MassProperties,
     plant: Plant,
 ) -> tuple[Plant, Losses]:
-    """Lay out the passive losses, and the plant as their forces couple to its own.
+    """Lay out the passive losses, and the plant with their coupling to its forces.
 
     Args:
-        configuration: what the vehicle is made of.
+        configuration: of the vehicle.
         kinematics: of its wheels.
         masses: body and load together.
-        plant: from `build_plant`; returned as it is if there are no losses.
+        plant: from `build_plant`; returned unchanged without losses.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
@@ -137,7 +137,7 @@ def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
     """Return the individual rollers of a vehicle, if its wheels have them.
 
     Args:
-        configuration: what the vehicle is made of.
+        configuration: of the vehicle.
     """
     if configuration.wheel_model != "rollers":
         return None
@@ -159,7 +159,7 @@ def build_suspension(configuration: VehicleConfiguration, masses: MassProperties
     """Lay out the springs of a chassis.
 
     Args:
-        configuration: what the vehicle is made of.
+        configuration: of the vehicle.
         masses: body and load together.
     """
     springs, n = configuration.suspension, len(configuration.wheels)

@@ -76,7 +76,7 @@ def road_plane_at(
 
 @dataclasses.dataclass(frozen=True)
 class RoadPlane:
-    """The plane that stands for the ground under a wheel.
+    """The plane that approximates the ground under a wheel.
 
     Attributes:
         point: of the plane above or below the wheel's projection [m], shape (3,).
@@ -89,7 +89,7 @@ class RoadPlane:
 
 @dataclasses.dataclass(frozen=True)
 class WheelContact:
-    """How a wheel stands on its road plane.
+    """Contact of a wheel with its road plane.
 
     Attributes:
         point: geometric contact point P, Eq. (6), world frame [m], shape (3,).
@@ -155,8 +155,8 @@ def camber_angle(axis: ArrayLike, normal: ArrayLike) -> float:
 def static_contact_offset(camber: float, width: float, deflection: float) -> float:
     """Return the sideways offset ``y_Q`` of the static contact point [m], Eq. (7).
 
-    Along ``e_y`` from the geometric contact point: a cambered tire presses most where it is
-    pressed in most.
+    The offset is along ``e_y`` from the geometric contact point: the pressure of a cambered tire is
+    largest where its deflection is largest.
 
     Args:
         camber: ``beta`` [rad].

@@ -1,9 +1,9 @@
-"""Wheels with individual rollers in the dynamics kernel: which rollers carry, and their contacts.
+"""Wheels with individual rollers in the dynamics kernel: rollers in contact and their forces.
 
 Wheels and contacts are those of `wheel.roller`. Forces act at the displaced contact points, Eqs.
 (10), (11), so the levers of the platform vary with the wheel angles; the loads are those of wheels
-that stand under their centers. While two rollers share a wheel, its spin is solved with the lower
-one and feels the other's force of the step before.
+that stand under their centers. While two rollers of a wheel are in contact, its spin is solved with
+the lower one and with the other's force of the last step.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class _Touch(NamedTuple):
     """A roller on the ground.
 
     Attributes:
-        wheel: its index.
-        roller: its index on the wheel.
+        wheel: index of the wheel.
+        roller: index of the roller on the wheel.
         gamma: angle from its lowest position [rad].
-        load: that it carries [N].
-        wheel_load: that its wheel carries [N].
+        load: load of the roller [N].
+        wheel_load: load of the wheel [N].
         turning: wheel speed at the start of the step [rad/s].
     """
 
@@ -56,9 +56,9 @@ def _step_contact(
     Args:
         plant: constants.
         rollers: state of the roller is changed and its force added to the wheel's in place.
-        step: what all wheels see of it.
+        step: quantities common to all wheels.
         touch: the roller.
-        spin: of the wheel, moved by the torque that this roller does not make.
+        spin: of the wheel under all torques but that of this roller.
         drive: of the wheel.
 
     Returns:
@@ -146,13 +146,13 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
-    """Advance a wheel but its angle by one step, with the one or two rollers that carry it.
+    """Advance a wheel, without its angle, by one step with the one or two rollers in contact.
 
     Args:
         plant: constants.
         rollers: of all wheels; state and force of wheel `i` are changed in place.
         wheel: `state.WHEEL`, with the load of this step; changed in place.
-        step: what all wheels see of it.
+        step: quantities common to all wheels.
         i: index of the wheel.
         brake: torque that its brake can exert [N m].
         drive: of the wheel.

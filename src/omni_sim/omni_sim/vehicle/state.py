@@ -1,7 +1,7 @@
-"""What the kernels of a vehicle work on: constants, inputs and state, all by name.
+"""Constants, inputs and state of the kernels of a vehicle, by name.
 
 State is in structured arrays, so that a kernel reads ``wheel.speed`` and Python
-``wheels["speed"]``; constants and inputs travel as NamedTuples.
+``wheels["speed"]``; constants and inputs are NamedTuples.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)
 
 
 class Plant(NamedTuple):
-    """What never changes during a run.
+    """Constants of a run.
 
     Attributes:
         dt: physics step [s].
@@ -109,7 +109,7 @@ class Plant(NamedTuple):
         wheel_inertia: I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         tire: constants of the tire model; their type chooses it.
-        largest_load: at which the tire's load is clamped [N].
+        largest_load: load to which the tire's load is clamped [N].
         stiffness: c_x [N/m].
         damping: d_x [N s/m].
         vertical_stiffness: c_z [N/m].
@@ -170,7 +170,7 @@ class Losses(NamedTuple):
 
 
 class Rollers(NamedTuple):
-    """The individual rollers of all wheels: what they add to `Plant`, and their state.
+    """The individual rollers of all wheels: constants in addition to `Plant`, and state.
 
     Attributes:
         tire_y: constants of the tire model in the direction y.
@@ -204,10 +204,10 @@ class Suspension(NamedTuple):
         damping: d of each wheel [N s/m].
         pitch_inertia: I_p [kg m^2].
         roll_inertia: I_r [kg m^2].
-        mounted: how much higher than the others each wheel is mounted [m], shape (N,).
+        mounted: mounting height of each wheel relative to the others [m], shape (N,).
         half_gap: from a roller's end to the middle of the gap between two, along the rim [m].
         ground: height under each wheel over the vehicle's plane [m], shape (N,).
-        sunk: how deep each wheel is in a gap between rollers [m], shape (N,).
+        sunk: depth of each wheel in a gap between rollers [m], shape (N,).
         chassis: `CHASSIS`, shape (1,).
     """
 
@@ -223,7 +223,7 @@ class Suspension(NamedTuple):
 
 
 class State(NamedTuple):
-    """All that `dynamics.advance` works on; the arrays are changed in place.
+    """Constants and state of a vehicle; the arrays are changed in place.
 
     Attributes:
         plant: constants.
@@ -233,11 +233,11 @@ class State(NamedTuple):
         body: `BODY`, shape (1,).
         contacts: `CONTACT` of the last step, shape (N,); they change only if there is a roller
             pitch, and individual rollers leave them alone.
-        rollers: individual rollers, if the wheels have any; kernels are compiled for either case.
+        rollers: individual rollers, if any; kernels are compiled with and without them.
         wheels: `WHEEL`, shape (N,).
         counters: `COUNTERS`, shape (1,).
         pressure: in the brakes.
-        loads: of the wheels in the step at hand [N], shape (N,).
+        loads: of the wheels in the current step [N], shape (N,).
     """
 
     plant: Plant
@@ -254,11 +254,11 @@ class State(NamedTuple):
 
 
 class Control(NamedTuple):
-    """What acts on the vehicle during a call.
+    """Inputs of the vehicle during a call.
 
     Attributes:
-        brake: torque of a brake that gets all pressure that the pedal asks for [N m].
-        enable: commanded share of it that each valve lets pass [1], shape (N,).
+        brake: torque of a brake at the full pressure of the pedal [N m].
+        enable: commanded share of the pressure that each valve passes [1], shape (N,).
         drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         in_world: whether its linear part keeps its direction in the world while the body turns.
@@ -276,7 +276,7 @@ class Control(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What all wheels see of one physics step.
+    """Quantities of a physics step common to all wheels.
 
     Attributes:
         place: center of gravity in the world at the middle of the step [m].
@@ -297,7 +297,7 @@ class Step(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What happened in each of n steps.
+    """Log of n steps.
 
     Attributes:
         steps: n.

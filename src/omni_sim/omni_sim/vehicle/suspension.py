@@ -1,7 +1,7 @@
-"""A chassis on springs, whose heave, pitch and roll take their time.
+"""A sprung chassis with dynamics of heave, pitch and roll.
 
-Without it wheels share the weight as on equal springs that are done moving at once (`loads`). With
-it each wheel is sprung and damped on its own, tire included, and the chassis moves by
+Without it wheels share the weight as on equal springs without dynamics (`loads`). With it each
+wheel is sprung and damped separately, tire included, and the chassis moves by
 
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
@@ -10,8 +10,8 @@ it each wheel is sprung and damped on its own, tire included, and the chassis mo
 the left, small, ``f`` the force of the wheels along the ground, ``h`` the height at which inertia
 opposes it. ``s_i`` is the height of the road under a wheel over the plane that the vehicle follows
 (`uneven_ground`), less how much higher the wheel is mounted and how deep it sinks into a gap
-between two rollers. So wheels share the weight as their heights and the twist of the ground have
-it, which rigid bodies leave open, and rollers with gaps give a rough ride.
+between two rollers. So the wheel loads depend on their heights and the twist of the ground, which
+are indeterminate for rigid bodies, and rollers with gaps excite vibrations.
 
 Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the way of the center of
 gravity over a tilted chassis, and the work that the forces along the ground do on pitch and roll.
@@ -35,7 +35,7 @@ _BALANCES = 100  # tried of a chassis at rest
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SuspensionConfiguration(Configuration):
-    """Springs between the ground and the chassis, one for each wheel; none by default."""
+    """Springs between ground and chassis, one for each wheel; by default there are none."""
 
     stiffness: float = parameter(
         0.0,
@@ -72,9 +72,9 @@ def fastest_motion(plant: Plant, suspension: Suspension) -> float:
 
 
 def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: float) -> FloatArray:
-    """Put a chassis on its springs at rest and return the wheel loads [N], shape (N,).
+    """Set a chassis on its springs at rest and return the wheel loads [N], shape (N,).
 
-    What a vehicle on fewer than three wheels does not balance settles in its first moments.
+    A vehicle on fewer than three wheels is not balanced and moves at first.
 
     Args:
         plant: constants.
@@ -105,9 +105,9 @@ def _lever_arms(plant: Plant) -> FloatArray:
 
 @lean
 def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
-    """Return how deep a wheel sinks between two rollers [m].
+    """Return the depth of a wheel between two rollers [m].
 
-    Over the gap the wheel stands on the end of a roller, on the envelope's circle.
+    At the gap the wheel stands on the end of a roller, which is on the envelope's circle.
 
     Args:
         plant: constants.

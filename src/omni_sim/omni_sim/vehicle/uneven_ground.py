@@ -1,4 +1,4 @@
-"""How a vehicle follows uneven ground: heave, roll and pitch, the path's tilt, gravity.
+"""Motion of a vehicle on uneven ground: heave, roll and pitch, tilt of the path, gravity.
 
 The vehicle keeps to the ground. Under each wheel is a road plane, Eq. (5), of height ``z_i`` and
 gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the shares ``w_i`` at
@@ -6,13 +6,13 @@ rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the
 stands over ``Z = sum w_i z_i`` and moves in the plane of the gradient ``sum w_i s_i`` (the *path
 plane*, of unit normal ``n``).
 
-The planar dynamics go on in that plane, in a frame which is the world's turned by the shortest way
-from the vertical to ``n``. On an even slope it stands still and the motion is exactly that of flat
+The planar dynamics are computed in that plane, in the world frame rotated by the smallest rotation
+from the vertical to ``n``. On an even slope it is constant and the motion is exactly that of flat
 ground with gravity's component ``g (n_x, n_y)`` and the load ``m g n_z``. On curved ground the
-frame is carried along without spin about ``n``; the ground presses by ``m (g n_z - n_dot . v)``,
-and gravity turns the vehicle by ``-m g dZ/dyaw``. All this keeps ``T + m g Z``. Yaw is the angle in
-that frame, about ``n``; positions are in the level world. Where the ground falls away so fast that
-the vehicle would take off, it carries nothing and counts as tipping.
+frame moves without rotation about ``n``; the normal force is ``m (g n_z - n_dot . v)``, and the
+moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z``. Yaw is the angle in
+that frame, about ``n``; positions are in the level world. If the vehicle would take off, the
+normal force is zero and the vehicle counts as tipping.
 
 Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
 kinetic energy of roll and pitch, and the height of the center of gravity in its path (only load
@@ -57,7 +57,7 @@ def stand(
     heading: tuple[float, float],
     heights: FloatArray,
 ) -> tuple[float, float, float, float, float, float]:
-    """Return how the wheels stand.
+    """Return the attitude of the vehicle on the ground.
 
     Args:
         terrain: height of the ground.
@@ -65,7 +65,7 @@ def stand(
         plane: from `loads.load_plane`.
         place: center of gravity in the world [m].
         heading: cosine and sine of the yaw.
-        heights: receives those of the ground under the wheels over the vehicle's plane [m], (N,).
+        heights: receives the ground's height under the wheels over the vehicle's plane [m], (N,).
 
     Returns:
         Height ``Z`` of the ground under the center of gravity [m]; gradient of the vehicle's plane
@@ -93,10 +93,10 @@ def stand(
 
 @lean
 def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
-    """Return by how much directions turn in the frame of the path plane as ``n`` changes [rad].
+    """Return the rotation of fixed directions in the path plane as ``n`` changes [rad].
 
-    The frame spins about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``; what does not spin seems
-    to turn the other way.
+    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``; a direction that does
+    not rotate turns by the opposite angle in it.
     """
     normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)

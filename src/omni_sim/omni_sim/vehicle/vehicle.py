@@ -1,4 +1,4 @@
-"""The vehicle as the simulator drives it: masses, wheels, tires, brakes and ground together."""
+"""The simulated vehicle: masses, wheels, tires, brakes and ground."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ class VehicleInputError(ValueError):
 
 
 class Vehicle:
-    """A vehicle moving in the plane, or on uneven ground that it keeps to (`uneven_ground`).
+    """A vehicle that moves in the plane, or on uneven ground without taking off (`uneven_ground`).
 
     Its wheels are those of ``wheel_model``. With individual rollers a wheel's force is the part of
     all its rollers' forces along the nominal active direction, and its limit is the sum of their
     limits; slip, deflection and whether it slides are those of its lower roller; the slip velocity
     is that of an ideal contact.
 
-    The drive follows the inverse kinematics with the rolling radii that the wheels have at rest
-    under their static loads, as a calibrated drive does.
+    The drive uses the inverse kinematics with the rolling radii under the static loads, like a
+    calibrated drive.
 
     Attributes:
-        configuration: what the vehicle is made of.
+        configuration: of the vehicle.
         kinematics: of the unloaded wheels, with the names and the order of all wheel arrays.
         masses: body and load together.
         physics_step: [s].
-        state: what the kernels work on, not a copy; changed by `advance` and `place`.
+        state: state of the kernels, not a copy; changed by `advance` and `place`.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Vehicle:
         """Build the vehicle and place it, rolling perfectly.
 
         Args:
-            configuration: what the vehicle is made of.
+            configuration: of the vehicle.
             friction: of the ground; by default ``mu/mu_0 = 1`` everywhere.
             physics_step: [s].
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -128,7 +128,7 @@ class Vehicle:
         )
 
     def _settled(self) -> FloatArray:
-        """Return how the chassis stands on its springs with all wheels mounted alike, (3,)."""
+        """Return heave, pitch and roll at rest with equal mounting heights, shape (3,)."""
         plant, suspension = self.state.plant, self.state.suspension
         fastest = fastest_motion(plant, suspension)
         if fastest * self.physics_step > _COARSEST:
@@ -143,7 +143,7 @@ class Vehicle:
         return self._chassis
 
     def apply_brake_faults(self, time: float) -> None:
-        """Set the brakes as they are at a time [s]: faulty from their onset on."""
+        """Set the brake faults whose onset is before a time [s]."""
         faults, begun = self.configuration, self.brake_fault_onsets <= time
         self.state.plant.brake_share[:] = np.where(begun, faults.brake_share, 1.0)
         self.state.pressure.open[:] = np.where(begun, faults.open_valves, 0.0)
@@ -151,7 +151,7 @@ class Vehicle:
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Put the vehicle somewhere, wheels and rollers turning as it moves, its tires at rest.
+        """Place the vehicle, with wheels and rollers rolling at its twist and undeflected tires.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -204,7 +204,7 @@ class Vehicle:
         return self._run(n_steps, control, traced=True, logged=True)
 
     def push(self, force: ArrayLike) -> None:
-        """Let a constant force act at the center of gravity from now on.
+        """Apply a constant force at the center of gravity from the next step on.
 
         Args:
             force: along the ground, in the world frame [N], shape (2,).

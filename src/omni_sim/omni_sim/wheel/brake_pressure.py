@@ -34,10 +34,10 @@ class BrakePressure(NamedTuple):
         acting: that each can exert on average over the step [N m], shape (N,).
         delayed: torque asked in the last D steps of the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: share that each valve lets pass whatever is commanded [1], shape (N,).
-        stuck: torque that each exerts independently of pedal and valve [N m], shape (N,).
-        grain: step of the share that a valve can let pass [1], 1 for on and off, 0 for any.
-        release_lag: steps by which a release takes effect later than an application.
+        open: share that each valve passes at least [1], shape (N,).
+        stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
+        grain: resolution of a valve [1], 1 for on-off, 0 for continuous.
+        release_lag: number of steps by which releasing is slower than applying.
     """
 
     remainder: float
@@ -64,11 +64,11 @@ def build_brake_pressure(
     """Return brakes without pressure.
 
     Args:
-        time_constant: ``T`` [s], 0 for a pressure without lag.
+        time_constant: ``T`` [s], 0 for no lag.
         dead_time: ``t_d`` [s].
         wheels: number of them.
         physics_step: [s].
-        grain: step of the share that a valve can let pass [1].
+        grain: resolution of a valve [1].
         release_time: ``t_r`` [s], 0 for ``t_d``.
     """
     remainder = mean_remainder = 0.0
@@ -92,7 +92,7 @@ def build_brake_pressure(
 
 
 def release(pressure: BrakePressure) -> None:
-    """Take all pressure out of the brakes."""
+    """Release the pressure of all brakes."""
     pressure.torque[:] = 0.0
     pressure.delayed[:] = 0.0
     pressure.oldest[0] = 0
@@ -100,7 +100,7 @@ def release(pressure: BrakePressure) -> None:
 
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
-    """Return the share of the pressure that a valve lets pass at a command [1]."""
+    """Return the share of the pressure that a valve passes at a command [1]."""
     if pressure.grain > 0.0:
         return min(math.floor(share / pressure.grain + 0.5) * pressure.grain, 1.0)
     return share
@@ -112,8 +112,8 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
 
     Args:
         pressure: changed in place.
-        demand: of the pedal, the torque of a brake that gets all of it [N m].
-        enable: commanded share that each valve lets pass [1], shape (N,).
+        demand: torque of a brake at the full pressure of the pedal [N m].
+        enable: commanded share that each valve passes [1], shape (N,).
     """
     for i in range(enable.size):
         share = max(passed(pressure, enable[i]), pressure.open[i])
@@ -122,7 +122,7 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
 
 @lean_inline
 def press(pressure: BrakePressure) -> None:
-    """Advance the pressure by a physics step; `acting` is what each brake can exert in it."""
+    """Advance by a physics step; `acting` receives the largest torque of each brake."""
     delay = pressure.delayed.shape[0]
     row = pressure.oldest[0]
     for i in range(pressure.asked.size):

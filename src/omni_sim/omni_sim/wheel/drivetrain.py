@@ -20,13 +20,13 @@ from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 
 class Hub(NamedTuple):
-    """How tire and wheel hang together in a step.
+    """Coupling of tire and wheel in a step.
 
     Attributes:
         lever: ``g = r_D (n_w . u)`` [m].
-        velocity: of the wheel center along the active direction at the end of the step if this
-            tire made no force [m/s].
-        mobility: by how much the force changes that velocity [m/s per N].
+        velocity: of the wheel center along the active direction at the end of the step without
+            the force of this tire [m/s].
+        mobility: change of this velocity per force [m/s per N].
     """
 
     lever: float
@@ -86,7 +86,7 @@ class WheelStep(NamedTuple):
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Step a wheel that is free to spin, with the angular impulse of all other torques."""
+    """Advance a freely spinning wheel, with the angular impulse of all other torques."""
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(
@@ -103,7 +103,7 @@ def _rolling(
 def _braked(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Step a wheel under its brake, turning or held; arguments as of `_rolling`."""
+    """Advance a wheel under its brake, turning or locked; arguments as of `_rolling`."""
     if spin.brake <= 0.0:
         free: WheelStep = _rolling(tire, curve, patch, hub, spin, impulse)
         return free
@@ -136,7 +136,7 @@ def wheel_step(
         tire: constants.
         curve: of any tire model, from `tire.model.curve_at`.
         patch: of the tire at the start of the step.
-        hub: how force and motion hang together.
+        hub: coupling of force and motion.
         spin: of the wheel at the start of the step.
         drive: of the wheel.
     """

@@ -1,17 +1,17 @@
 """Losses along the passive direction: rolling resistance (19), bearing friction, roller inertia.
 
-Section 2.4.2 of the dissertation lists them and leaves them out; here they are off by default.
+Section 2.4.2 of the dissertation lists and neglects them; here they are off by default.
 The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity there,
 
     w = u_w . v_i - omega r_D (u_w . u_i),
 
 so a wheel that rolls in its own direction with rollers at 0 deg, or a Mecanum wheel straight
-ahead, turns no roller and loses nothing. The force ``f`` along ``u_w`` acts on the vehicle at the
+ahead, turns no roller and has no losses. The force ``f`` along ``u_w`` acts on the vehicle at the
 wheel, and by ``-r_D (u_w . u_i) f`` on the wheel's spin:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
 
-Rolling resistance and bearing friction hold a roller that stands, up to the same force. The
+Rolling resistance and bearing friction hold a roller at rest up to the same force. The
 roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected: that a
 roller which comes into contact has to be brought to speed, and the resistance of the wheel that
 rolls as a whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their own; each
@@ -29,7 +29,7 @@ from omni_platform.kernels import lean
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PassiveLossConfiguration(Configuration):
-    """What opposes the rollers of every wheel; nothing by default."""
+    """Resistance of the rollers of every wheel; none by default."""
 
     rolling_resistance: float = parameter(
         0.0,
@@ -105,10 +105,10 @@ def passive_force(
     inertia are.
 
     Args:
-        coming: roller's surface speed at the end of the step if no force changed [m/s].
-        now: that at its start [m/s].
-        before: the force of the last step [N].
-        mobility: by how much the force changes the speed [m/s per N].
+        coming: roller's surface speed at the end of the step with unchanged forces [m/s].
+        now: surface speed at the start of the step [m/s].
+        before: force of the last step [N].
+        mobility: change of the surface speed per force [m/s per N].
         capacity: largest friction, rolling resistance and bearing [N].
         inertia: of the roller against its surface speed [kg].
         dt: step [s].

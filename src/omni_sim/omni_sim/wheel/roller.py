@@ -1,4 +1,4 @@
-"""The individual-roller omni-wheel of section 2.4.1: each roller is a small tire of its own.
+"""The individual-roller omni-wheel of section 2.4.1, in which each roller is a small tire.
 
 Contact: the wheel's envelope is a circle, so its axis stays level, and the lowest roller carries
 the wheel (`roller_geometry`). Rollers overlap: from ``(1 - overlap) pi/n`` on, the load passes
@@ -58,7 +58,7 @@ class RollerPatch(NamedTuple):
         deflection: ``e`` [m].
         speed: ``V`` [m/s].
         sliding: whether the patch slid in the step before.
-        direction: of the friction then, a unit vector, to start from.
+        direction: unit vector of the friction in the step before, as the initial guess.
     """
 
     deflection: Pair
@@ -68,16 +68,16 @@ class RollerPatch(NamedTuple):
 
 
 class RollerHub(NamedTuple):
-    """How the tire of a roller hangs together with wheel, roller and vehicle in a step.
+    """Coupling of a roller's tire with wheel, roller and vehicle in a step.
 
     Attributes:
         lever: ``r_D u`` in components along the roller's axis and across it [m].
-        velocity: of the contact as part of the vehicle at the end of the step if this roller made
-            no force, in the same components [m/s].
-        mobility: by how much the force changes it, in any direction [m/s per N].
+        velocity: of the contact as part of the vehicle at the end of the step without the force
+            of this roller, in the same components [m/s].
+        mobility: change of this velocity per force, in any direction [m/s per N].
         spin: of the roller at the start of the step [rad/s].
         inertia: of the roller [kg m^2].
-        spin_lever: speed of the roller's surface per spin, across its axis [m].
+        spin_lever: surface speed of the roller per spin, across its axis [m].
     """
 
     lever: Pair
@@ -129,7 +129,7 @@ def roller_step(
         tire: constants of the roller's tread.
         curves: along the roller's axis and across it, from `tire.model.curve_at`.
         patch: of the roller at the start of the step.
-        hub: how force and motion hang together.
+        hub: coupling of force and motion.
         wheel: spin of the wheel at the start of the step.
         drive: of the wheel.
     """

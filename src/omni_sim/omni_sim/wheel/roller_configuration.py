@@ -1,4 +1,4 @@
-"""The rollers of a vehicle's wheels: configuration, and whether they fit."""
+"""Configuration of the rollers of a vehicle's wheels, and check that they fit."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from omni_sim.wheel.roller_geometry import RollerGeometry
 class RollerConfiguration(Configuration):
     """The rollers of every wheel of a vehicle.
 
-    A roller starts undeflected whenever it comes to the ground, so it reaches its force only if
-    its relaxation length ``dF0 / c`` is short against the way that it carries the wheel. The
-    default stands for solid rubber: Table 1's slope at zero slip with 25 mm, about the length of
+    A roller is undeflected when it comes to the ground, so it reaches its full force only if its
+    relaxation length ``dF0 / c`` is short compared with its rolling distance under the wheel. The
+    default is that of solid rubber: Table 1's slope at zero slip with 25 mm, about the length of
     a roller's contact patch, where the wheel as one tire has 250 mm.
     """
 
@@ -72,7 +72,7 @@ def roller_geometries(
     Args:
         wheels: mounts by wheel name.
         rollers: of every wheel.
-        squeeze: by how much the largest load flattens a tire [m].
+        squeeze: deflection of a tire under the largest load [m].
 
     Raises:
         ConfigurationError: the rollers do not fit on a wheel; names it and the radii that fit.

@@ -1,4 +1,4 @@
-"""Where a roller touches the ground and which way its axis points, Eqs. (8)-(17).
+"""Contact point and axis direction of a roller, Eqs. (8)-(17).
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel", Computer Aided
@@ -45,7 +45,7 @@ def nearest_roller(angle: float, pitch: float) -> float:
 
 @lean
 def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
-    """Return where and in which direction a roller touches the ground.
+    """Return contact point and active direction of a roller.
 
     Args:
         gamma: wheel angle from where the roller is lowest [rad].
@@ -188,7 +188,7 @@ class RollerGeometry:
 
     @property
     def jump(self) -> float:
-        """By how much the contact point jumps at a change of rollers [m]."""
+        """Jump of the contact point at a change of rollers [m]."""
         tangent = self.distance * math.tan(self.half_pitch)
         return abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
 

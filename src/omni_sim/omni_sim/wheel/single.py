@@ -1,17 +1,17 @@
 """The single-roller omni-wheel: a tire that acts along the active direction only, (18)-(22).
 
-The contact patch hangs on the wheel by a spring and a damper, Eq. (4), whose deflection ``e`` is
-a state. With the sliding velocity of the rim ``v_s = n_w . v_i - omega r_D (n_w . u_i)`` the
-patch slides at ``v_p = v_s + e_dot``, and its friction is the steady characteristic at the slip
-that the patch itself has, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. So
+The contact patch is connected to the wheel by a spring and a damper, Eq. (4), whose deflection
+``e`` is a state. With the sliding velocity of the rim ``v_s = n_w . v_i - omega r_D (n_w . u_i)``
+the patch slides at ``v_p = v_s + e_dot``, and its friction is the steady characteristic at the slip
+of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. So
 
     c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V)
 
 by the implicit Euler rule. With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a
 sticking patch would need, ``v_p = -sign(A) w`` where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
 
-The rim does not wait for the force: it gives way by ``v_s = v_free + m F`` within the step, where
-``m`` [m/s per N] stands for the inertia of wheel and vehicle. That turns the equation into
+The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where
+``m`` [m/s per N] is the mobility of wheel and vehicle. The equation becomes
 ``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m`` and keeps a wheel's step stable
 and passive for any stiffness and inertia. Because friction falls beyond its peak, two solutions
 may exist near standstill; a patch then keeps the state, adhering or sliding, that it has
@@ -67,9 +67,9 @@ def tire_force(
         tire: constants.
         curve: of any tire model, from `tire.model.curve_at`.
         patch: at the start of the step.
-        free_velocity: sliding velocity of the rim at the end of the step if the tire made no
+        free_velocity: sliding velocity of the rim at the end of the step without the tire's
             force, ``v_free`` [m/s].
-        mobility: ``m``, by how much the tire's force changes that velocity [m/s per N].
+        mobility: ``m``, change of this velocity per force [m/s per N].
 
     Returns:
         Force on the vehicle along the active direction [N], new deflection [m], sliding velocity

@@ -1,7 +1,7 @@
-"""Looks at a texture with larger texels, each the exact mean of the area that it covers.
+"""Resamples a texture to larger texels, each the exact mean of its area.
 
-Larger texels keep the integral over every area that they tile. The period may hold any number of
-them: a texel then takes its share of those that its edges cut. All is whole-number arithmetic.
+Larger texels preserve the integral over every area that they tile. Any number per period is
+possible: a texel includes its share of those that its edges cut. All arithmetic is in integers.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from omni_platform.kernels import njit
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
     """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, less `middle`.
 
-    Halves are rounded up and down in the pattern of a chess-board: always up would brighten a
-    texture of 2 x 2 texels each by an eighth of a gray level.
+    Halves are rounded up and down in a chess-board pattern: rounding up would brighten means of
+    2 x 2 texels by an eighth of a gray level.
 
     Args:
         gray: shape (n, n).
         middle: gray level that becomes 0.
-        averages: at most n rows, as many as there shall be texels per period.
+        averages: one row per new texel in a period, at most n.
     """
     fine, coarse = len(gray), len(averages)
     # A fine texel is `coarse` units long, a coarse one `fine` units.

@@ -1,12 +1,12 @@
 """Adds runs of 8-bit texels onto 16-bit columns, 32 at a time.
 
-The runs of the line cameras are short: a compiler leaves the ends that do not fill a vector to a
-scalar loop, and these cost more than the middle. So blocks of columns are written here in the
-vectors of LLVM, which become whatever instructions the processor has. Whole numbers have the same
-sums on all of them. Loops over whole blocks with masked ends, in plain Python, gave the same lines
-and took 46 % more CPU time (mean over the cameras and headings of `benchmarks/render_lines.py`,
-side by side; 2.2 times at worst). For the steps after this one, plain loops take 15 % more, and are
-used.
+The runs of the line cameras are short: a compiler processes the ends that do not fill a vector in a
+    scalar loop, which takes longer than the middle. So blocks of columns are written in LLVM
+    vectors, which are compiled to the instructions of the processor. Integer sums are the same on
+    all processors.
+Plain Python loops over whole blocks with masked ends took 46 % more CPU time (mean over the cameras
+and headings of `benchmarks/render_lines.py`). In the steps after this one plain loops take only 15
+% more, and are used.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
 for 0 <= i < 32, or < 64 where it adds two blocks. Most prefetch the cache lines of the four rows
@@ -86,7 +86,7 @@ def add_four_until(
 def _adding(
     sums: Any, texture: Any, tuples: list[Any], blocks: int, choose: _Choice | None
 ) -> Intrinsic:
-    """Return signature and instructions; tuples: offsets, then what follows, then the bounds."""
+    """Return signature and instructions; tuples: offsets, following offsets, bounds."""
     signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -138,7 +138,7 @@ def _until(builder: Any, column: Any, ends: Any) -> list[list[Any]]:
 
 
 def _of_two_blocks(builder: Any, column: Any, bounds: Any, turn: Any) -> list[list[Any]]:
-    """Return masks by block and row, from a bound on in 64 columns, or what `turn` makes of it."""
+    """Return masks of 64 columns by block and row, from a bound on, transformed by `turn`."""
     masks: list[list[Any]] = [[], []]
     for row in range(_ROWS):
         place = builder.sub(builder.extract_value(bounds, row), column)
@@ -168,6 +168,6 @@ def _spread(builder: Any, number: Any) -> Any:
 
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, at: Any, content: Any) -> Any:
-    """Return a pointer to what begins at an index of an array."""
+    """Return a pointer to an element of an array."""
     data = cgutils.create_struct_proxy(kind)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [at]), content.as_pointer())

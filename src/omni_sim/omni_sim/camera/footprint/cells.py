@@ -1,4 +1,4 @@
-"""From rows added by class to pixels: cells of a quarter texel, their integral, its readings."""
+"""From sums of rows by class to pixels: cells of a quarter texel, their integral, and pixels."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _1 = np.uint64(1)
 
 
 class Edges(NamedTuple):
-    """Edges of the pixels on the integral [cells], and what makes gray levels of it.
+    """Edges of the pixels on the integral [cells], and conversion to gray levels.
 
     Attributes:
-        start: the first one.
-        step: from one to the next.
-        slant: standard deviation of each, by its slant against a row of texels.
-        scale: of a difference of the integral.
-        middle: gray level that is 0 there.
+        start: the first edge.
+        step: distance of two edges.
+        slant: standard deviation of each edge because of its slant against a row of texels.
+        scale: gray levels per difference of the integral.
+        middle: gray level with the value 0.
     """
 
     start: float
@@ -52,12 +52,12 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
-    """Restore what is lost in texels that are means of finer ones.
+    """Compensate the averaging of texels that are means of finer ones.
 
-    The integral along the line, interpolated straight between the edges of texels, lags behind
-    wherever gray changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4
-    quarters away take out the steps of a texel's width (their gain is 0 there) and give back what
-    both averaging and steps take from a curved profile (their second moment is that of two boxes,
+    The integral along the line, interpolated linearly between the edges of texels, is smoothed
+    where gray changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4
+    quarters away remove the steps of a texel's width (their gain is 0 there) and compensate the
+    loss by averaging and steps in a curved profile (their second moment is that of two boxes,
     negated). Sums over 655 rows times all weights fit 32 bits.
     """
     spare = 0
@@ -88,7 +88,7 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
 def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
     """Set ``integral[q, c]`` to the sum of all cells before cell q of column c.
 
-    All sums are whole numbers, also as doubles, and the same on every processor.
+    All sums are integers, also as doubles, and the same on every processor.
     """
     c_0, c_1, c_2, c_3 = cells[0], cells[1], cells[2], cells[3]
     into = integral[0]

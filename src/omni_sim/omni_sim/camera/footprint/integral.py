@@ -1,8 +1,8 @@
 """Integrates the ground texture over the footprints of a line camera's pixels, at any heading.
 
 A footprint is a rectangle of `length` (axis a) by `width` (across), a pixel one slice of it
-(section 4.3.2, Figure 57). Tables of strip sums along quantized headings are fast while the
-heading stands still and expensive while the vehicle turns. This integral needs no tables: with
+(section 4.3.2, Figure 57). Tables of strip sums along quantized headings are fast at a constant
+heading and slow while the vehicle turns. This integral needs no tables: with
 x the texture axis within 45 deg of the line (else the texture is transposed),
 ``s = x + y tan(heading)`` is a coordinate along the line that every row of texels shares, apart
 from a shift of its own. So a line is
@@ -15,10 +15,10 @@ from a shift of its own. So a line is
    edges of the pixels, exact for any pixel pitch. Where texels are means of finer ones, the cells
    are weighted first so that they follow the gray within a texel.
 
-Everything is integer arithmetic until the last step, so results do not depend on vectorization.
-Texels are squares of constant gray. What is approximated are shifts below a quarter of a texel
-and the slant of a pixel's edges within one: at most 0.08 gray levels (rms) for a footprint 400
-texels wide on the shipped grounds, and the more, the fewer rows are averaged: 0.25 for 50.
+All arithmetic but the last step is in integers, so results do not depend on vectorization.
+Texels are squares of constant gray. Shifts below a quarter of a texel and the slant of a pixel's
+edges within a texel are approximated. The error is at most 0.08 gray levels (RMS) for a footprint
+400 texels wide on the shipped grounds, and grows for fewer rows: 0.25 for 50.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class _Ground(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """Room for one line at a time.
+    """Scratch buffers for one line.
 
     Attributes:
         sums: of rows of a class, shape (c,).
@@ -128,7 +128,7 @@ def _integrate(
     half_width: float,
     lines: Float32Array,
 ) -> None:
-    """Integrate lines whose half sizes are in texels, into `lines`."""
+    """Integrate lines with half sizes [texels] into `lines`."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
     for line in range(len(centers)):
@@ -154,7 +154,7 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Make room for lines of half sizes [texels] and a number of pixels."""
+    """Allocate scratch buffers for half sizes [texels] and a number of pixels."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
@@ -195,7 +195,7 @@ def _integrate_line(
         axis: center x, y [texels] and direction of the line, within 45 deg of x in y >= 0.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
-        scratch: room for the steps.
+        scratch: scratch buffers.
         line: receives the pixels.
     """
     x, y, a_x, a_y = axis

@@ -64,7 +64,7 @@ class PaddedTexture:
     def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
         """Prepare a texture.
 
-        Nothing is held twice meanwhile: a ground may have a third of a gigabyte.
+        No copy is held meanwhile: a ground may have a third of a gigabyte.
 
         Args:
             texture: the ground.
@@ -110,7 +110,7 @@ class PaddedTexture:
 
 
 def _room(texels: int, stride: int) -> NDArray[np.int8]:
-    """Return room for padded rows, each of which begins with a cache line."""
+    """Return an array for padded rows, each aligned to a cache line."""
     room = np.empty(texels * stride + _CACHE_LINE, np.int8)
     first = -room.ctypes.data % _CACHE_LINE
     return room[first : first + texels * stride].reshape(texels, stride)
@@ -119,12 +119,12 @@ def _room(texels: int, stride: int) -> NDArray[np.int8]:
 def padded_levels(
     sensors: Mapping[str, LineSensor], texture: GroundTexture, headroom: float = 1.0
 ) -> dict[str, PaddedTexture]:
-    """Return the ground for each sensor, with the coarsest texels that show it the same lines.
+    """Return the ground for each sensor with the coarsest texels of sufficient accuracy.
 
     Args:
-        sensors: what they see, by name.
+        sensors: the cameras by name.
         texture: the ground.
-        headroom: by which factor views may become longer.
+        headroom: largest factor on the length of the views.
 
     Raises:
         ConfigurationError: a footprint is longer or wider than the period of the ground, or
@@ -163,13 +163,14 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 
 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
-    """Return how many texels per period a sensor needs.
+    """Return the texels per period that a sensor needs.
 
-    What a coarse texel loses is how gray is distributed within it. That matters only where the
-    edge of a pixel cuts it: each of the texels along an edge errs by a share of the contrast
-    within, on most grounds independently of the others. So the error of a pixel goes by the
-    texel's size over the pixel's pitch and by the inverse square root of the texels across. Lines
-    across the grain of wood have the error of a single texel; these set the least per pixel.
+    A coarse texel loses the distribution of gray within it, which matters only where the edge of a
+    pixel cuts it: each texel along an edge has an error of a share of its internal contrast, on
+    most grounds independent of the others. So the error of a pixel is proportional to the texel's
+    size over the pixel's pitch and to the inverse square root of the number of texels across. Lines
+    across the grain of wood have the error of a single texel, which sets the least number per
+    pixel.
     """
     coarsest = max(
         min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),

@@ -1,6 +1,6 @@
-"""The integral that the line camera approximates, exactly: every texel clipped to every pixel.
+"""The exact integral that the line camera approximates: every texel clipped to every pixel.
 
-A thousand times slower than `footprint_integral`; it is the yardstick of its tests and benchmark.
+It is a thousand times slower than `integral` and the reference of its tests and benchmark.
 """
 
 from __future__ import annotations

@@ -44,14 +44,14 @@ _0, _1, _2, _3, _8 = (np.uint64(i) for i in (0, 1, 2, 3, 8))
 
 
 class Placement(NamedTuple):
-    """Places of the rows of texels under a line.
+    """Positions of the rows of texels under a line.
 
     Attributes:
         first: the first row, in the texture or in its mirror image.
-        downwards: whether it is the mirror image.
-        column: that the columns count from, within the period.
-        ahead: by which the first row is ahead of the middle one [quarter texels, fixed point].
-        ahead_per_row: by which each row is ahead of the one before.
+        downwards: whether the mirror image is used.
+        column: column 0 within the period.
+        ahead: shift of the first row against the middle one [quarter texels, fixed point].
+        ahead_per_row: shift of each row against the one before [quarter texels, fixed point].
     """
 
     first: int
@@ -70,15 +70,15 @@ class Cover(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows of texels under a line; behind the last one there is room for a row of no columns.
+    """Rows of texels under a line, followed by an empty row.
 
     Attributes:
-        offsets: for each row the place of column 0 in the texture.
-        starts: the first column that each row covers in full.
-        ends: the column behind the last one.
-        classes: of their fractional shifts.
+        offsets: index of column 0 in the texture, for each row.
+        starts: first column that each row covers in full.
+        ends: last such column plus one.
+        classes: class of the fractional shift of each row.
         listed: rows that cover any column, for each class.
-        used: how many these are.
+        used: number of listed rows of each class.
     """
 
     offsets: IntArray
@@ -91,7 +91,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
-    """Set each row's place of column 0 in the texture, and the class of its fractional shift."""
+    """Set each row's index of column 0 in the texture, and the class of its fractional shift."""
     row_0, downwards, origin, ahead, ahead_per_row = placement
     offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
     row = row_0 % texels
@@ -157,8 +157,8 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
 def list_rows(count: int, rows: Rows) -> None:
     """List by class the rows that cover any of `count` columns in full, in whole groups.
 
-    Groups are filled up with a row of no columns, and so is one more group of each class, for
-    whoever looks ahead.
+    Groups are padded with an empty row, and each class with one more empty group, which is
+    prefetched.
     """
     classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
     list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]
@@ -202,7 +202,7 @@ def add_rows(
 def _add_four_rows(
     texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
 ) -> None:
-    """Add four rows: whole blocks of what they share, their ragged ends masked."""
+    """Add four rows: whole blocks of their common columns, with masked ends."""
     offsets = _four(rows.offsets, listed, _0)
     following = _four(rows.offsets, listed, _8)
     starts = _four(rows.starts, listed, _0)
@@ -246,8 +246,8 @@ def _four(numbers: IntArray, listed: IntArray, at: int) -> tuple[int, int, int, 
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
     """Add the two rows that each column covers in part, to the class without a fraction.
 
-    All weights of a column add up to the height, whatever the rounding: a uniform ground must not
-    show where rows begin and end.
+    All weights of a column add up to the height, independent of rounding, so that a uniform ground
+    gives uniform lines.
     """
     low, climb, height = cover
     climbed = (_EDGE_COLUMNS - 1) * climb

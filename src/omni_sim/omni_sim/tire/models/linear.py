@@ -1,8 +1,8 @@
 """The linear tire: force proportional to slip up to the friction limit, both to the load.
 
-``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. Nothing falls beyond the peak, so a patch has no
-second state: it slides exactly while it is saturated. The simplest tire that brakes, and the
-reference that shows what the falling part and the load dependence of the others do.
+``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. The force does not fall beyond the peak, so a patch
+has no second state: it slides exactly while it is saturated. It is the simplest tire, and a
+reference for the effects of the falling part and the load dependence of the other models.
 """
 
 from __future__ import annotations
