@@ -478,7 +478,7 @@ def test_failing_build_names_the_package(workspace: Workspace) -> None:
 
 
 def test_invalid_manifest_is_refused(workspace: Workspace) -> None:
-    (workspace.package / "package.xml").write_text(PACKAGE.replace("<license>", "<license>"))
+    (workspace.package / "package.xml").write_text(PACKAGE.replace("<license>", "<licens>"))
     _assert_one_sentence(workspace.start("run"), "package.xml")
 
 
