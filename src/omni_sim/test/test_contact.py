@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from omni_sim.vehicle.road_plane import (
     RoadPlane,
     plane_of_points,
-    static_contact_offset,
     wheel_contact,
 )
 
@@ -107,6 +106,28 @@ def test_wheel_that_lies_on_its_side_or_is_buried_is_refused() -> None:
         wheel_contact((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), plane)
     with pytest.raises(ValueError, match="above"):
         wheel_contact((0.0, 0.0, -0.2), (0.0, 1.0, 0.0), plane)
+
+
+def static_contact_offset(camber: float, width: float, deflection: float) -> float:
+    """Return the sideways offset ``y_Q`` of the static contact point [m], Eq. (7).
+
+    Along ``e_y`` from the geometric contact point: a cambered tire presses most where it is
+    pressed in most.
+
+    Args:
+        camber: ``beta`` [rad].
+        width: ``b`` of the tire [m].
+        deflection: of the tire in the middle of its width, ``Delta z`` [m].
+
+    Raises:
+        ValueError: the tire does not touch the ground over its whole width, as (7) supposes.
+    """
+    if not 2.0 * deflection > width * abs(math.tan(camber)):
+        raise ValueError(
+            f"deflected by {deflection:.3g} m, a tire of width {width:.3g} m and camber "
+            f"{camber:.3g} rad does not touch the ground over its whole width"
+        )
+    return -width * width / (12.0 * deflection) * math.tan(camber) / math.cos(camber)
 
 
 @given(st.floats(-0.1, 0.1), st.floats(0.02, 0.1), st.floats(0.006, 0.02))

@@ -150,25 +150,3 @@ def camber_angle(axis: ArrayLike, normal: ArrayLike) -> float:
     """Return ``beta = arcsin(e_yR . e_n)`` [rad] of a wheel axis over a road normal."""
     product = float(np.dot(np.asarray(axis), np.asarray(normal)))
     return math.asin(min(max(product, -1.0), 1.0))
-
-
-def static_contact_offset(camber: float, width: float, deflection: float) -> float:
-    """Return the sideways offset ``y_Q`` of the static contact point [m], Eq. (7).
-
-    The offset is along ``e_y`` from the geometric contact point: the pressure of a cambered tire is
-    largest where its deflection is largest.
-
-    Args:
-        camber: ``beta`` [rad].
-        width: ``b`` of the tire [m].
-        deflection: of the tire in the middle of its width, ``Delta z`` [m].
-
-    Raises:
-        ValueError: the tire does not touch the ground over its whole width, as (7) supposes.
-    """
-    if not 2.0 * deflection > width * abs(math.tan(camber)):
-        raise ValueError(
-            f"deflected by {deflection:.3g} m, a tire of width {width:.3g} m and camber "
-            f"{camber:.3g} rad does not touch the ground over its whole width"
-        )
-    return -width * width / (12.0 * deflection) * math.tan(camber) / math.cos(camber)
