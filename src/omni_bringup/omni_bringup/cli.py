@@ -17,14 +17,11 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
-from omni_bringup import commands
-from omni_bringup.command_report import Report, printable, write_text
-from omni_bringup.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, EXIT_REFUSED
+from omni_bringup import command_report, commands, exit_codes
 from omni_bringup.interruption import leave_at_once_on_signals
 from omni_bringup.progress_bar import at_work
 from omni_bringup.workspace import Workspace, workspace_folder
-from omni_platform.command_options import parse_options
-from omni_platform.configuration import InputError, WorkError, did_you_mean
+from omni_platform import command_options, configuration
 from omni_ros.start import start_lightly
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
@@ -40,10 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except KeyboardInterrupt as interruption:
         print(": ".join(("interrupted", *map(str, interruption.args))), file=sys.stderr)
-        code = EXIT_INTERRUPTED
+        code = exit_codes.EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_FAILED
+        code = exit_codes.EXIT_FAILED
     sys.exit(code)
 
 
@@ -64,9 +61,9 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
     parser = _Parser(prog=program, description=_introduction(command.__doc__))
     parser.as_json = "--json" in rest
     try:
-        return program, command, parse_options(command.Options, rest, parser)
-    except InputError as error:
-        parser.exit(EXIT_REFUSED, f"{program}: {error}\n")
+        return program, command, command_options.parse_options(command.Options, rest, parser)
+    except configuration.InputError as error:
+        parser.exit(exit_codes.EXIT_REFUSED, f"{program}: {error}\n")
 
 
 def _run(words: Sequence[str]) -> int:
@@ -80,24 +77,24 @@ def _run(words: Sequence[str]) -> int:
         return _publish(report, program, as_json=as_json)
     except BrokenPipeError:
         raise
-    except InputError as error:
-        code, problem = EXIT_REFUSED, str(error)
-    except WorkError as error:
-        code, problem = EXIT_FAILED, str(error)
+    except configuration.InputError as error:
+        code, problem = exit_codes.EXIT_REFUSED, str(error)
+    except configuration.WorkError as error:
+        code, problem = exit_codes.EXIT_FAILED, str(error)
     except OSError as error:
         place = "" if error.filename is None else f" to {error.filename}"
-        code, problem = EXIT_FAILED, f"cannot write{place}: {error.strerror or error}"
+        code, problem = exit_codes.EXIT_FAILED, f"cannot write{place}: {error.strerror or error}"
     _complain(program, problem)
     if as_json:
         _print_json(_failure(program, problem, code))
     return code
 
 
-def _publish(report: Report, program: str, *, as_json: bool) -> int:
+def _publish(report: command_report.Report, program: str, *, as_json: bool) -> int:
     """Keep and print the result of a command; return the exit code."""
     if report.summary is not None:
         document = json.dumps(report.document, indent=2, allow_nan=False)
-        write_text(report.summary / "summary.json", document + "\n")
+        command_report.write_text(report.summary / "summary.json", document + "\n")
     if as_json:
         _print_json(report.document)
     else:
@@ -109,7 +106,7 @@ def _publish(report: Report, program: str, *, as_json: bool) -> int:
             print(line)
     for problem in report.problems:
         _complain(program, problem)
-    return EXIT_OK if report.ok and not report.problems else EXIT_FAILED
+    return exit_codes.EXIT_OK if report.ok and not report.problems else exit_codes.EXIT_FAILED
 
 
 def _print_part(part: Any) -> None:
@@ -130,7 +127,7 @@ def _print_json(document: Mapping[str, Any]) -> None:
 
 def _complain(program: str, problem: str) -> None:
     for line in problem.splitlines():
-        print(f"{program}: {printable(line)}", file=sys.stderr)
+        print(f"{program}: {command_report.printable(line)}", file=sys.stderr)
 
 
 def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
@@ -152,7 +149,7 @@ def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
     for name, line in sorted((known | (_OF_THE_LAUNCHER if top else {})).items()):
         choices.add_parser(name, help=line.replace("%", "%%"))
     if words and not words[0].startswith("-"):
-        hint = did_you_mean(words[0], [*known, *(_OF_THE_LAUNCHER if top else ())])
+        hint = configuration.did_you_mean(words[0], [*known, *(_OF_THE_LAUNCHER if top else ())])
         parser.error(f"{words[0]!r} is not one of {', '.join(known)}{hint}")
     if top:
         parser.add_argument("--version", action="version", version=_version())
@@ -183,7 +180,7 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         found = re.match(r"unrecognized arguments: (--[^ =]+)", message)
         if found:
-            message += did_you_mean(found[1], self._option_string_actions)
+            message += configuration.did_you_mean(found[1], self._option_string_actions)
         super().error(message)
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:

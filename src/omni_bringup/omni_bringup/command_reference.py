@@ -13,8 +13,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from omni_bringup import commands
-from omni_platform.command_options import option_of
-from omni_platform.configuration import declared_parameters
+from omni_platform import command_options, configuration
 
 _HEAD = """\
 # All options
@@ -53,7 +52,7 @@ def _prose(words: str) -> str:
 
 def _rows(cls: Any) -> Iterator[str]:
     defaults = {field.name: field.default for field in dataclasses.fields(cls)}
-    for name, _, info in declared_parameters(cls):
+    for name, _, info in configuration.declared_parameters(cls):
         default = defaults[name]
         if default is dataclasses.MISSING:
             shown = "required"
@@ -63,7 +62,7 @@ def _rows(cls: Any) -> Iterator[str]:
             values = default if isinstance(default, tuple) else (default,)
             shown = f"`{', '.join(str(value) for value in values)}`"
         meaning = info.description.replace("|", "\\|").replace("<", "&lt;")
-        yield f"| `{option_of(cls, name)}` | {shown} | {info.unit} | {meaning} |"
+        yield f"| `{command_options.option_of(cls, name)}` | {shown} | {info.unit} | {meaning} |"
 
 
 if __name__ == "__main__":

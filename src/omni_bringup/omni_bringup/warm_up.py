@@ -22,9 +22,7 @@ from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.law import Motion
 from omni_bringup.workspace import workspace_folder
-from omni_loop.compiled import run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.loop import run_closed_loop
+from omni_loop import compiled, experiment, loop
 from omni_platform.geometry import PlatformGeometry
 from omni_sim.simulator import Simulator
 
@@ -33,7 +31,7 @@ _DURATION = 0.1  # [s] simulated; long enough to brake
 _OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # as one from outside is asked
 
 
-def _vehicle_and_laws(configuration: ExperimentConfiguration) -> None:
+def _vehicle_and_laws(configuration: experiment.ExperimentConfiguration) -> None:
     geometry = PlatformGeometry.from_wheels(configuration.brake_assist.wheels)
     wheels = len(geometry.names)
     constants, memory = make_constants(configuration.brake_assist, geometry), new_memory(wheels)
@@ -45,25 +43,25 @@ def _vehicle_and_laws(configuration: ExperimentConfiguration) -> None:
     simulator.observe()
 
 
-def _fail_safe_and_observer(configuration: ExperimentConfiguration) -> None:
+def _fail_safe_and_observer(configuration: experiment.ExperimentConfiguration) -> None:
     BrakeAssist(dataclasses.replace(configuration.brake_assist, law=_OWN_LAW))
 
 
-def _line_odometry(configuration: ExperimentConfiguration) -> None:
+def _line_odometry(configuration: experiment.ExperimentConfiguration) -> None:
     LineScanOdometry(configuration.odometry).warm_up()
     # Lines of 16 bits take other kernels.
     deep = dataclasses.replace(configuration.camera, bit_depth=16)
     for camera in (configuration.camera, deep):
-        run_closed_loop(dataclasses.replace(configuration, camera=camera))
+        loop.run_closed_loop(dataclasses.replace(configuration, camera=camera))
 
 
-def _loop_of_campaigns(configuration: ExperimentConfiguration) -> None:
+def _loop_of_campaigns(configuration: experiment.ExperimentConfiguration) -> None:
     BrakeAssist(configuration.brake_assist)
-    run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
+    compiled.run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
 
 
 # One after the other; the tasks of a stage side by side.
-_STAGES: tuple[tuple[Callable[[ExperimentConfiguration], None], ...], ...] = (
+_STAGES: tuple[tuple[Callable[[experiment.ExperimentConfiguration], None], ...], ...] = (
     (_fail_safe_and_observer, _vehicle_and_laws),
     (_loop_of_campaigns, _line_odometry),
 )
@@ -75,7 +73,7 @@ def warm_up(folder: Path) -> None:
     Args:
         folder: the workspace, with its `config`.
     """
-    library = ExperimentLibrary(folder / "config")
+    library = experiment.ExperimentLibrary(folder / "config")
     variant = library.variants(_EXPERIMENT)[-1]
     configuration = library.load(
         _EXPERIMENT,

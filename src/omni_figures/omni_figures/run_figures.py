@@ -9,8 +9,7 @@ from omni_figures.scene import GroundPatch, Scene
 from omni_figures.style import save_figure
 from omni_figures.time_series import time_series
 from omni_figures.top_view import top_view
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.history import RunHistory
+from omni_loop import experiment, history
 from omni_sim.vehicle.loads import MassProperties
 
 TOP_VIEW = "top_view.png"
@@ -18,8 +17,8 @@ TIME_SERIES = "time_series.png"
 
 
 def draw_run_figures(
-    configurations: Mapping[str, ExperimentConfiguration],
-    histories: Mapping[str, RunHistory],
+    configurations: Mapping[str, experiment.ExperimentConfiguration],
+    histories: Mapping[str, history.RunHistory],
     folder: Path,
 ) -> list[Path]:
     """Draw the top view (as Figures 24, 30) and the time series (as Figures 31, 32).
@@ -40,7 +39,7 @@ def draw_run_figures(
     return [save_figure(figure, folder / name) for name, figure in figures.items()]
 
 
-def scene_of(configuration: ExperimentConfiguration) -> Scene:
+def scene_of(configuration: experiment.ExperimentConfiguration) -> Scene:
     """Return the vehicle and ground of an experiment as a `Scene`."""
     vehicle = configuration.vehicle
     center = MassProperties.of(vehicle.body, vehicle.load).center

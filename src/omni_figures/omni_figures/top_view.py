@@ -17,15 +17,9 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
-from omni_figures import style
+from omni_figures import style, top_view_drawing
 from omni_figures.scene import Scene, overlap, placed, rectangle
 from omni_figures.snapshots import Snapshots, choose_snapshots, snapshot_outlines
-from omni_figures.top_view_drawing import (
-    draw_ground,
-    draw_paths,
-    draw_snapshot,
-    legend_handles,
-)
 from omni_loop.history import RunHistory
 from omni_loop.metrics import RestCriterion, run_metrics
 from omni_platform.quantities import FloatArray
@@ -74,18 +68,20 @@ def top_view(
     snapshots = choose_snapshots(scene, histories, criterion, arrow_scale)
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
-    handles = legend_handles(scene, fastest, style.time_label(histories.values()))
+    handles = top_view_drawing.legend_handles(scene, fastest, style.time_label(histories.values()))
     figure, panels = _lay_out(view, len(histories), len(handles), title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
         axes.set_title(
             _panel_title(name, history, criterion, "\n" if view.side_by_side else ", "),
             loc="left",
         )
-        draw_ground(axes, scene)
-        draw_paths(axes, history)
+        top_view_drawing.draw_ground(axes, scene)
+        top_view_drawing.draw_paths(axes, history)
         chosen = snapshots[name].indices
         for age, index in enumerate(reversed(chosen)):
-            draw_snapshot(axes, scene, history, index, arrow_scale, age / len(chosen))
+            top_view_drawing.draw_snapshot(
+                axes, scene, history, index, arrow_scale, age / len(chosen)
+            )
         covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
         _label_snapshots(axes, covered, snapshots[name].labels, view)
     figure.legend(

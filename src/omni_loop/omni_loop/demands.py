@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from omni_platform import topics
+from omni_platform import quantities, topics
 from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
@@ -37,7 +36,7 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
     return {name: table[:, column].tolist() for column, name in enumerate(COLUMNS)}
 
 
-def _read_table(path: Path) -> FloatArray:
+def _read_table(path: Path) -> quantities.FloatArray:
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
         missing = set(COLUMNS) - set(rows.fieldnames or ())
@@ -59,19 +58,18 @@ def _number(row: dict[str, str], name: str, line: int) -> float:
         raise ValueError(f"line {line}: {name} is {row[name]!r}, no number") from None
 
 
-def _read_recording(path: Path) -> FloatArray:
-    from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
-    from omni_recording.folder import bag_messages, open_vehicle
+def _read_recording(path: Path) -> quantities.FloatArray:
+    from omni_recording import decode, folder
 
-    decoder = MessageDecoder()
+    decoder = decode.MessageDecoder()
     found: dict[str, dict[int, Any]] = {topic: {} for topic in (*_COMMANDS, _PEDAL)}
-    for recorded in bag_messages(open_vehicle(path)):
+    for recorded in folder.bag_messages(folder.open_vehicle(path)):
         if recorded.channel.topic in found:
             try:
                 message = decoder.decode(recorded)
-            except DecodeError as error:
+            except decode.DecodeError as error:
                 raise ValueError(f"{recorded.channel.topic}: {error}") from None
-            stamp = header_stamp_ns(message)
+            stamp = decode.header_stamp_ns(message)
             if stamp is not None:
                 found[recorded.channel.topic][stamp] = message
     commands = next((found[topic] for topic in _COMMANDS if found[topic]), {})
@@ -86,7 +84,7 @@ def _read_recording(path: Path) -> FloatArray:
     return _without_repeats(np.array(rows, dtype=np.float64))
 
 
-def _without_repeats(table: FloatArray) -> FloatArray:
+def _without_repeats(table: quantities.FloatArray) -> quantities.FloatArray:
     """Remove rows that equal both of their neighbors."""
     same = np.all(table[1:, 1:] == table[:-1, 1:], axis=1)
     kept = np.ones(len(table), bool)

@@ -24,6 +24,7 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.registry import own_law
 from omni_loop.demands import read_demands
+from omni_platform import geometry, plugins
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -32,8 +33,6 @@ from omni_platform.configuration import (
     join_key,
     parameter,
 )
-from omni_platform.geometry import PlatformGeometry
-from omni_platform.plugins import check_name
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -99,7 +98,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
             ConfigurationError: names of wheels or cameras differ, or the feedback does not fit.
         """
         super().check_consistency()
-        check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
+        plugins.check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
         _check_names("brake_assist.wheels", self.brake_assist.wheels, self.vehicle.wheels)
         _check_names("odometry.sensors", self.odometry.sensors, self.sensors)
         _check_names("odometry.flow_sensors", self.odometry.flow_sensors, self.flow_sensors)
@@ -128,7 +127,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
         """
         if self.vehicle.wheel_model == "mujoco":
             load_mujoco()
-        own_law(self.brake_assist, PlatformGeometry.from_wheels(self.brake_assist.wheels))
+        own_law(self.brake_assist, geometry.PlatformGeometry.from_wheels(self.brake_assist.wheels))
         if self.own_odometry:
             make_odometry(self.own_odometry, self.odometry)
         odometry = self.odometry

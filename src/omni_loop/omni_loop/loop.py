@@ -16,10 +16,8 @@ import numpy as np
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.registry import Odometry, make_odometry
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.history import RunHistory
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_loop import experiment, history
+from omni_platform import quantities, signals
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator
 
@@ -30,14 +28,14 @@ class Plant(Protocol):
     def observe(self) -> Observation:
         """Return state and measurements at the current stamp."""
 
-    def advance(self, brake_enable: FloatArray) -> None:
+    def advance(self, brake_enable: quantities.FloatArray) -> None:
         """Advance by one control period with these shares of the brake pressure [1], shape (N,)."""
 
 
 class Estimator(Protocol):
     """Source of the body twist: an odometry or a velocity sensor."""
 
-    def estimate(self, observation: Observation) -> TwistSample:
+    def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist estimated from the measurements; called once per stamp."""
 
 
@@ -59,7 +57,7 @@ class Moment:
     """
 
     observation: Observation
-    feedback: TwistSample
+    feedback: signals.TwistSample
     decision: Decision
 
 
@@ -79,21 +77,21 @@ def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterato
         plant.advance(decision.enable)
 
 
-def _demand(observation: Observation, feedback: TwistSample) -> BrakeDemand:
+def _demand(observation: Observation, feedback: signals.TwistSample) -> BrakeDemand:
     stamp_ns, imu = observation.stamp_ns, observation.imu
     return BrakeDemand(
         stamp_ns,
         observation.pedal,
         feedback,
-        WheelSample(stamp_ns, observation.encoder_speed),
-        ImuSample(stamp_ns, float(imu[0]), imu[1:]) if np.all(np.isfinite(imu)) else None,
+        signals.WheelSample(stamp_ns, observation.encoder_speed),
+        signals.ImuSample(stamp_ns, float(imu[0]), imu[1:]) if np.all(np.isfinite(imu)) else None,
     )
 
 
 class SensorEstimator:
     """Passes the readings of the velocity sensor through."""
 
-    def estimate(self, observation: Observation) -> TwistSample:
+    def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return its reading."""
         return observation.velocity_sensor
 
@@ -109,15 +107,15 @@ class LineEstimator:
         self._odometry = odometry
         self.last: TwistEstimate | None = None
 
-    def estimate(self, observation: Observation) -> TwistSample:
+    def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist over the lines since the last stamp."""
         for name, batch in observation.line_batches.items():
             self._odometry.match(name, batch)  # while the next is rendered
         self.last = self._odometry.update({**observation.line_batches, **observation.flows})
-        return TwistSample(self.last.stamp_ns, self.last.twist, self.last.covariance)
+        return signals.TwistSample(self.last.stamp_ns, self.last.twist, self.last.covariance)
 
 
-def make_estimator(configuration: ExperimentConfiguration) -> Estimator:
+def make_estimator(configuration: experiment.ExperimentConfiguration) -> Estimator:
     """Return the source of the twist for the brake assistant of a configuration."""
     if configuration.own_odometry or configuration.feedback == "optical":
         return LineEstimator(make_odometry(configuration.own_odometry, configuration.odometry))
@@ -125,10 +123,10 @@ def make_estimator(configuration: ExperimentConfiguration) -> Estimator:
 
 
 def run_closed_loop(
-    configuration: ExperimentConfiguration,
+    configuration: experiment.ExperimentConfiguration,
     simulator: Simulator | None = None,
     estimator: Estimator | None = None,
-) -> RunHistory:
+) -> history.RunHistory:
     """Run an experiment to its end.
 
     Args:
@@ -147,8 +145,8 @@ def run_closed_loop(
 
 
 def _until_over(
-    configuration: ExperimentConfiguration, moments: Iterable[Moment]
-) -> Iterator[tuple[Moment, TwistSample | None]]:
+    configuration: experiment.ExperimentConfiguration, moments: Iterable[Moment]
+) -> Iterator[tuple[Moment, signals.TwistSample | None]]:
     """Yield the moments of a run with the twist of the odometry at each, None without lines."""
     progress = RunProgress(configuration)
     # The assistant does not depend on this odometry; its estimate is only recorded.
@@ -166,8 +164,8 @@ def _until_over(
 
 
 def record(
-    wheel_names: tuple[str, ...], moments: Iterable[tuple[Moment, TwistSample | None]]
-) -> RunHistory:
+    wheel_names: tuple[str, ...], moments: Iterable[tuple[Moment, signals.TwistSample | None]]
+) -> history.RunHistory:
     """Return the history of moments.
 
     Args:
@@ -180,7 +178,7 @@ def record(
         states.append(moment.decision.state.value)
         for name, value in _sample(moment, estimate).items():
             samples.setdefault(name, []).append(np.array(value))
-    return RunHistory.from_samples(
+    return history.RunHistory.from_samples(
         wheel_names=wheel_names, assist_state=states, real_time_factor=math.nan, **samples
     )
 
@@ -188,7 +186,7 @@ def record(
 _NOTHING = np.full(3, np.nan)
 
 
-def _sample(moment: Moment, estimate: TwistSample | None) -> Mapping[str, Any]:
+def _sample(moment: Moment, estimate: signals.TwistSample | None) -> Mapping[str, Any]:
     observation, decision = moment.observation, moment.decision
     return {
         "stamp_ns": observation.stamp_ns,

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 
-from omni_platform.command_options import option, overrides_option
-from omni_platform.configuration import Configuration
+from omni_platform import command_options, configuration
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LoopOptions(Configuration):
+class LoopOptions(configuration.Configuration):
     """Overrides of an experiment."""
 
-    overrides: tuple[str, ...] = overrides_option()
-    law: str | None = option(
+    overrides: tuple[str, ...] = command_options.overrides_option()
+    law: str | None = command_options.option(
         None,
         metavar="NAME",
         description="control law, built in or my_module:MyLaw; stands for --set brake_assist.law=",
     )
-    odometry: str | None = option(
+    odometry: str | None = command_options.option(
         None,
         metavar="MODULE:CLASS",
         description="your own odometry, whose lines are rendered; stands for --set feedback=",
     )
 
-    simulator: str | None = option(
+    simulator: str | None = command_options.option(
         None,
         choices=("single", "rollers", "mujoco"),
         description="physics of the vehicle; stands for --set vehicle.wheel_model=",

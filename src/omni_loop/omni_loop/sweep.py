@@ -10,8 +10,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from omni_loop.experiment import ExperimentConfiguration, load_yaml
-from omni_loop.history import RunHistory
+from omni_loop import experiment, history
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import ConfigurationError
 
@@ -67,7 +66,7 @@ def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tup
 
 
 def sweep(
-    configurations: Sequence[tuple[str, Mapping[str, str], ExperimentConfiguration]],
+    configurations: Sequence[tuple[str, Mapping[str, str], experiment.ExperimentConfiguration]],
     report: Callable[[float, str], None],
 ) -> list[SweptRun]:
     """Run them all.
@@ -86,17 +85,16 @@ def sweep(
     return results
 
 
-def _run(configuration: ExperimentConfiguration) -> RunHistory:
+def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistory:
     # What is no sweep starts without them.
-    from omni_loop.compiled import run_fast_loop
-    from omni_loop.loop import run_closed_loop
+    from omni_loop import compiled, loop
 
     if configuration.feedback == "velocity_sensor" and not configuration.simulation.render_lines:
-        return run_fast_loop(configuration).history()
-    return run_closed_loop(configuration)
+        return compiled.run_fast_loop(configuration).history()
+    return loop.run_closed_loop(configuration)
 
 
 def number(text: str) -> float | None:
     """Return a value as a number, None for a text."""
-    value = load_yaml(text)
+    value = experiment.load_yaml(text)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -16,15 +16,8 @@ from typing import Any
 
 import yaml
 
+from omni_recording import mcap
 from omni_recording.error import BagError
-from omni_recording.mcap import (
-    McapError,
-    McapMessages,
-    McapSummary,
-    RecordedChannel,
-    RecordedMessage,
-    read_summary,
-)
 
 METADATA = "metadata.yaml"
 
@@ -147,7 +140,7 @@ def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]
     return tuple(readable)
 
 
-def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:
+def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
     """Return every message, file after file, in the order of the files.
 
     Raises:
@@ -156,14 +149,14 @@ def bag_messages(bag: Bag) -> Iterator[RecordedMessage]:
     for file in bag.files:
         try:
             if bag.namespace:
-                yield from _messages_below(bag.namespace, McapMessages(file))
+                yield from _messages_below(bag.namespace, mcap.McapMessages(file))
             else:
-                yield from McapMessages(file)
-        except (McapError, OSError) as error:
+                yield from mcap.McapMessages(file)
+        except (mcap.McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
 
 
-def bag_summary(bag: Bag) -> McapSummary:
+def bag_summary(bag: Bag) -> mcap.McapSummary:
     """Return topics, counts and times of the whole recording.
 
     They come from the summaries of the files; a file without one is read through.
@@ -174,8 +167,8 @@ def bag_summary(bag: Bag) -> McapSummary:
     parts = []
     for file in bag.files:
         try:
-            parts.append(read_summary(file) or _counted(file))
-        except (McapError, OSError) as error:
+            parts.append(mcap.read_summary(file) or _counted(file))
+        except (mcap.McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
     counts: dict[str, int] = {}
     for part in parts:
@@ -183,12 +176,12 @@ def bag_summary(bag: Bag) -> McapSummary:
             topic = recorded.removeprefix(bag.namespace)
             counts[topic] = counts.get(topic, 0) + count
     timed = [part for part in parts if any(part.counts.values())]
-    channels: dict[tuple[str, str], RecordedChannel] = {
+    channels: dict[tuple[str, str], mcap.RecordedChannel] = {
         (channel.topic, channel.type_name): _below(bag.namespace, channel)
         for part in parts
         for channel in part.channels
     }
-    return McapSummary(
+    return mcap.McapSummary(
         tuple(channels.values()),
         counts,
         min((part.first_ns for part in timed), default=0),
@@ -198,16 +191,16 @@ def bag_summary(bag: Bag) -> McapSummary:
     )
 
 
-def file_problem(folder: Path, file: Path, error: McapError | OSError) -> BagError:
+def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
     """Return the error of a file as one of the recording."""
-    if isinstance(error, McapError):
+    if isinstance(error, mcap.McapError):
         hint = "; `omni bag recover` keeps what is whole" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
 
 
-def _messages_below(namespace: str, messages: McapMessages) -> Iterator[RecordedMessage]:
-    renamed: dict[int, RecordedChannel] = {}  # by the channel's identity; the reader keeps it
+def _messages_below(namespace: str, messages: mcap.McapMessages) -> Iterator[mcap.RecordedMessage]:
+    renamed: dict[int, mcap.RecordedChannel] = {}  # by the channel's identity; the reader keeps it
     for message in messages:
         key = id(message.channel)
         if key not in renamed:
@@ -215,12 +208,12 @@ def _messages_below(namespace: str, messages: McapMessages) -> Iterator[Recorded
         yield dataclasses.replace(message, channel=renamed[key])
 
 
-def _below(namespace: str, channel: RecordedChannel) -> RecordedChannel:
+def _below(namespace: str, channel: mcap.RecordedChannel) -> mcap.RecordedChannel:
     return dataclasses.replace(channel, topic=channel.topic.removeprefix(namespace))
 
 
-def _counted(file: Path) -> McapSummary:
-    reader = McapMessages(file)
+def _counted(file: Path) -> mcap.McapSummary:
+    reader = mcap.McapMessages(file)
     counts: dict[str, int] = {}
     first_ns, last_ns = 1 << 63, 0
     for message in reader:
@@ -228,7 +221,7 @@ def _counted(file: Path) -> McapSummary:
         first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
     for channel in reader.channels:
         counts.setdefault(channel.topic, 0)
-    return McapSummary(
+    return mcap.McapSummary(
         reader.channels,
         counts,
         first_ns if any(counts.values()) else 0,
@@ -352,13 +345,13 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
     return information
 
 
-def in_time_order(messages: Iterable[RecordedMessage]) -> Iterator[RecordedMessage]:
+def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.RecordedMessage]:
     """Return messages by their log time, those of one time in the order of the file.
 
     Topics may overtake each other in a file. Messages are buffered for a second of recorded time,
     or up to 128 MiB.
     """
-    waiting: list[tuple[int, int, RecordedMessage]] = []
+    waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0
     for number, message in enumerate(messages):
         heapq.heappush(waiting, (message.log_ns, number, message))
@@ -374,12 +367,12 @@ def in_time_order(messages: Iterable[RecordedMessage]) -> Iterator[RecordedMessa
         yield heapq.heappop(waiting)[2]
 
 
-def in_rounds(messages: Iterable[RecordedMessage]) -> Iterator[list[RecordedMessage]]:
+def in_rounds(messages: Iterable[mcap.RecordedMessage]) -> Iterator[list[mcap.RecordedMessage]]:
     """Group messages so that each topic occurs at most once in a round.
 
     If topics are sampled together, a round has one sample of each.
     """
-    group: dict[str, RecordedMessage] = {}
+    group: dict[str, mcap.RecordedMessage] = {}
     for message in messages:
         if message.channel.topic in group:
             yield list(group.values())

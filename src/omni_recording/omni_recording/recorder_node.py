@@ -20,14 +20,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from omni_platform.configuration import ConfigurationError
-from omni_recording.definitions import MessageDefinitionError, find_message_definition
+from omni_recording import definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.plan import SHARED_TOPICS, RecorderConfiguration, StampedRecording
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
-from omni_recording.write import RecordingError, Rosbag2Writer
-from omni_ros.parameters import declare_configuration
-from omni_ros.process import NodeError, Spinner, run_process
-from omni_ros.publisher_guard import PublisherGuard
+from omni_ros import parameters, process, publisher_guard
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 
@@ -43,10 +39,10 @@ class RecorderNode(Node):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        configuration = declare_configuration(self, RecorderConfiguration)
+        configuration = parameters.declare_configuration(self, plan.RecorderConfiguration)
         self.flush_period = configuration.flush_period
         self.received = 0
-        self.failure: RecordingError | None = None
+        self.failure: write.RecordingError | None = None
         latched = {self.resolve_topic_name(name) for name in configuration.latched_topics}
         kinds: dict[str, str] = {}
         for name, kind in zip(configuration.topics, configuration.types, strict=True):
@@ -62,16 +58,16 @@ class RecorderNode(Node):
         self._transforms = self._prepare_transforms(configuration, kinds)
         topics += self._transforms.topics
         try:
-            self.writer = Rosbag2Writer(
+            self.writer = write.Rosbag2Writer(
                 Path(configuration.folder),
                 topics,
                 chunk_size=configuration.chunk_size,
                 compression=configuration.compression,
                 synchronize=configuration.synchronize,
             )
-        except RecordingError as error:
-            raise NodeError(str(error)) from error
-        self._recording = StampedRecording(
+        except write.RecordingError as error:
+            raise process.NodeError(str(error)) from error
+        self._recording = plan.StampedRecording(
             self.writer, {topic.name: topic.definition for topic in topics}
         )
         self._begin()
@@ -84,13 +80,13 @@ class RecorderNode(Node):
             )
             callback = partial(self._on_message, topic)
             subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
-            if topic not in SHARED_TOPICS:
+            if topic not in plan.SHARED_TOPICS:
                 guarded.append(subscription)
-        self._guard = PublisherGuard(self, guarded)
+        self._guard = publisher_guard.PublisherGuard(self, guarded)
         self._strict = configuration.strict
 
     def _prepare_transforms(
-        self, configuration: RecorderConfiguration, kinds: Mapping[str, str]
+        self, configuration: plan.RecorderConfiguration, kinds: Mapping[str, str]
     ) -> RecordedTransforms:
         odometry = configuration.transforms_from and self.resolve_topic_name(
             configuration.transforms_from
@@ -104,15 +100,15 @@ class RecorderNode(Node):
     def _begin(self) -> None:
         try:
             self._transforms.begin(self._recording)
-        except RecordingError as error:
-            raise NodeError(str(error)) from error
+        except write.RecordingError as error:
+            raise process.NodeError(str(error)) from error
 
     def judge(self) -> None:
         """Fail if a topic has a second publisher, whose messages may not belong to this run."""
         if self._strict and self.failure is None:
             problem = self._recording.problem or self._guard.second()
             if problem is not None:
-                self.failure = RecordingError(problem)
+                self.failure = write.RecordingError(problem)
 
     def finish(self) -> None:
         """Write the last messages and close the recording.
@@ -130,12 +126,12 @@ class RecorderNode(Node):
         try:
             self._recording.add(topic, data)
             self._transforms.follow(self._recording, topic, data)
-        except RecordingError as error:
+        except write.RecordingError as error:
             # Raised from here, it would pass through the executor, which logs it at length.
             self.failure = error
 
 
-def record(node: RecorderNode, spinner: Spinner) -> None:
+def record(node: RecorderNode, spinner: process.Spinner) -> None:
     """Record until a signal asks to stop, then finish the recording and report the counts.
 
     Raises:
@@ -149,15 +145,15 @@ def record(node: RecorderNode, spinner: Spinner) -> None:
         if node.failure is not None:
             raise node.failure
         node.finish()
-    except RecordingError as error:
-        raise NodeError(str(error)) from error
+    except write.RecordingError as error:
+        raise process.NodeError(str(error)) from error
     finally:
-        with contextlib.suppress(RecordingError):  # after any other error
+        with contextlib.suppress(write.RecordingError):  # after any other error
             node.finish()
         report({"recorded": node.writer.counts})
 
 
-def _take(node: RecorderNode, spinner: Spinner) -> None:
+def _take(node: RecorderNode, spinner: process.Spinner) -> None:
     # A timer of the node would queue behind the messages of a busy graph; this does not.
     due = time.monotonic() + node.flush_period
     while not spinner.stop and node.failure is None:
@@ -169,14 +165,14 @@ def _take(node: RecorderNode, spinner: Spinner) -> None:
             due = time.monotonic() + node.flush_period
 
 
-def _take_arrived(node: RecorderNode, spinner: Spinner, deadline: float) -> None:
+def _take_arrived(node: RecorderNode, spinner: process.Spinner, deadline: float) -> None:
     before = -1
     while node.received != before and time.monotonic() < deadline:
         before = node.received
         spinner.spin_once(0.0)
 
 
-def _drain(node: RecorderNode, spinner: Spinner) -> None:
+def _drain(node: RecorderNode, spinner: process.Spinner) -> None:
     """Store the messages received so far, so that the recording is complete."""
     _take_arrived(node, spinner, time.monotonic() + _LONGEST_DRAIN)
     # The queues are empty; what is on its way comes now. Publishers that go on must not hold
@@ -202,8 +198,8 @@ def _message_class(kind: str) -> Any:
 
 def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> RecordedTopic:
     try:
-        definition = find_message_definition(kind)
-    except MessageDefinitionError as error:
+        definition = definitions.find_message_definition(kind)
+    except definitions.MessageDefinitionError as error:
         raise ConfigurationError("types", str(error)) from None
     qos = RecordedQos(
         depth=(LATCHED if latched else RELIABLE).depth,
@@ -226,7 +222,7 @@ def _durability(latched: bool) -> DurabilityPolicy:
 
 def main() -> None:
     """Run the node until SIGINT or SIGTERM."""
-    sys.exit(run_process(RecorderNode, record))
+    sys.exit(process.run_process(RecorderNode, record))
 
 
 if __name__ == "__main__":

@@ -14,9 +14,8 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from omni_recording.definitions import MessageDefinition
+from omni_recording import definitions, plan
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.plan import StampedRecording
 from omni_ros.messages import BASE_FRAME, leading_stamp
 
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
@@ -58,7 +57,7 @@ class RecordedTransforms:
             self.topics.append(RecordedTopic(STATIC_TOPIC, definition, latched))
             self._fixed = self._serializer.fixed(BASE_FRAME, frames, poses)
 
-    def begin(self, recording: StampedRecording) -> None:
+    def begin(self, recording: plan.StampedRecording) -> None:
         """Write the transforms at the beginning of a recording.
 
         Raises:
@@ -67,7 +66,7 @@ class RecordedTransforms:
         if self._fixed is not None:
             recording.add(STATIC_TOPIC, self._fixed)
 
-    def follow(self, recording: StampedRecording, topic: str, data: bytes) -> None:
+    def follow(self, recording: plan.StampedRecording, topic: str, data: bytes) -> None:
         """Write the transform of a message that has been recorded, if it is the odometry's.
 
         Raises:
@@ -90,7 +89,7 @@ class TransformSerializer:
 
     def __init__(self) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
-        self.definition = MessageDefinition(
+        self.definition = definitions.MessageDefinition(
             type_name=_TYPE,
             text=self._store.generate_msgdef(_TYPE, ros_version=2)[0],
             type_hash=self._store.hash_rihs01(_TYPE),

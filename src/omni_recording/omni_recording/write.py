@@ -21,14 +21,7 @@ import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
 from omni_platform.configuration import WorkError
-from omni_recording.metadata import (
-    SERIALIZATION,
-    UNSET_TIME,
-    Extent,
-    RecordedTopic,
-    bag_information,
-    qos_information,
-)
+from omni_recording import metadata
 
 COMPRESSIONS = {
     "none": CompressionType.NONE,
@@ -72,7 +65,7 @@ class Rosbag2Writer:
     def __init__(
         self,
         folder: Path,
-        topics: Sequence[RecordedTopic],
+        topics: Sequence[metadata.RecordedTopic],
         *,
         chunk_size: int = 1 << 20,
         compression: str = "none",
@@ -86,10 +79,10 @@ class Rosbag2Writer:
         self._counts = {topic.name: 0 for topic in self._topics}
         if len(self._counts) != len(self._topics):
             raise RecordingError("a topic is given twice; each can be recorded only once")
-        self._first_ns, self._last_ns = UNSET_TIME, 0
+        self._first_ns, self._last_ns = metadata.UNSET_TIME, 0
         self._pending = 0
         # What is whole and with the operating system: the file up to here holds this much.
-        self._safe_end, self._safe = 0, Extent(dict(self._counts))
+        self._safe_end, self._safe = 0, metadata.Extent(dict(self._counts))
         self._closed = False
         self._failure: RecordingError | None = None
         with self._failing_clearly():
@@ -201,10 +194,10 @@ class Rosbag2Writer:
                 )
             channels[topic.name] = self._writer.register_channel(
                 topic.name,
-                SERIALIZATION,
+                metadata.SERIALIZATION,
                 schemas[definition.type_name],
                 {
-                    "offered_qos_profiles": _in_yaml(qos_information(topic.qos)).strip(),
+                    "offered_qos_profiles": _in_yaml(metadata.qos_information(topic.qos)).strip(),
                     "topic_type_hash": definition.type_hash,
                 },
             )
@@ -223,7 +216,7 @@ class Rosbag2Writer:
         self._synchronize_file(self._file.fileno())
         self._pending = 0
         self._safe_end = self._file.tell()
-        self._safe = Extent(dict(self._counts), self._first_ns, self._last_ns)
+        self._safe = metadata.Extent(dict(self._counts), self._first_ns, self._last_ns)
 
     @contextlib.contextmanager
     def _failing_clearly(self) -> Iterator[None]:
@@ -281,7 +274,7 @@ class Rosbag2Writer:
             os.fsync(descriptor)
 
     def _information(self) -> dict[str, Any]:
-        return bag_information(self._file_name, self._topics, self._safe)
+        return metadata.bag_information(self._file_name, self._topics, self._safe)
 
 
 def _in_yaml(document: Any) -> str:

@@ -26,8 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from omni_platform.configuration import ConfigurationError
-from omni_ros.environment import PARENT_PID_VARIABLE, chosen_domain, name_log_folder
-from omni_ros.parameters import refuse_unknown_parameters
+from omni_ros import environment, parameters
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -119,8 +118,8 @@ def _initialize_ros() -> None:
     Raises:
         ConfigurationError: the domain, an argument or a parameter file cannot be used.
     """
-    name_log_folder(os.environ)
-    chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
+    environment.name_log_folder(os.environ)
+    environment.chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
     try:
         surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -143,7 +142,7 @@ def _make(make_node: Callable[[], Node]) -> Node:
     except ParameterException as error:  # of one of rclpy's own
         raise ConfigurationError("", str(error)) from None
     try:
-        refuse_unknown_parameters(node)
+        parameters.refuse_unknown_parameters(node)
     except ConfigurationError:
         node.destroy_node()
         raise
@@ -220,7 +219,7 @@ def _end_with_parent() -> None:
     Acts only where `PARENT_PID_VARIABLE` names that process, as the bring-up does; a node started
     by hand outlives its shell as usual.
     """
-    parent = os.environ.get(PARENT_PID_VARIABLE)
+    parent = os.environ.get(environment.PARENT_PID_VARIABLE)
     if parent is None:
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -12,8 +12,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from omni_platform.configuration import Configuration, parameter
-from omni_ros.messages import DIAGNOSTICS_PERIOD_NS, diagnostics
-from omni_ros.qos import RELIABLE
+from omni_ros import messages, qos
 
 OK, WARN, ERROR = 0, 1, 2  # levels
 _SILENCE = 1.0  # [s] without any news, after which the last status no longer holds
@@ -67,7 +66,7 @@ class StatusReporter:
 
     def __init__(self, node: Node, period: float, first: Status) -> None:
         self._node = node
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.RELIABLE)
         self._name = node.get_fully_qualified_name().removeprefix("/")
         self._status = first
         self._key: Hashable = None
@@ -84,7 +83,7 @@ class StatusReporter:
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0
         self._status = status
-        if changed or not 0 <= age_ns < DIAGNOSTICS_PERIOD_NS:
+        if changed or not 0 <= age_ns < messages.DIAGNOSTICS_PERIOD_NS:
             if changed and key != self._key:
                 self._log(status)
             self._key = key
@@ -116,5 +115,5 @@ class StatusReporter:
     def _publish(self, stamp_ns: int, status: Status) -> None:
         self._published = True
         self._publisher.publish(
-            diagnostics(stamp_ns, self._name, status.level, status.message, status.values)
+            messages.diagnostics(stamp_ns, self._name, status.level, status.message, status.values)
         )

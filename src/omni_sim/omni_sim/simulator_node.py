@@ -30,6 +30,7 @@ from visualization_msgs.msg import MarkerArray
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_ros import parameters, process, shared_clock, startup
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
     camera_info,
@@ -42,17 +43,12 @@ from omni_ros.messages import (
     to_nanoseconds,
     to_time,
 )
-from omni_ros.parameters import declare_configuration
-from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
 from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, listen
 from omni_ros.report import report
-from omni_ros.shared_clock import SharedClock
-from omni_ros.startup import StartupConfiguration
+from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
 from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
-from omni_sim.run_control_node import RunControl
-from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # topics that the node listens to at most
@@ -108,11 +104,11 @@ class SimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulator")
-        self.startup = declare_configuration(self, StartupConfiguration)
-        self.loop = declare_configuration(self, LoopConfiguration)
-        self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
-        self.configuration = declare_configuration(self, SimulatorConfiguration)
-        manual = declare_configuration(self, ManualDriverConfiguration)
+        self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
+        self.loop = parameters.declare_configuration(self, LoopConfiguration)
+        self._prefix = parameters.declare_configuration(self, FrameConfiguration).frame_prefix
+        self.configuration = parameters.declare_configuration(self, SimulatorConfiguration)
+        manual = parameters.declare_configuration(self, ManualDriverConfiguration)
         self.manual_driver: ManualDriver | None = None
         if self.loop.driver != "scripted":
             self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
@@ -122,7 +118,7 @@ class SimulatorNode(Node):
             listen(self, kind, "cmd_vel", self._on_driver_command)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         start = self.manual_driver.start_pose if self.manual_driver is not None else None
-        self.control = RunControl(self, start, f"{self._prefix}odom")
+        self.control = run_control_node.RunControl(self, start, f"{self._prefix}odom")
         self._wheels = tuple(self.configuration.vehicle.wheels)
         self._all_on = np.ones(len(self._wheels))
         self._enable = self._all_on
@@ -139,9 +135,9 @@ class SimulatorNode(Node):
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
-        self._shared_clock: SharedClock | None = None
+        self._shared_clock: shared_clock.SharedClock | None = None
         if self.loop.publish_clock:
-            self._shared_clock = SharedClock(self, alone=self.loop.mode == "lockstep")
+            self._shared_clock = shared_clock.SharedClock(self, alone=self.loop.mode == "lockstep")
         self._wheel_states = create(JointState, "wheel_states")
         self._joints = create(JointState, "joint_states")  # of robot_state_publisher
         self._imu = create(Imu, "imu")
@@ -350,7 +346,7 @@ class SimulatorNode(Node):
         self._last_message["linescan_odometry"] = time.monotonic()
 
 
-def run(node: SimulatorNode, spinner: Spinner) -> None:
+def run(node: SimulatorNode, spinner: process.Spinner) -> None:
     """Simulate until the vehicle has stopped, the time is over, or a signal asks to stop.
 
     Raises:
@@ -358,10 +354,10 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     """
     simulator = node.simulator
     expected, timeout = node.startup.subscribers, node.startup.match_timeout
-    await_subscribers(node.outputs, expected, spinner, timeout)
-    await_subscribers(node.recorded_outputs, max(0, expected - 1), spinner, timeout)
+    process.await_subscribers(node.outputs, expected, spinner, timeout)
+    process.await_subscribers(node.recorded_outputs, max(0, expected - 1), spinner, timeout)
     node.publish_descriptions()
-    progress = RunProgress(node.configuration)
+    progress = run_progress.RunProgress(node.configuration)
     started = time.monotonic()
     while not spinner.stop:
         started += node.control.wait(spinner)
@@ -391,17 +387,17 @@ def run(node: SimulatorNode, spinner: Spinner) -> None:
     report(progress.report() | final)
 
 
-def _await_reply(node: SimulatorNode, spinner: Spinner, stamp_ns: int) -> None:
+def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -> None:
     timeout = node.loop.reply_timeout
     replied = spinner.spin_until(lambda: node.has_reply(stamp_ns), timeout)
     if not replied and not spinner.stop:
-        raise NodeError(
+        raise process.NodeError(
             f"no reply at {stamp_ns / SECOND_NS:.3f} s within {timeout:g} s: "
             f"{node.silent_node(stamp_ns)} is silent"
         )
 
 
-def _pace(spinner: Spinner, deadline: float) -> None:
+def _pace(spinner: process.Spinner, deadline: float) -> None:
     if time.monotonic() >= deadline:
         # Messages are taken also when late, or they would age more and more.
         for _ in range(_INPUTS):
@@ -415,7 +411,7 @@ def _pace(spinner: Spinner, deadline: float) -> None:
 
 def main() -> None:
     """Run the node to its end or until SIGINT or SIGTERM."""
-    sys.exit(run_process(SimulatorNode, run))
+    sys.exit(process.run_process(SimulatorNode, run))
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ from typing import Any, Protocol
 
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric, results_entry
-from omni_platform.configuration import Configuration
-from omni_platform.plugins import described_modules
+from omni_platform import configuration, plugins
 from omni_studies.claims import Claim, evaluate
 
 _STUDIES = "omni_studies.studies"
@@ -86,7 +85,7 @@ class Study(Protocol):
     """A study: a module, or a case of a module with ``CASES``."""
 
     __doc__: str
-    Options: type[Configuration]
+    Options: type[configuration.Configuration]
 
     def run(self, options: Any, study: StudyRun) -> StudyResult:
         """Compute, and write figures and data into the folder; `options` is its `Options`."""
@@ -108,7 +107,7 @@ class _Case:
 
 def study_names() -> list[str]:
     """Return the names of all studies, sorted."""
-    return list(described_modules(_STUDIES))
+    return list(plugins.described_modules(_STUDIES))
 
 
 def load_study(name: str) -> Study:
@@ -117,7 +116,7 @@ def load_study(name: str) -> Study:
     Args:
         name: one of `study_names`.
     """
-    module, _ = described_modules(_STUDIES)[name]
+    module, _ = plugins.described_modules(_STUDIES)[name]
     loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
     return _Case(loaded, name) if hasattr(loaded, "CASES") else loaded
 

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.command_report import Report, printable
-from omni_bringup.workspace import Workspace
+from omni_bringup import command_report, workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration
 
@@ -33,7 +32,7 @@ class Options(Configuration):
     json: bool = json_option()
 
 
-def run(options: Options, _workspace: Workspace) -> Report:
+def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
     """Compute the metrics of the recordings and return them as one table."""
     from omni_figures.comparison_table import comparison_table
     from omni_figures.data_table import write_table
@@ -41,7 +40,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
     from omni_tools.report.recording import compared_runs, differing_values, run_names
 
     columns = {
-        printable(name): metrics
+        command_report.printable(name): metrics
         for path, base in zip(options.bags, run_names(options.bags), strict=True)
         for name, metrics in compared_runs(path, base).items()
     }
@@ -53,7 +52,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
         ]
         write_table(options.csv, ["stop", *quantities], rows)
     differences = differing_values(options.bags)
-    return Report(
+    return command_report.Report(
         **results_document("compare", columns),
         details={"differences": differences},
         text=(comparison_table(columns), *_in_words(differences)),
@@ -69,4 +68,4 @@ def _in_words(differences: Mapping[str, Sequence[str]]) -> Iterator[str]:
         parts.setdefault(part, []).append(f"{name} {shown}".strip())
     for part, words in parts.items():
         more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
-        yield printable(f"{part} differs: {', '.join(words[:_SHOWN])}{more}")
+        yield command_report.printable(f"{part} differs: {', '.join(words[:_SHOWN])}{more}")

@@ -13,8 +13,7 @@ from omni_bringup import commands
 from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, names_of
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import flags_of
-from omni_platform.configuration import Configuration
+from omni_platform import command_options, configuration
 
 _SCRIPT = """\
 _omni() {{
@@ -36,7 +35,7 @@ _NAMED = {"run": "experiments", "limit": "experiments"}  # commands whose first 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni completion``: none."""
 
 
@@ -67,4 +66,4 @@ def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple
             first = names[_NAMED[name]] if name in _NAMED else []
             if name == "show":
                 first = sorted({one for some in names.values() for one in some})
-            yield words, " ".join([*flags_of(command.Options), "--help", *first])
+            yield words, " ".join([*command_options.flags_of(command.Options), "--help", *first])

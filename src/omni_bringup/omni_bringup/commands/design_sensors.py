@@ -18,9 +18,8 @@ from omni_platform.command_options import json_option, option
 from omni_tools.placement.options import PlacementOptions
 
 if TYPE_CHECKING:
+    from omni_tools.placement import judged, trials
     from omni_tools.placement.design import Design, DesignTask
-    from omni_tools.placement.judged import JudgedPlacement
-    from omni_tools.placement.trials import PlacementTrial
 
 _DRAWN = 4  # placements in the figure
 
@@ -70,14 +69,14 @@ def _conditions(task: DesignTask, options: Options) -> str:
     return f"{task.speed:.3g} m/s on {options.ground}"
 
 
-def _drawn(result: Design, task: DesignTask) -> list[JudgedPlacement]:
+def _drawn(result: Design, task: DesignTask) -> list[judged.JudgedPlacement]:
     """Return the best placement and up to three others for comparison."""
     names = [*task.given, "tangential", "radial", "condition"]
     return [result.best, *(result.placement(name) for name in names[: _DRAWN - 1])]
 
 
 def _text(
-    task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial], conditions: str
+    task: DesignTask, result: Design, driven: Mapping[str, trials.PlacementTrial], conditions: str
 ) -> Iterator[Any]:
     from rich.table import Table
 

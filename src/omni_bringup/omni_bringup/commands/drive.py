@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report
-from omni_bringup.interruption import clean_up_on_signals
+from omni_bringup import command_report, interruption
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -78,7 +77,7 @@ class Options(Configuration):
     )
 
 
-def run(options: Options, workspace: Workspace) -> Report:
+def run(options: Options, workspace: Workspace) -> command_report.Report:
     """Run the nodes until a signal ends the command or a node fails.
 
     Raises:
@@ -89,7 +88,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
 
-    clean_up_on_signals()
+    interruption.clean_up_on_signals()
     library = workspace.library()
     parameters: dict[str, Any] = {
         "max_speed": options.max_speed,

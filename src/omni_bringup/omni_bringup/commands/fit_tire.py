@@ -13,16 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import (
-    Configuration,
-    ConfigurationError,
-    declared_parameters,
-    did_you_mean,
-    is_configuration,
-    join_key,
-    parameter,
-)
+from omni_platform import command_options, configuration
 
 if TYPE_CHECKING:
     from omni_tools.tires.data import TireData
@@ -32,30 +23,30 @@ WORK = "fitting the tire"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni fit-tire``."""
 
-    data: Path = option(
+    data: Path = command_options.option(
         positional=True,
         metavar="DATA.csv",
         description="file whose first line names the columns slip [1], load [N] and force [N]",
     )
-    model: str = parameter(
+    model: str = configuration.parameter(
         "tmeasy", description="tire model, such as tmeasy, linear, magic_formula"
     )
-    wheel_radius: float = parameter(
+    wheel_radius: float = configuration.parameter(
         0.2,
         unit="m",
         above=0.0,
         maximum=2.0,
         description="of the wheel, from which stiffness and damping are estimated",
     )
-    out: Path | None = option(
+    out: Path | None = command_options.option(
         None,
         metavar="DIR",
         description="folder of the tire and the figure (default: results/fit-tire/DATA)",
     )
-    json: bool = json_option()
+    json: bool = command_options.json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -67,9 +58,11 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_tools.tires.fit_figure import fit_figure
 
     if options.model not in MODELS:
-        hint = did_you_mean(options.model, MODELS)
+        hint = configuration.did_you_mean(options.model, MODELS)
         known = ", ".join(MODELS)
-        raise ConfigurationError("--model", f"{options.model!r} is not one of {known}{hint}")
+        raise configuration.ConfigurationError(
+            "--model", f"{options.model!r} is not one of {known}{hint}"
+        )
     try:
         data = read_tire_data(options.data)
         fit = fit_tire(data, options.model)
@@ -93,11 +86,11 @@ def _units(model: str) -> dict[str, str]:
     """Return the units of a model's parameters by dotted key."""
     from omni_sim.tire.models import MODELS
 
-    def walk(kind: type[Configuration], prefix: str) -> dict[str, str]:
+    def walk(kind: type[configuration.Configuration], prefix: str) -> dict[str, str]:
         units: dict[str, str] = {}
-        for name, inner, info in declared_parameters(kind):
-            key = join_key(prefix, name)
-            if is_configuration(inner):
+        for name, inner, info in configuration.declared_parameters(kind):
+            key = configuration.join_key(prefix, name)
+            if configuration.is_configuration(inner):
                 units |= walk(inner, key)
             else:
                 units[key] = info.unit or "1"

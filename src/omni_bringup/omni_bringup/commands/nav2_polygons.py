@@ -38,17 +38,13 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_figures.style import save_figure
     from omni_loop.metrics import results_entry
     from omni_tools.campaign.runner import run_campaign
+    from omni_tools.stopping_area import collision_monitor
     from omni_tools.stopping_area.area import Sweep, areas, inside
-    from omni_tools.stopping_area.collision_monitor import (
-        area_metrics,
-        monitor_parameters,
-        stop_campaign,
-    )
     from omni_tools.stopping_area.figure import areas_figure
 
     name = Path(options.vehicle).stem
     folder = workspace.results(options.out, "nav2-polygons", name)
-    campaign = stop_campaign(options, workspace.checked_library())
+    campaign = collision_monitor.stop_campaign(options, workspace.checked_library())
     folder.mkdir(parents=True, exist_ok=True)
     with workspace.progress() as report:
         sweeps = run_campaign(
@@ -66,8 +62,8 @@ def run(options: Options, workspace: Workspace) -> Report:
     limits = areas(campaign, sweeps) + options.padding
     held_out = sweeps[campaign.fitted :]
     stays = inside(campaign, limits, held_out)
-    metrics = area_metrics(options, campaign, limits, held_out, stays.tolist())
-    document = monitor_parameters(options, campaign.cells, limits, metrics)
+    metrics = collision_monitor.area_metrics(options, campaign, limits, held_out, stays.tolist())
+    document = collision_monitor.monitor_parameters(options, campaign.cells, limits, metrics)
     title = f"{name}, {options.variant}"
     figure = areas_figure(campaign.cells, limits, campaign.base.vehicle, title)
     return Report(

@@ -12,8 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report
-from omni_bringup.interruption import clean_up_on_signals
+from omni_bringup import command_report, interruption
 from omni_bringup.progress_bar import progress_bar
 from omni_bringup.workspace import Workspace
 from omni_loop.options import LoopOptions
@@ -98,7 +97,7 @@ class Options(LoopOptions):
                 )
 
 
-def run(options: Options, workspace: Workspace) -> Report:
+def run(options: Options, workspace: Workspace) -> command_report.Report:
     """Check the configuration, make the folder, run every variant, draw the figures, report."""
     from omni_loop.sweep import is_swept
 
@@ -169,7 +168,7 @@ def _run_variants(
     from omni_bringup.graph.run_folder import write_summary
     from omni_bringup.graph.run_variant import run_variant
 
-    clean_up_on_signals()
+    interruption.clean_up_on_signals()
     results = []
     # Printed while the first run is under way, whose start it would delay.
     note = cache(lambda: workspace.check(configurations.values()))
@@ -225,10 +224,10 @@ def _draw(
 
 def _report(
     experiment: str, results: Sequence[VariantResult], pictures: Sequence[Path], folder: Path
-) -> Report:
+) -> command_report.Report:
     from omni_figures.comparison_table import comparison_table
 
-    return Report(
+    return command_report.Report(
         **_document(experiment, results),
         details={
             "folder": str(folder),

@@ -13,13 +13,7 @@ from typing import TYPE_CHECKING
 from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import (
-    Configuration,
-    ConfigurationError,
-    declared_parameters,
-    did_you_mean,
-)
+from omni_platform import command_options, configuration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,21 +27,21 @@ WORK = "drawing"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni show``."""
 
-    name: str = option(
+    name: str = command_options.option(
         positional=True,
         metavar="NAME",
         description="one of ./omni list, or a path that ends in .yaml",
     )
-    kind: str | None = option(
+    kind: str | None = command_options.option(
         None, metavar="KIND", choices=EVERY, description="where two kinds share a name, or a path"
     )
-    out: Path | None = option(
+    out: Path | None = command_options.option(
         None, metavar="FILE", description="the picture (default: results/show/NAME.png)"
     )
-    json: bool = json_option()
+    json: bool = command_options.json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -76,9 +70,11 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     """Return the kind of a name and its file."""
     if options.name.endswith(".yaml"):
         if options.kind is None:
-            raise ConfigurationError("--kind", f"what is in {options.name}? {', '.join(KINDS)}")
+            raise configuration.ConfigurationError(
+                "--kind", f"what is in {options.name}? {', '.join(KINDS)}"
+            )
         if options.kind not in KINDS:
-            raise ConfigurationError("--kind", f"a file is none of {options.kind}")
+            raise configuration.ConfigurationError("--kind", f"a file is none of {options.kind}")
         return options.kind, Path(options.name)
     kinds = [kind for kind in KINDS if options.kind in (None, kind)]
     found = [
@@ -91,10 +87,10 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     if not found:
         looked_in = [kind for kind in EVERY if options.kind in (None, kind)]
         known = sorted({name for kind in looked_in for name in names_of(kind, workspace.folder)})
-        raise ConfigurationError(
+        raise configuration.ConfigurationError(
             "NAME",
-            f"{options.name!r} is not known{did_you_mean(options.name, known) or ';'} ./omni list "
-            "names all",
+            f"{options.name!r} is not known"
+            f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list names all",
         )
     for kind, _ in found[1:]:
         workspace.note(f"--kind {kind} shows the one of that name there")
@@ -111,7 +107,7 @@ def _described(kind: str, options: Options) -> Report:
 
         study = load_study(options.name)
         words = study.__doc__
-        for name, _, info in declared_parameters(study.Options):
+        for name, _, info in configuration.declared_parameters(study.Options):
             facts[f"--{name.replace('_', '-')}"] = info.description
     else:
         words = importlib.import_module(f"omni_brake_assist.laws.{options.name}").__doc__ or ""

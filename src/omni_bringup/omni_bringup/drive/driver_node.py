@@ -29,11 +29,9 @@ from omni_bringup.drive.demand_source import DemandSource
 from omni_bringup.drive.server import Demand, DriveServer
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
+from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE
 from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
-from omni_ros.parameters import declare_configuration
-from omni_ros.process import Spinner, run_process
-from omni_ros.qos import RELIABLE
 from omni_ros.report import report
 from omni_sim.ground.friction import FrictionPatch
 
@@ -105,7 +103,7 @@ class DriverNode(Node):
 
     def __init__(self) -> None:
         super().__init__("driver")
-        configuration = declare_configuration(self, DriverConfiguration)
+        configuration = parameters.declare_configuration(self, DriverConfiguration)
         self._wheels = tuple(configuration.wheels)
         self.source = DemandSource(configuration.page_timeout, configuration.command_timeout)
         speed = configuration.max_speed
@@ -126,8 +124,8 @@ class DriverNode(Node):
                 "port", f"cannot be used at {configuration.host}: {error.strerror}"
             ) from None
         self.state: dict[str, Any] = {"assist": configuration.assist}
-        self._pedal = self.create_publisher(JointState, "driver/pedal", RELIABLE)
-        self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", RELIABLE)
+        self._pedal = self.create_publisher(JointState, "driver/pedal", qos.RELIABLE)
+        self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", qos.RELIABLE)
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.received = 0
@@ -149,7 +147,7 @@ class DriverNode(Node):
             self.received += 1
             take(message)
 
-        self.create_subscription(kind, topic, on_message, RELIABLE)
+        self.create_subscription(kind, topic, on_message, qos.RELIABLE)
 
     def say_demand(self) -> None:
         """Publish the current demand."""
@@ -260,7 +258,7 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
     }
 
 
-def _take_in(node: DriverNode, spinner: Spinner) -> None:
+def _take_in(node: DriverNode, spinner: process.Spinner) -> None:
     """Run the callbacks of all received messages; one call serves one topic."""
     before = -1
     while node.received != before:
@@ -268,7 +266,7 @@ def _take_in(node: DriverNode, spinner: Spinner) -> None:
         spinner.spin_once(0.0)
 
 
-async def _drive(node: DriverNode, spinner: Spinner) -> None:
+async def _drive(node: DriverNode, spinner: process.Spinner) -> None:
     async with node.server.running():
         report({"url": node.server.url})
         if REPORT_VARIABLE not in os.environ:  # no process reads reports, as under ros2 launch
@@ -286,14 +284,14 @@ async def _drive(node: DriverNode, spinner: Spinner) -> None:
             await asyncio.sleep(_POLL)
 
 
-def drive(node: DriverNode, spinner: Spinner) -> None:
+def drive(node: DriverNode, spinner: process.Spinner) -> None:
     """Serve the page and publish the demands until a signal asks to stop."""
     asyncio.run(_drive(node, spinner))
 
 
 def main() -> None:
     """Run the node until SIGINT or SIGTERM."""
-    sys.exit(run_process(DriverNode, drive))
+    sys.exit(process.run_process(DriverNode, drive))
 
 
 if __name__ == "__main__":

@@ -15,14 +15,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
-from omni_bringup.graph.process_group import NodeProcess, ProcessError
-from omni_bringup.graph.run_folder import check_unused, write_configuration, write_summary
-from omni_bringup.graph.run_variant import (
-    VariantResult,
-    check_counts,
-    check_report,
-    measured,
-)
+from omni_bringup.graph import process_group, run_folder, run_variant
 from omni_figures.comparison_table import comparison_table
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import results_document
@@ -54,7 +47,7 @@ class LaunchPlan:
         is_run: whether the simulation ends by itself and has results.
     """
 
-    nodes: Sequence[NodeProcess]
+    nodes: Sequence[process_group.NodeProcess]
     scratch: Path
     experiment: str
     variant: str
@@ -66,7 +59,7 @@ class LaunchPlan:
         """Return the file in which a node reports."""
         return self.scratch / f"{name}.reports"
 
-    def finish(self) -> VariantResult:
+    def finish(self) -> run_variant.VariantResult:
         """Write configuration, versions and results beside a finished recording.
 
         Raises:
@@ -76,20 +69,20 @@ class LaunchPlan:
         if self.folder is None:
             raise ConfigurationError("out", "is needed: the folder of the recording")
         if self.folder.is_dir():  # for what was interrupted too
-            write_configuration(self.configuration, self.folder)
+            run_folder.write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
-        check_report(report)
-        check_counts(self._last_report("recorder"), report)
-        result = measured(report, self.variant, self.folder, self.configuration)
+        run_variant.check_report(report)
+        run_variant.check_counts(self._last_report("recorder"), report)
+        result = run_variant.measured(report, self.variant, self.folder, self.configuration)
         metrics = {self.variant: result.metrics}
-        write_summary(results_document(self.experiment, metrics), self.folder)
+        run_folder.write_summary(results_document(self.experiment, metrics), self.folder)
         return result
 
     def _last_report(self, name: str) -> dict[str, Any]:
         path = self.reports(name)
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         if not lines:
-            raise ProcessError(f"{name} was stopped before it began")
+            raise process_group.ProcessError(f"{name} was stopped before it began")
         document: dict[str, Any] = json.loads(lines[-1])
         return document
 
@@ -110,7 +103,7 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     configuration = library.load(experiment, variant, shlex.split(given["overrides"]))
     folder = Path(given["out"]).resolve() if given["out"] else None
     if folder is not None:
-        check_unused(folder, "out")
+        run_folder.check_unused(folder, "out")
     elif mode != DRIVE:
         raise ConfigurationError("out", "is needed: the folder of the recording")
     scratch = Path(tempfile.mkdtemp(prefix="omni-"))
@@ -139,7 +132,7 @@ def installed_config() -> Path:
         ) from None
 
 
-def results_table(result: VariantResult) -> str:
+def results_table(result: run_variant.VariantResult) -> str:
     """Return the table of a run as text."""
     from rich.console import Console
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_brake_assist.configuration import LAWS
-from omni_bringup.graph.hardware import parameters_text
-from omni_bringup.graph.process_group import NodeProcess
+from omni_bringup.graph import hardware, process_group
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import topics
 from omni_platform.configuration import Configuration
@@ -66,7 +65,7 @@ def recorder(
     scratch: Path,
     options: RecordingOptions = RecordingOptions(),
     chosen: Mapping[str, str] | None = None,
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process that records into a rosbag2 folder: every topic, or only `chosen`."""
     chosen = recorded_topics(configuration) if chosen is None else chosen
     parameters: dict[str, Any] = {
@@ -93,7 +92,7 @@ def recorder(
 
 def odometry(
     configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process of the line-scan odometry; `listeners` of 0 means those of a run."""
     listeners = listeners or _RECORDER + 1 + configuration.uses_lines
     parameters = _flat(configuration.odometry) | _timing(lockstep) | _listeners(listeners)
@@ -115,7 +114,7 @@ def brake_assist(
     *,
     lockstep: bool,
     listeners: int = _RECORDER,
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process of the brake assistant."""
     parameters = (
         _flat(configuration.brake_assist)
@@ -146,7 +145,7 @@ def simulator(
     driven: bool = False,
     lines_recorded: bool = True,
     listeners: int = _RECORDER + 1,
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process of the simulator, scripted or `driven` by the node of the driver."""
     parameters = _flat(configuration, SimulatorConfiguration) | _listeners(listeners)
     parameters |= {
@@ -162,7 +161,7 @@ def simulator(
 
 def driver(
     configuration: ExperimentConfiguration, scratch: Path, options: Mapping[str, Any]
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process of the driver's node: page and `cmd_vel`; `options` are parameters."""
     wheels = flatten(configuration.brake_assist)
     ground = _flat(configuration.ground)
@@ -184,7 +183,7 @@ def run_nodes(
     *,
     lockstep: bool,
     recording: RecordingOptions = RecordingOptions(),
-) -> list[NodeProcess]:
+) -> list[process_group.NodeProcess]:
     """Return the nodes of a scripted run, listeners first: from the recorder to the simulator.
 
     Args:
@@ -208,7 +207,7 @@ def player(
     outputs: Mapping[str, str],
     rate: float,
     scratch: Path,
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     """Return the process that publishes the recorded inputs and watches the outputs."""
     parameters = {
         "bag": str(bag),
@@ -250,8 +249,8 @@ def _node(
     remaps: list[str] | None = None,
     *,
     own_code: bool = False,
-) -> NodeProcess:
+) -> process_group.NodeProcess:
     path = scratch / f"{name}.yaml"
-    path.write_text(parameters_text(parameters), encoding="utf-8")
+    path.write_text(hardware.parameters_text(parameters), encoding="utf-8")
     arguments = ["--ros-args", "--params-file", str(path), *(remaps or [])]
-    return NodeProcess(name, package, executable, arguments, own_code)
+    return process_group.NodeProcess(name, package, executable, arguments, own_code)

@@ -13,8 +13,7 @@ from sensor_msgs.msg import JointState
 from omni_bringup.node_check.exchange_node import Partner, watch
 from omni_platform import topics
 from omni_platform.quantities import SECOND_NS
-from omni_ros.messages import joint_state, to_nanoseconds
-from omni_ros.qos import RELIABLE
+from omni_ros import messages, qos
 
 _PHASE_NS = SECOND_NS // 5
 _SETTLING_NS = SECOND_NS // 10  # from a change of the enables until the brakes must have followed
@@ -28,8 +27,8 @@ class Enables:
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
         self._wheels = wheels
         self._braking_ns: int | None = None
-        self._publisher = node.create_publisher(JointState, topics.ENABLE.path, RELIABLE)
-        node.create_subscription(JointState, topics.PEDAL.path, self._answer, RELIABLE)
+        self._publisher = node.create_publisher(JointState, topics.ENABLE.path, qos.RELIABLE)
+        node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
     def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
         """Return what the simulator publishes within a time [s]: message and steady time [s]."""
@@ -56,7 +55,7 @@ class Enables:
             return
         torques: dict[int, list[float]] = {}
         for _, message in seen["wheel_states"]:
-            since = to_nanoseconds(message.header.stamp) - self._braking_ns
+            since = messages.to_nanoseconds(message.header.stamp) - self._braking_ns
             if since >= 0 and since % _PHASE_NS >= _SETTLING_NS and message.effort:
                 first = message.effort[list(message.name).index(self._wheels[0])]
                 torques.setdefault(since // _PHASE_NS, []).append(abs(first))
@@ -72,11 +71,11 @@ class Enables:
             yield "an enable that is no number releases a brake; it must brake"
 
     def _answer(self, message: JointState) -> None:
-        stamp = to_nanoseconds(message.header.stamp)
+        stamp = messages.to_nanoseconds(message.header.stamp)
         if self._braking_ns is None and message.position and message.position[0] > 0.0:
             self._braking_ns = stamp
         values = np.ones(len(self._wheels))
         if self._braking_ns is not None:
             phase = (stamp - self._braking_ns) // _PHASE_NS
             values[0] = _FIRST_WHEEL[phase] if phase < len(_FIRST_WHEEL) else 1.0
-        self._publisher.publish(joint_state(stamp, self._wheels, effort=values))
+        self._publisher.publish(messages.joint_state(stamp, self._wheels, effort=values))

@@ -9,12 +9,10 @@ from linescan_odometry.messages import line_batch_of
 from omni_platform import topics
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
-from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording import decode, metadata, write
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_messages, in_time_order
-from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.write import Rosbag2Writer
 from omni_ros.messages import line_image
 
 _DEPTH = 200
@@ -48,9 +46,9 @@ def write_lines(
             newest = start_ns + round(1e9 * (first + len(part) - 1) / rate)
             messages.append((newest, name, part))
     messages.sort(key=lambda message: message[0])
-    definition, qos = find_message_definition(topics.IMAGE), RecordedQos(_DEPTH)
-    recorded = [RecordedTopic(topics.lines(name).path, definition, qos) for name in lines]
-    with Rosbag2Writer(folder, recorded, compression="zstd") as writer:
+    definition, qos = find_message_definition(topics.IMAGE), metadata.RecordedQos(_DEPTH)
+    recorded = [metadata.RecordedTopic(topics.lines(name).path, definition, qos) for name in lines]
+    with write.Rosbag2Writer(folder, recorded, compression="zstd") as writer:
         for stamp_ns, name, part in messages:
             writer.write(topics.lines(name).path, stamp_ns, line_image(stamp_ns, name, part))
     return {name: sum(own == name for _, own, _ in messages) for name in lines}
@@ -71,14 +69,14 @@ def read_batches(
         BagError: a message cannot be read, or there is none of a camera.
     """
     names = {topics.lines(name).path: name for name in sensors}
-    decoder = MessageDecoder()
+    decoder = decode.MessageDecoder()
     batches: dict[str, list[LineBatch]] = {name: [] for name in names.values()}
     begin: int | None = None
     for recorded in in_time_order(m for m in bag_messages(bag) if m.channel.topic in names):
         topic = recorded.channel.topic
         try:
             batch = line_batch_of(decoder.decode(recorded))
-        except DecodeError as error:
+        except decode.DecodeError as error:
             raise BagError(bag.path, f"{topic}: {error}") from None
         begin = batch.stamp_ns if begin is None else begin
         elapsed = 1e-9 * (batch.stamp_ns - begin)

@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from linescan_odometry.batching import BatchCollector
+from linescan_odometry import batching, registry
 from linescan_odometry.messages import flow_of, line_batch_of
-from linescan_odometry.registry import make_odometry
 from linescan_odometry.sideslip.meter import SideslipMonitor, angles
-from omni_brake_assist.brake_assist import BrakeAssist
+from omni_brake_assist import brake_assist, step_pairing
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
-from omni_brake_assist.step_pairing import StepPairing
 from omni_bringup.replay.plan import (
     BRAKE_ASSIST,
     ODOMETRY,
@@ -25,13 +23,10 @@ from omni_bringup.replay.plan import (
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import topics
 from omni_platform.signals import Flow, LineBatch, TwistSample
-from omni_recording.decode import DecodeError, MessageDecoder
+from omni_recording import decode, mcap, metadata, write
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_messages, in_time_order
-from omni_recording.mcap import RecordedMessage
-from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.write import Rosbag2Writer
 from omni_ros.messages import (
     joint_state,
     planar_twist_of,
@@ -59,20 +54,20 @@ def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    decoder = MessageDecoder()
+    decoder = decode.MessageDecoder()
     cores = _Cores(plan)
     outputs = [
-        RecordedTopic(topic, find_message_definition(kind), RecordedQos(_DEPTH))
+        metadata.RecordedTopic(topic, find_message_definition(kind), metadata.RecordedQos(_DEPTH))
         for topic, kind in plan.outputs.items()
     ]
-    with Rosbag2Writer(folder, outputs) as writer:
+    with write.Rosbag2Writer(folder, outputs) as writer:
         for recorded in in_time_order(_chosen(bag, plan)):
             for topic, stamp_ns, answer in cores.take(bag, recorded, decoder):
                 data = bytes(store.serialize_cdr(answer, plan.outputs[topic]))
                 writer.write(topic, stamp_ns, data)
 
 
-def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[RecordedMessage]:
+def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[mcap.RecordedMessage]:
     return (m for m in bag_messages(bag) if m.channel.topic in plan.inputs)
 
 
@@ -96,11 +91,13 @@ class _Cores:
             for sensor in configuration.odometry.flow_sensors:
                 self._takers[topics.flow(sensor).path] = odometry.taker(sensor, flow_of)
 
-    def take(self, bag: Bag, recorded: RecordedMessage, decoder: MessageDecoder) -> list[Result]:
+    def take(
+        self, bag: Bag, recorded: mcap.RecordedMessage, decoder: decode.MessageDecoder
+    ) -> list[Result]:
         topic = recorded.channel.topic
         try:
             results = list(self._takers[topic](decoder.decode(recorded)))
-        except DecodeError as error:
+        except decode.DecodeError as error:
             raise BagError(bag.path, f"{topic}: {error}") from None
         except ValueError as error:
             raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
@@ -113,10 +110,10 @@ class _Cores:
 
 class _Odometry:
     def __init__(self, configuration: ExperimentConfiguration) -> None:
-        self._odometry = make_odometry(configuration.own_odometry, configuration.odometry)
+        self._odometry = registry.make_odometry(configuration.own_odometry, configuration.odometry)
         self._has_wheels = bool(configuration.odometry.sideslip)
         self._sideslip = SideslipMonitor(configuration.odometry)
-        self._collector = BatchCollector.of(configuration.odometry)
+        self._collector = batching.BatchCollector.of(configuration.odometry)
 
     def taker(
         self, sensor: str, batch_of: Callable[[Any], LineBatch | Flow]
@@ -137,10 +134,10 @@ class _Odometry:
 
 class _Brakes:
     def __init__(self, configuration: ExperimentConfiguration) -> None:
-        self._assist = BrakeAssist(configuration.brake_assist)
+        self._assist = brake_assist.BrakeAssist(configuration.brake_assist)
         self._wheels = tuple(configuration.brake_assist.wheels)
         limits = configuration.brake_assist
-        self._pairing = StepPairing(
+        self._pairing = step_pairing.StepPairing(
             second_opinion=limits.second_opinion,
             imu=configuration.imu.enabled,
             twist_period_ns=round(configuration.twist_period * 1e9),

@@ -22,15 +22,11 @@ from rosgraph_msgs.msg import Clock
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import SECOND_NS
+from omni_recording import folder, mcap
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, in_rounds, in_time_order, open_vehicle
-from omni_recording.mcap import RecordedMessage
+from omni_ros import parameters, process, qos, startup
 from omni_ros.messages import leading_stamp, to_time
-from omni_ros.parameters import declare_configuration
-from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
-from omni_ros.qos import RELIABLE
 from omni_ros.report import report
-from omni_ros.startup import StartupConfiguration
 
 _MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
 _MOST_UNHEARD = 20  # rounds before the first result
@@ -71,11 +67,11 @@ class PlayerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("player")
-        self.startup = declare_configuration(self, StartupConfiguration)
-        self.configuration = declare_configuration(self, PlayerConfiguration)
-        self.clock = self.create_publisher(Clock, "/clock", RELIABLE)
+        self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
+        self.configuration = parameters.declare_configuration(self, PlayerConfiguration)
+        self.clock = self.create_publisher(Clock, "/clock", qos.RELIABLE)
         self.inputs = {
-            topic: self.create_publisher(_message_class(kind), topic, RELIABLE)
+            topic: self.create_publisher(_message_class(kind), topic, qos.RELIABLE)
             for topic, kind in zip(
                 self.configuration.inputs, self.configuration.input_types, strict=True
             )
@@ -88,9 +84,9 @@ class PlayerNode(Node):
             self.configuration.outputs, self.configuration.output_types, strict=True
         ):
             answered = partial(self._on_result, topic)
-            self.create_subscription(_message_class(kind), topic, answered, RELIABLE, raw=True)
+            self.create_subscription(_message_class(kind), topic, answered, qos.RELIABLE, raw=True)
 
-    def publish_round(self, messages: list[RecordedMessage]) -> None:
+    def publish_round(self, messages: list[mcap.RecordedMessage]) -> None:
         """Publish one message of each topic after the clock."""
         self.clock.publish(Clock(clock=to_time(messages[0].log_ns)))
         for message in messages:
@@ -112,7 +108,7 @@ class PlayerNode(Node):
         self._newest[topic] = max(self._newest[topic], leading_stamp(data) or 0)
 
 
-def play(node: PlayerNode, spinner: Spinner) -> None:
+def play(node: PlayerNode, spinner: process.Spinner) -> None:
     """Publish the whole recording, wait for the last results and report.
 
     Raises:
@@ -120,25 +116,25 @@ def play(node: PlayerNode, spinner: Spinner) -> None:
     """
     # One listener each: the node that is replayed; the recorder listens to the clock.
     listened = [node.clock, *node.inputs.values()]
-    await_subscribers(listened, 1, spinner, node.startup.match_timeout)
+    process.await_subscribers(listened, 1, spinner, node.startup.match_timeout)
     try:
         _publish_all(node, spinner)
     except BagError as error:
-        raise NodeError(str(error)) from None
+        raise process.NodeError(str(error)) from None
     spinner.spin_until(lambda: node.unanswered == 0, 2.0 * _PATIENCE)
     _await_silence(node, spinner)
     if not spinner.stop and not any(node.results.values()):
-        raise NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
+        raise process.NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
     report({"published": node.published, "results": node.results})
 
 
-def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
-    bag = open_vehicle(Path(node.configuration.bag))
+def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
+    bag = folder.open_vehicle(Path(node.configuration.bag))
     rate = node.configuration.rate
     ahead = 1
-    chosen = (m for m in bag_messages(bag) if m.channel.topic in node.inputs)
+    chosen = (m for m in folder.bag_messages(bag) if m.channel.topic in node.inputs)
     start: float | None = None
-    for messages in in_rounds(in_time_order(chosen)):
+    for messages in folder.in_rounds(folder.in_time_order(chosen)):
         if spinner.stop:
             return
         if rate > 0.0:
@@ -150,7 +146,7 @@ def _publish_all(node: PlayerNode, spinner: Spinner) -> None:
         ahead = _await_result(node, spinner, ahead)
 
 
-def _await_result(node: PlayerNode, spinner: Spinner, ahead: int) -> int:
+def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
     """Wait until fewer than `ahead` rounds lack a result; return how many may lack one next.
 
     Raises:
@@ -167,19 +163,19 @@ def _await_result(node: PlayerNode, spinner: Spinner, ahead: int) -> int:
     if followed or spinner.stop:
         return ahead
     if ahead >= most:
-        raise NodeError(
+        raise process.NodeError(
             f"{node.unanswered} rounds of inputs have no result after {timeout:g} s on "
             f"{', '.join(node.results)}"
         )
     return ahead + 1
 
 
-def _spin_until_time(spinner: Spinner, deadline: float) -> None:
+def _spin_until_time(spinner: process.Spinner, deadline: float) -> None:
     while not spinner.stop and (remaining := deadline - time.monotonic()) > 0.0:
         spinner.spin_once(remaining)
 
 
-def _await_silence(node: PlayerNode, spinner: Spinner) -> None:
+def _await_silence(node: PlayerNode, spinner: process.Spinner) -> None:
     """Receive the remaining results."""
     before = -1
     while not spinner.stop and sum(node.results.values()) != before:
@@ -197,7 +193,7 @@ def _message_class(kind: str) -> Any:
 
 def main() -> None:
     """Run the node to the end of the recording or until SIGINT or SIGTERM."""
-    sys.exit(run_process(PlayerNode, play))
+    sys.exit(process.run_process(PlayerNode, play))
 
 
 if __name__ == "__main__":

@@ -7,25 +7,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.recorded_run import read_streams
-from omni_platform.kinematics import PlatformKinematics
+from omni_loop import experiment, recorded_run
+from omni_platform import kinematics, topics
 from omni_platform.quantities import FloatArray
-from omni_platform.topics import GROUND_TRUTH, WHEEL_STATES
-from omni_recording.error import BagError
-from omni_recording.folder import Bag
+from omni_recording import error, folder
 
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
-_TOPICS = {TRUTH: GROUND_TRUTH.name, WHEELS: WHEEL_STATES.name}
-_TYPES = {topic.name: topic.type for topic in (GROUND_TRUTH, WHEEL_STATES)}
+_TOPICS = {TRUTH: topics.GROUND_TRUTH.name, WHEELS: topics.WHEEL_STATES.name}
+_TYPES = {topic.name: topic.type for topic in (topics.GROUND_TRUTH, topics.WHEEL_STATES)}
 _STEADY = 1.0  # m/s^2, beyond which wheels slip on the ground
 _SPREAD = 3  # samples to either side over which the acceleration is taken
 
 
 def read_reference(
-    bag: Bag, configuration: ExperimentConfiguration, kind: str
+    bag: folder.Bag, configuration: experiment.ExperimentConfiguration, kind: str
 ) -> tuple[FloatArray, FloatArray, str]:
     """Return times [s], twists (v_x, v_y, yaw rate) and the name of their reference.
 
@@ -39,7 +36,7 @@ def read_reference(
     Raises:
         BagError: the recording lacks it.
     """
-    streams = read_streams(bag, _TYPES, ())
+    streams = recorded_run.read_streams(bag, _TYPES, ())
     if kind == AUTO:
         kind = TRUTH if _TOPICS[TRUTH] in streams else WHEELS
     stream = streams.get(_TOPICS[kind])
@@ -57,12 +54,12 @@ def read_reference(
             values.append([float(speed[name]) for name in wheels])
         stamps.append(1e-9 * float(stamp_ns))
     if len(stamps) < 2 * _SPREAD + 1:
-        raise BagError(bag.path, f"holds no motion to compare with on /{_TOPICS[kind]}")
+        raise error.BagError(bag.path, f"holds no motion to compare with on /{_TOPICS[kind]}")
     time, known = np.array(stamps), np.array(values)
     if kind == TRUTH:
         time, known = _means(time, known)
     else:
-        known = PlatformKinematics(configuration.vehicle.wheels).twist(known)
+        known = kinematics.PlatformKinematics(configuration.vehicle.wheels).twist(known)
         known[_accelerating(time, known)] = np.nan
     return time, known, kind
 

@@ -6,15 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from omni_recording.decode import DecodeError, MessageDecoder
-from omni_recording.folder import Bag, file_problem, open_bag
-from omni_recording.mcap import (
-    McapError,
-    McapMessages,
-    RecordedChannel,
-    RecordedMessage,
-    read_summary,
-)
+from omni_recording import decode, folder, mcap
 
 _SEQUENCE_RANGE = 1 << 32
 
@@ -43,27 +35,27 @@ def check_bag(path: Path | str) -> BagCheck:
     Raises:
         BagError: it cannot be read to its end; names place and reason.
     """
-    bag = open_bag(path)
+    bag = folder.open_bag(path)
     findings = _Findings()
     for file in bag.files:
         try:
             findings.read(file)
-        except (McapError, OSError) as error:
-            raise file_problem(bag.path, file, error) from None
+        except (mcap.McapError, OSError) as error:
+            raise folder.file_problem(bag.path, file, error) from None
     findings.compare_metadata(bag)
     return findings.result()
 
 
 class _Findings:
     def __init__(self) -> None:
-        self._decoder = MessageDecoder()
+        self._decoder = decode.MessageDecoder()
         self._counts: dict[str, int] = {}
         self._problems: list[str] = []
         self._remarks: list[str] = []
         self._undecoded: dict[str, tuple[int, str]] = {}
 
     def read(self, file: Path) -> None:
-        reader = McapMessages(file)
+        reader = mcap.McapMessages(file)
         counts: dict[str, int] = {}
         sequences: dict[int, _Sequence] = {}  # by identity: a channel lives as long as its reader
         for message in reader:
@@ -85,7 +77,7 @@ class _Findings:
         for topic, count in counts.items():
             self._counts[topic] = self._counts.get(topic, 0) + count
 
-    def compare_metadata(self, bag: Bag) -> None:
+    def compare_metadata(self, bag: folder.Bag) -> None:
         if bag.message_count is None:
             return
         total = sum(self._counts.values())
@@ -105,7 +97,7 @@ class _Findings:
             self._problems.append("there is no message in it")
         return BagCheck(self._counts, tuple(self._problems), tuple(self._remarks))
 
-    def _look_at(self, channel: RecordedChannel) -> None:
+    def _look_at(self, channel: mcap.RecordedChannel) -> None:
         problem = self._decoder.problem(channel)
         if not problem:
             return
@@ -115,18 +107,18 @@ class _Findings:
         if line not in found:
             found.append(line)
 
-    def _decode(self, message: RecordedMessage) -> None:
+    def _decode(self, message: mcap.RecordedMessage) -> None:
         if self._decoder.problem(message.channel):
             return  # reported once for the channel
         try:
             self._decoder.decode(message)
-        except DecodeError as error:
+        except decode.DecodeError as error:
             topic = message.channel.topic
             count, words = self._undecoded.get(topic, (0, str(error)))
             self._undecoded[topic] = count + 1, words
 
     def _compare_summary(self, file: Path, counts: Mapping[str, int]) -> None:
-        summary = read_summary(file)
+        summary = mcap.read_summary(file)
         if summary is None:
             self._remarks.append(f"{file.name} has no index; its recording ended early")
         elif {**dict.fromkeys(counts, 0), **summary.counts} != dict(counts):

@@ -7,11 +7,8 @@ import math
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording import decode, folder, mcap, table
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, open_vehicle
-from omni_recording.mcap import RecordedMessage
-from omni_recording.table import Cell, TooWideError, flatten
 
 
 @dataclasses.dataclass
@@ -68,7 +65,7 @@ def compare_topics(
 
 def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
     """Merge both recordings by stamp in bounded memory."""
-    decoder = MessageDecoder()
+    decoder = decode.MessageDecoder()
     result = TopicComparison(topic)
     streams = _stamped(decoder, first, topic), _stamped(decoder, second, topic)
     one, other = next(streams[0], None), next(streams[1], None)
@@ -87,19 +84,19 @@ def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
     return result
 
 
-_Stamped = tuple[int, RecordedMessage, list[Cell]]
+_Stamped = tuple[int, mcap.RecordedMessage, list[table.Cell]]
 
 
-def _stamped(decoder: MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
-    for message in bag_messages(open_vehicle(path)):
+def _stamped(decoder: decode.MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
+    for message in folder.bag_messages(folder.open_vehicle(path)):
         if message.channel.topic != topic:
             continue
         try:
             decoded = decoder.decode(message)
-            cells = flatten(decoder, message.channel.type_name, decoded)
-        except (DecodeError, TooWideError) as error:
+            cells = table.flatten(decoder, message.channel.type_name, decoded)
+        except (decode.DecodeError, table.TooWideError) as error:
             raise BagError(path, f"{topic}: {error}") from None
-        stamp_ns = header_stamp_ns(decoded)
+        stamp_ns = decode.header_stamp_ns(decoded)
         if stamp_ns is None:
             raise BagError(path, f"{topic} has no stamp")
         yield stamp_ns, message, cells

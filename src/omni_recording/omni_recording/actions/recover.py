@@ -12,12 +12,10 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from omni_recording.definitions import MessageDefinition
+from omni_recording import definitions, mcap, write
 from omni_recording.error import BagError
 from omni_recording.folder import METADATA, bag_files, open_bag, read_plain_yaml
-from omni_recording.mcap import McapError, McapMessages, RecordedChannel, RecordedMessage
 from omni_recording.metadata import RecordedQos, RecordedTopic
-from omni_recording.write import RecordingError, Rosbag2Writer
 
 _DEFAULT_DEPTH = 10
 _LARGEST_QOS = 1 << 16  # characters
@@ -69,7 +67,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     if not survey.count:
         words = "; ".join(survey.problems) or "it holds none"
         raise BagError(path, f"there is no message to save: {words}")
-    with Rosbag2Writer(folder, [_topic(path, one) for one in survey.channels]) as writer:
+    with write.Rosbag2Writer(folder, [_topic(path, one) for one in survey.channels]) as writer:
         for message in _whole_messages(files, [], []):
             writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     if path.is_dir():
@@ -82,7 +80,7 @@ class _Survey:
     """Findings of the first pass."""
 
     problems: list[str]
-    channels: Collection[RecordedChannel] = ()
+    channels: Collection[mcap.RecordedChannel] = ()
     count: int = 0
     first_ns: int = 1 << 63
     last_ns: int = 0
@@ -90,12 +88,12 @@ class _Survey:
 
 def _survey(path: Path, files: tuple[Path, ...], problems: list[str]) -> _Survey:
     found = _Survey(problems)
-    channels: list[RecordedChannel] = []
+    channels: list[mcap.RecordedChannel] = []
     for message in _whole_messages(files, found.problems, channels):
         found.count += 1
         found.first_ns = min(found.first_ns, message.log_ns)
         found.last_ns = max(found.last_ns, message.log_ns)
-    by_topic: dict[str, RecordedChannel] = {}
+    by_topic: dict[str, mcap.RecordedChannel] = {}
     for channel in channels:
         known = by_topic.setdefault(channel.topic, channel)
         if known.type_name != channel.type_name:
@@ -108,18 +106,18 @@ def _survey(path: Path, files: tuple[Path, ...], problems: list[str]) -> _Survey
 def _whole_messages(
     files: tuple[Path, ...],
     problems: list[str],
-    channels: list[RecordedChannel],
-) -> Iterator[RecordedMessage]:
+    channels: list[mcap.RecordedChannel],
+) -> Iterator[mcap.RecordedMessage]:
     """Return the readable messages of every file; collect problems and channels."""
     for file in files:
 
         def note(problem: str, name: str = file.name) -> None:
             problems.append(f"{name} {problem}")
 
-        reader = McapMessages(file, on_damage=note)
+        reader = mcap.McapMessages(file, on_damage=note)
         try:
             yield from reader
-        except McapError as error:
+        except mcap.McapError as error:
             note(error.problem)
         except OSError as error:
             note(f"cannot be read: {error.strerror or error}")
@@ -133,10 +131,10 @@ def _metadata_fit(path: Path, count: int) -> bool:
         return False
 
 
-def _topic(path: Path, channel: RecordedChannel) -> RecordedTopic:
+def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
     if (channel.encoding, channel.definition_encoding) != ("cdr", "ros2msg"):
         raise BagError(path, f"{channel.topic} is not recorded as ROS 2 does by default")
-    definition = MessageDefinition(
+    definition = definitions.MessageDefinition(
         channel.type_name,
         channel.definition,
         channel.metadata.get("topic_type_hash", ""),
@@ -177,6 +175,6 @@ def _copy_notes(path: Path, folder: Path) -> None:
             try:
                 shutil.copyfile(file, folder / file.name)
             except OSError as error:
-                raise RecordingError(
+                raise write.RecordingError(
                     f"cannot copy {file.name} to {folder}: {error.strerror}"
                 ) from None

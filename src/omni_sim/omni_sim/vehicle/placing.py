@@ -7,14 +7,11 @@ import math
 import numpy as np
 
 from omni_platform.quantities import FloatArray
-from omni_sim.vehicle import dynamics
+from omni_sim.vehicle import dynamics, suspension, uneven_ground
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
-from omni_sim.vehicle.suspension import settle
-from omni_sim.vehicle.uneven_ground import level
-from omni_sim.wheel.brake_pressure import release
-from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
+from omni_sim.wheel import brake_pressure, roller_geometry
 
 _PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
 
@@ -45,7 +42,7 @@ def place(
     body["v_x"] = cos * v[0] - sin * v[1]
     body["v_y"] = sin * v[0] + cos * v[1]
     body["yaw_rate"] = twist[2]
-    release(state.pressure)
+    brake_pressure.release(state.pressure)
     wheels["speed"] = plant.rolling @ twist
     pressing = math.sqrt(1.0 - (body["tilt_x"] ** 2 + body["tilt_y"] ** 2))
     wheels["load"] = pressing * static_loads(plant)
@@ -53,7 +50,7 @@ def place(
     if state.suspension.stiffness > 0.0:
         dynamics.standing(state, 0.0)
         weight = pressing * plant.mass * GRAVITY
-        wheels["load"] = settle(plant, state.suspension, wheels["angle"], weight)
+        wheels["load"] = suspension.settle(plant, state.suspension, wheels["angle"], weight)
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
     wheels["last_speed"] = wheels["speed"]
@@ -97,8 +94,8 @@ def _place_rollers(state: State) -> None:
     for i, radius in enumerate(rolling_radius(state)):
         wheel, contact, axis = state.wheels[i], plant.contact[i], plant.rollers[i]
         angle = wheel["angle"]
-        gamma = angle - pitch * nearest_roller(angle, pitch)
-        n_x, n_y, x, y, _, length, depth = roller_contact(gamma, axis)
+        gamma = angle - pitch * roller_geometry.nearest_roller(angle, pitch)
+        n_x, n_y, x, y, _, length, depth = roller_geometry.roller_contact(gamma, axis)
         r_x, r_y = contact["r_x"] + x, contact["r_y"] + y
         rim = radius * wheel["speed"]
         slip_x = cos * v_x + sin * v_y - rate * r_y - rim * axis["u_x"]
@@ -113,5 +110,5 @@ def _lean_on_ground(state: State, x: float, y: float) -> None:
     g_x, g_y = body["x"] - x, body["y"] - y
     for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):
         body["tilt_x"], body["tilt_y"] = dynamics.standing(state, 0.0)[3:5]
-        d_x, d_y = level(body["tilt_x"], body["tilt_y"], g_x, g_y)
+        d_x, d_y = uneven_ground.level(body["tilt_x"], body["tilt_y"], g_x, g_y)
         body["x"], body["y"] = x + d_x, y + d_y

@@ -12,11 +12,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from omni_loop.compiled import run_fast_loop
+from omni_loop import compiled, loop, metrics
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.history import RunHistory
-from omni_loop.loop import run_closed_loop
-from omni_loop.metrics import Metric, run_metrics
 from omni_platform.quantities import FloatArray
 
 EXPERIMENTS = (
@@ -53,14 +51,14 @@ class Comparison:
         return f"{self.experiment}_{self.variant}"
 
     @property
-    def sensor_metrics(self) -> dict[str, Metric]:
+    def sensor_metrics(self) -> dict[str, metrics.Metric]:
         """How the run on the velocity sensor stopped."""
-        return run_metrics(self.sensor)
+        return metrics.run_metrics(self.sensor)
 
     @property
-    def optical_metrics(self) -> dict[str, Metric]:
+    def optical_metrics(self) -> dict[str, metrics.Metric]:
         """How the run on the line-scan odometry stopped, and how exact that was."""
-        return run_metrics(self.optical)
+        return metrics.run_metrics(self.optical)
 
 
 def compare(
@@ -98,8 +96,8 @@ def compare(
             Comparison(
                 experiment,
                 variant,
-                run_fast_loop(sensor).history(),
-                run_closed_loop(optical),
+                compiled.run_fast_loop(sensor).history(),
+                loop.run_closed_loop(optical),
             )
         )
     return tuple(comparisons)

@@ -8,12 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    VERMILLION,
-)
+from omni_figures import style
 from omni_studies.campaign.robustness import DISTANCE_FACTOR, ORIENTATION_LIMIT, Outcome
 
 _TITLES = {
@@ -44,15 +39,15 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
             broken = [result for result in chosen if getattr(result, quantity)]
             dots = min(max(3000.0 / max(len(chosen), 1), 3.0), 14.0)
             for part, look in (
-                (kept, {"s": dots, "color": BLUE, "alpha": 0.5}),
+                (kept, {"s": dots, "color": style.BLUE, "alpha": 0.5}),
                 # Whole, on the axis too.
-                (broken, {"s": 24.0, "color": VERMILLION, "clip_on": False, "zorder": 5}),
+                (broken, {"s": 24.0, "color": style.VERMILLION, "clip_on": False, "zorder": 5}),
             ):
                 axes.scatter(*_pairs(part, quantity), linewidths=0, **look)
             largest = max([1.0, *_pairs(chosen, quantity)[0], *_pairs(chosen, quantity)[1]])
             line = np.array([0.0, largest])
-            axes.plot(line, line, color=GRAY, linewidth=0.8)
-            axes.plot(line, limits[quantity](line), color=VERMILLION, linewidth=1.0)
+            axes.plot(line, line, color=style.GRAY, linewidth=0.8)
+            axes.plot(line, limits[quantity](line), color=style.VERMILLION, linewidth=1.0)
             axes.set_xlim(0.0, 1.03 * largest)
             axes.set_ylim(0.0, 1.03 * largest)
             _finish(axes, f"{title}: {len(broken)} of {len(chosen)}", f"unassisted {label}")
@@ -74,7 +69,7 @@ def draw_distributions(results: Sequence[Outcome]) -> Figure:
             chosen = [result for result in results if result.vehicle == vehicle]
             pairs = _pairs(chosen, quantity)
             for values, name, color in zip(
-                pairs, ("unassisted", "assisted"), (ORANGE, BLUE), strict=True
+                pairs, ("unassisted", "assisted"), (style.ORANGE, style.BLUE), strict=True
             ):
                 share = (np.arange(len(values)) + 1.0) / max(len(values), 1)
                 axes.step(np.sort(values), share, where="post", color=color, label=name)

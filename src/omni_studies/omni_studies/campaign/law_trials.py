@@ -19,13 +19,8 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.brakes import ON_OFF, PROPORTIONAL
 from omni_platform.quantities import FloatArray
+from omni_studies.campaign import robustness
 from omni_studies.campaign.random_braking import RandomBraking, draw
-from omni_studies.campaign.robustness import (
-    DISTANCE_FACTOR,
-    ORIENTATION_LIMIT,
-    SHORTEST_DISTANCE,
-    without,
-)
 
 _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # in place of a law
@@ -83,7 +78,7 @@ class LawTrials:
             law: its name, empty for all brakes on.
         """
         variant = "assisted" if law else "unassisted"
-        base = self._braking.configurations(without(draw(seed), "failure"))[variant]
+        base = self._braking.configurations(robustness.without(draw(seed), "failure"))[variant]
         random = np.random.default_rng([seed, 1])
         lag = str(random.choice(["none", "nominal", "unmodelled"]))
         dead_time = float(random.uniform(0.0, _LARGEST_DEAD_TIME))
@@ -116,14 +111,14 @@ def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric
         np.reshape([getattr(trial, name) for trial in trials], shape)
         for name in ("distance", "rotation", "stopped")
     )
-    distance = np.maximum(distance, SHORTEST_DISTANCE)
+    distance = np.maximum(distance, robustness.SHORTEST_DISTANCE)
     metrics: dict[str, Metric] = {}
     for k, kind in enumerate(_KINDS):
         free = distance[:, k, 0]
         for j, law in enumerate(laws, start=1):
             ratio = distance[:, k, j] / free
             turned = rotation[:, k, j] - rotation[:, k, 0]
-            broken = (ratio > DISTANCE_FACTOR) | (turned > ORIENTATION_LIMIT)
+            broken = (ratio > robustness.DISTANCE_FACTOR) | (turned > robustness.ORIENTATION_LIMIT)
             broken |= stopped[:, k, j] < stopped[:, k, 0]
             found = {
                 "median_ratio": Metric(float(np.median(ratio)), "1"),

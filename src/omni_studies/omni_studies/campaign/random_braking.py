@@ -19,12 +19,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from omni_loop.experiment import (
-    ExperimentConfiguration,
-    ExperimentLibrary,
-    merge,
-    parse_override,
-)
+from omni_loop import experiment
 from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
@@ -66,7 +61,7 @@ class RandomBraking:
         ConfigurationError: a change does not fit, or is of what is drawn.
     """
 
-    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
+    def __init__(self, library: experiment.ExperimentLibrary, changes: Sequence[str] = ()) -> None:
         for change in changes:
             if change.startswith(_DRAWN):
                 raise ConfigurationError("--set", f"{change!r}: the campaign draws that")
@@ -84,7 +79,7 @@ class RandomBraking:
         samples = [draw(seed) for seed in range(20)]
         return hashlib.sha256(json.dumps([bases, samples]).encode()).hexdigest()[:16]
 
-    def configurations(self, drawn: Tree) -> dict[str, ExperimentConfiguration]:
+    def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
         """Return the run that has been drawn without and with the assistant, by variant."""
         base = self._bases[drawn["vehicle"]]
         common = dataclasses.replace(
@@ -123,8 +118,8 @@ class RandomBraking:
         ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
         common: Tree = {"brake_assist": _LAW}
         for change in self._changes:
-            common = merge(common, parse_override(change))
-        common = merge(common, {"vehicle": {"load": drawn["load"]}})
+            common = experiment.merge(common, experiment.parse_override(change))
+        common = experiment.merge(common, {"vehicle": {"load": drawn["load"]}})
         document = {
             "description": f"Robustness run {seed}: {words}",
             "seed": seed,
@@ -137,7 +132,7 @@ class RandomBraking:
             "variants": {
                 # Copies: the writer would make references of one and the same load.
                 variant: copy.deepcopy(
-                    merge(common, {"brake_assist": drawn["brake_assist"] | switch})
+                    experiment.merge(common, {"brake_assist": drawn["brake_assist"] | switch})
                 )
                 for variant, switch in _SWITCHES.items()
             },

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration
+from omni_loop import compiled, experiment
 from omni_studies.campaign.random_braking import RandomBraking, Tree, draw
 
 ORIENTATION_LIMIT = 5.0
@@ -99,7 +98,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
     """Run what has been drawn without and with the assistant."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
-        run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
+        compiled.run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
     )
     configuration = configurations["assisted"]
     return Outcome(
@@ -131,7 +130,7 @@ def without(drawn: Tree, cause: str) -> Tree:
     return drawn | {"maneuver": drawn["maneuver"] | {entry: 0.0}}
 
 
-def energy_rise(run: FastRun, configuration: ExperimentConfiguration) -> float:
+def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
     """Return the largest rise of the energy from any stamp to a later one [1].
 
     Kinetic and elastic energy on flat ground, from the moment on at which the pedal has opened the

@@ -14,9 +14,8 @@ from collections import deque
 
 import numpy as np
 
+from omni_platform import quantities, signals
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import TwistSample
 from omni_sim.simulator import Observation
 
 MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
@@ -133,11 +132,11 @@ class SourceEstimator:
         self._kinematics = kinematics
         self._random = np.random.default_rng(seed)
         self._scale = 1.0 + source.scale * float(self._random.standard_normal())
-        self._waiting: deque[tuple[int, TwistSample]] = deque()  # by arrival [ns]
-        self._last: TwistSample | None = None
+        self._waiting: deque[tuple[int, signals.TwistSample]] = deque()  # by arrival [ns]
+        self._last: signals.TwistSample | None = None
         self._sampled_ns = -(10**18)
 
-    def estimate(self, observation: Observation) -> TwistSample:
+    def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the newest measurement that has arrived; one that measured nothing at first."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
@@ -147,10 +146,10 @@ class SourceEstimator:
         while self._waiting and self._waiting[0][0] <= now_ns:
             self._last = self._waiting.popleft()[1]
         if self._last is None:
-            return TwistSample(now_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(now_ns, np.zeros(3), _UNMEASURED * np.eye(3))
         return self._last
 
-    def _measure(self, observation: Observation) -> TwistSample:
+    def _measure(self, observation: Observation) -> signals.TwistSample:
         source, stamp_ns = self._source, observation.stamp_ns
         if source.kind != MODEL:
             return self._by_wheels(observation)
@@ -158,18 +157,18 @@ class SourceEstimator:
         lost = self._random.random() < source.lost
         noise = self._random.standard_normal(3)
         if lost or speed > source.maximum_speed:
-            return TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
         linear = max(math.hypot(source.linear, source.relative * speed), _SMALLEST)
         deviation = np.array([linear, linear, max(source.turning, _SMALLEST)])
         scale = np.array([self._scale, self._scale, 1.0])
         # A source states its scale error too, as its maker does.
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
-        value: FloatArray = scale * observation.twist + deviation * noise
-        return TwistSample(stamp_ns, value, np.diag(stated))
+        value: quantities.FloatArray = scale * observation.twist + deviation * noise
+        return signals.TwistSample(stamp_ns, value, np.diag(stated))
 
-    def _by_wheels(self, observation: Observation) -> TwistSample:
+    def _by_wheels(self, observation: Observation) -> signals.TwistSample:
         stamp_ns = observation.stamp_ns
         if self._source.kind == INERTIAL and observation.pedal > 0.0:
-            return TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
         twist = self._kinematics.twist(observation.encoder_speed)
-        return TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)
+        return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)

@@ -21,9 +21,8 @@ import numpy as np
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration
+from omni_platform import kinematics, quantities
 from omni_platform.configuration import ConfigurationError
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
@@ -78,7 +77,7 @@ QUANTITIES = (
 Parameters = Mapping[str, float]
 
 
-def rounded(vector: Sequence[float] | FloatArray) -> dict[str, float]:
+def rounded(vector: Sequence[float] | quantities.FloatArray) -> dict[str, float]:
     """Return a candidate by name, rounded as a configuration file gives it.
 
     Args:
@@ -205,7 +204,7 @@ def unsound(vehicle: VehicleConfiguration) -> float:
     Sound is a load over the area between the wheels, and no wheel that carries more at rest than
     the tire is known for.
     """
-    position = PlatformKinematics(vehicle.wheels).geometry.position
+    position = kinematics.PlatformKinematics(vehicle.wheels).geometry.position
     masses = MassProperties.of(vehicle.body, vehicle.load)
     carried = masses.mass * GRAVITY * load_plane(position - masses.center)[:, 0]
     overload = max(float(carried.max()) / vehicle.tire.largest_load - 1.0, 0.0)

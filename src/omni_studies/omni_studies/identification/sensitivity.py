@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from omni_loop.experiment import ExperimentConfiguration
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_platform import configuration, quantities
 from omni_studies.identification import table_2
 from omni_studies.identification.identification import QUANTITIES, Parameters, configure, measure
 
@@ -37,11 +36,11 @@ class Sensitivity:
 
     numbers: tuple[str, ...]
     parameters: tuple[str, ...]
-    slope: FloatArray
-    scatter: FloatArray
+    slope: quantities.FloatArray
+    scatter: quantities.FloatArray
 
     @property
-    def in_tolerances(self) -> FloatArray:
+    def in_tolerances(self) -> quantities.FloatArray:
         """Slope over the tolerance of each number [1 per step], shape (10, P)."""
         tolerance = np.array([table_2.tolerance(name) for name in self.numbers])
         return np.asarray(self.slope / tolerance[:, np.newaxis])
@@ -95,6 +94,6 @@ def _numbers(bases: Mapping[str, ExperimentConfiguration], parameters: Parameter
     """Return the ten numbers of a candidate, NaN where it does not stand or stop."""
     try:
         measured = measure({case: configure(base, parameters) for case, base in bases.items()})
-    except ConfigurationError:
+    except configuration.ConfigurationError:
         return [math.nan] * len(table_2.REFERENCES)
     return [measured[name] for name in table_2.REFERENCES]

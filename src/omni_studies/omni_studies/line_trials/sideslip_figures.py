@@ -10,12 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
-from omni_figures.style import (
-    BLACK,
-    GRAY,
-    draw_title,
-    wheel_color,
-)
+from omni_figures import style
 from omni_studies.line_trials.sideslip_trials import Angles
 
 _MARKERS = ("o", "s", "^", "D")
@@ -39,7 +34,9 @@ def draw_sideslip(
     """
     figure = Figure(figsize=(12.0, 5.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    draw_title(figure, "Sideslip angle of a wheel from one line camera along its axis of rotation")
+    style.draw_title(
+        figure, "Sideslip angle of a wheel from one line camera along its axis of rotation"
+    )
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
     sensors = list(dict.fromkeys(sensor for _, sensor in trials))
     _draw_speeds(left, trials, grounds, sensors, fastest)
@@ -47,11 +44,11 @@ def draw_sideslip(
     truth = next(iter(trials.values()))[0].truth
     fine = np.linspace(truth[0], truth[-1], 201)
     slip = np.degrees(np.arctan(np.tan(fine) / slipping) - fine)
-    right.plot(np.degrees(fine), slip, color=BLACK, linewidth=1.2, linestyle="--")
+    right.plot(np.degrees(fine), slip, color=style.BLACK, linewidth=1.2, linestyle="--")
     share = f"{100.0 * (1.0 - slipping):.0f} % slip of the wheel"
-    right.plot([], [], color=BLACK, linewidth=1.2, linestyle="--", label=f"bias by {share}")
+    right.plot([], [], color=style.BLACK, linewidth=1.2, linestyle="--", label=f"bias by {share}")
     level = math.degrees(math.sqrt(float(np.mean(np.radians(slip) ** 2))))
-    left.axhline(level, color=BLACK, linewidth=1.2, linestyle="--", label=f"RMS of {share}")
+    left.axhline(level, color=style.BLACK, linewidth=1.2, linestyle="--", label=f"RMS of {share}")
     for axes in (left, right):
         axes.legend(
             loc="upper center",
@@ -74,7 +71,7 @@ def _draw_speeds(
         axes.plot(
             [angles.speed for angles in found],
             [math.degrees(angles.rms_error) for angles in found],
-            color=wheel_color(grounds.index(ground)),
+            color=style.wheel_color(grounds.index(ground)),
             marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
             linestyle="-" if sensor == sensors[0] else ":",
             linewidth=1.6,
@@ -82,7 +79,7 @@ def _draw_speeds(
             label=f"{ground}, {sensor}",
         )
     for sensor, speed in fastest.items():
-        axes.axvline(speed, color=GRAY, linewidth=1.0)
+        axes.axvline(speed, color=style.GRAY, linewidth=1.0)
         axes.annotate(
             f"{sensor}: 60 %\noverlap",
             (speed, 0.02),
@@ -90,7 +87,7 @@ def _draw_speeds(
             xytext=(-4, 0),
             textcoords="offset points",
             ha="right",
-            color=BLACK,
+            color=style.BLACK,
         )
     speeds = [angles.speed for angles in next(iter(trials.values()))]
     axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
@@ -121,7 +118,7 @@ def _draw_angles(
         axes.plot(
             (spread + width * (i - 0.5 * (len(trials) - 1))).ravel(),
             error.ravel(),
-            color=wheel_color(grounds.index(ground)),
+            color=style.wheel_color(grounds.index(ground)),
             marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
             markersize=3.0,
             linestyle="",

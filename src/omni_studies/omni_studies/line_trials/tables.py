@@ -10,15 +10,14 @@ import numpy as np
 
 from omni_figures.data_table import write_table
 from omni_studies.line_trials.view_grid import GROUP
-from omni_tools.line_trials.errors import ERROR_COLUMNS
-from omni_tools.line_trials.trials import Matches, Motion
+from omni_tools.line_trials import errors, trials
 
 
 def write_matches(
     path: Path,
     names: tuple[str, ...],
-    motions: Sequence[Motion],
-    cases: Mapping[tuple[str, ...], Sequence[Matches]],
+    motions: Sequence[trials.Motion],
+    cases: Mapping[tuple[str, ...], Sequence[trials.Matches]],
 ) -> Path:
     """Write one row for every case and motion.
 
@@ -31,7 +30,7 @@ def write_matches(
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",
         "true_displacement_px", "right_share", "exact_share", "usable_share",
-        "undetected_share", "median_error_px", "median_right_share", *ERROR_COLUMNS,
+        "undetected_share", "median_error_px", "median_right_share", *errors.ERROR_COLUMNS,
     )  # fmt: skip
     rows: Iterator[tuple[str | float, ...]] = (
         (*case, *_row(motion, m))
@@ -41,7 +40,7 @@ def write_matches(
     return write_table(path, header, rows, digits=6)
 
 
-def _row(motion: Motion, m: Matches) -> tuple[float, ...]:
+def _row(motion: trials.Motion, m: trials.Matches) -> tuple[float, ...]:
     view = motion.view
     medians = math.nan, math.nan
     if len(m.shift) >= GROUP:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from omni_platform.quantities import FloatArray
-from omni_tools.line_trials.rig import View
-from omni_tools.line_trials.trials import Motion
+from omni_tools.line_trials import rig, trials
 
 LENGTHS = tuple(0.01 * i for i in range(1, 8))
 """Of the field of view [m]."""
@@ -24,10 +23,10 @@ ANGLE = math.radians(89.0)
 """Of the sideways motion from the axis [rad]."""
 
 
-def sideways_motions(axis: float = 0.0) -> list[Motion]:
+def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
     """Return 12 m/s at 89 deg to an axis [rad], 2500 lines/s, for every shape and length."""
     return [
-        Motion(View(length=length, width=shape * length), SPEED, ANGLE, axis)
+        trials.Motion(rig.View(length=length, width=shape * length), SPEED, ANGLE, axis)
         for shape in SHAPES
         for length in LENGTHS
     ]

@@ -13,15 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.style import (
-    BLACK,
-    BLUE,
-    GRAY,
-    GREEN,
-    VERMILLION,
-    draw_title,
-    save_figure,
-)
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
@@ -29,7 +21,7 @@ from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 
-_COLORS = dict(zip(LAWS, (BLACK, BLUE, GREEN, VERMILLION), strict=True))
+_COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +52,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
         if count:
             metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
-    figure = save_figure(_draw(held), study.folder / "bounds.png")
+    figure = style.save_figure(_draw(held), study.folder / "bounds.png")
     return StudyResult(metrics, (path, figure))
 
 
@@ -86,7 +78,7 @@ def below(held: Sequence[Held], bound: str) -> int:
 def _draw(held: Sequence[Held]) -> Figure:
     """Draw how many of the runs come how near to their bounds, by law."""
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
-    draw_title(figure, "No stop is below its bound")
+    style.draw_title(figure, "No stop is below its bound")
     panels = figure.subplots(1, 2, sharey=True)
     names = ("path of the center of gravity", "distance where heading and line are kept")
     for axes, bound, name in zip(panels, ("any_heading", "straight"), names, strict=True):
@@ -95,7 +87,7 @@ def _draw(held: Sequence[Held]) -> Figure:
             values = np.sort(shares[~np.isnan(shares[:, column]), column])
             label = law.replace("_", " ")
             axes.step(values, np.linspace(0.0, 1.0, len(values)), color=color, label=label)
-        axes.axvline(1.0, color=GRAY, linestyle="--")
+        axes.axvline(1.0, color=style.GRAY, linestyle="--")
         axes.set_xlim(0.9, 2.0)
         axes.set_xlabel(f"{name} over its bound [1]")
     panels[0].set_ylabel("share of the runs below [1]")

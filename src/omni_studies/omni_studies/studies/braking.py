@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import TIME, history_columns, write_columns
+from omni_figures import data_table, style
 from omni_figures.run_figures import scene_of
-from omni_figures.style import save_figure
 from omni_figures.top_view import top_view
-from omni_loop.compiled import run_fast_loop
+from omni_loop import compiled, loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.history import RunHistory
-from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
@@ -118,10 +116,10 @@ def run_experiment(
     histories, feedback = {}, {}
     for variant, configuration in configurations.items():
         if not configuration.uses_lines:
-            run = run_fast_loop(configuration)
+            run = compiled.run_fast_loop(configuration)
             histories[variant], feedback[variant] = run.history(), run.record.feedback
         else:
-            histories[variant] = run_closed_loop(configuration)
+            histories[variant] = loop.run_closed_loop(configuration)
             feedback[variant] = histories[variant].estimate
     return ExperimentRuns(configurations, histories, feedback)
 
@@ -161,8 +159,8 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
     files = []
     for number, drawing in _FIGURES[study.case].items():
         figure, columns = drawing(runs)
-        files.append(save_figure(figure, study.folder / f"figure_{number}.png"))
-        files.append(write_columns(study.folder / f"figure_{number}.csv", columns))
+        files.append(style.save_figure(figure, study.folder / f"figure_{number}.png"))
+        files.append(data_table.write_columns(study.folder / f"figure_{number}.csv", columns))
     return StudyResult(runs.metrics, tuple(files))
 
 
@@ -177,7 +175,7 @@ def _over_time(variant: str, *, errors: bool = True) -> Drawing:
         history = runs.histories[variant]
         title = f"{runs.configurations[variant].description}: {variant}"
         figure = braking_figures.velocities_and_errors(history, title, errors=errors)
-        return figure, history_columns(history, errors=errors)
+        return figure, data_table.history_columns(history, errors=errors)
 
     return drawing
 
@@ -217,14 +215,14 @@ def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
     shown = {"original": (history, history.twist), "noisy": (history, feedback)}
     figure = braking_figures.compare_velocities(shown, "Noise on the feedback")
     noisy = {f"noisy {name}": feedback[:, place] for place, name in enumerate(_COMPONENTS)}
-    return figure, {TIME: history.braking_time, **_twist_columns(history), **noisy}
+    return figure, {data_table.TIME: history.braking_time, **_twist_columns(history), **noisy}
 
 
 def _stacked(
     histories: Mapping[str, RunHistory], columns: Callable[[RunHistory], Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return columns of several runs below one another."""
-    tables = [{TIME: run.braking_time, **columns(run)} for run in histories.values()]
+    tables = [{data_table.TIME: run.braking_time, **columns(run)} for run in histories.values()]
     names = [name for name, run in histories.items() for _ in run.stamp_ns]
     return {"variant": names} | {
         column: np.concatenate([table[column] for table in tables]) for column in tables[0]

@@ -12,14 +12,7 @@ import math
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    WHEEL_COLORS,
-    draw_title,
-    save_figure,
-)
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 from omni_studies.line_trials.options import LineOptions, kinds_option, pairs_option
@@ -92,8 +85,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             note="widest over narrowest view with 60 % overlap",
         )
     files = (
-        save_figure(_draw(found, options), study.folder / "figure_69.png"),
-        write_table(
+        style.save_figure(_draw(found, options), study.folder / "figure_69.png"),
+        data_table.write_table(
             study.folder / "contrast.csv",
             (
                 "ground", "width_mm", "width_over_length", "overlap", "contrast_gray_levels",
@@ -157,7 +150,7 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
     figure = Figure(figsize=(13.0, 7.5), layout="constrained")
     grid = figure.add_gridspec(2, 2)
     kind = next(iter(found))
-    draw_title(
+    style.draw_title(
         figure,
         f"Wider views see less contrast and share more of it (Figure 69; lines of {kind} without "
         "noise)",
@@ -170,9 +163,13 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
         place = 1e3 * view.pitch * np.arange(view.pixels)
         step = 1e3 * float(poses[1, 0] - poses[0, 0])
         axes = figure.add_subplot(grid[row, 0])
-        axes.plot(place, old - old.mean(), color=GRAY, linewidth=1.2, label="older line")
+        axes.plot(place, old - old.mean(), color=style.GRAY, linewidth=1.2, label="older line")
         axes.plot(
-            place + step, new - old.mean(), color=BLUE, linewidth=1.2, label="newer line, moved"
+            place + step,
+            new - old.mean(),
+            color=style.BLUE,
+            linewidth=1.2,
+            label="newer line, moved",
         )
         axes.set_title(
             f"{name}) {1e3 * view.length:g} x {1e3 * view.width:g} mm",
@@ -184,18 +181,18 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
         if row == 0:
             axes.legend(loc="upper right", ncols=2)
     contrast, correlation = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
-    for (name, trials), color in zip(found.items(), WHEEL_COLORS, strict=False):
+    for (name, trials), color in zip(found.items(), style.WHEEL_COLORS, strict=False):
         shapes = [100.0 * trial.shape for trial in trials]
         contrast.loglog(shapes, [t.contrast for t in trials], "o-", color=color, label=name)
         correlation.semilogx(shapes, [t.correlation for t in trials], "o-", color=color)
         correlation.semilogx(shapes, [t.right_share for t in trials], "s:", color=color, mfc="w")
-    contrast.axhline(options.noise, color=GRAY, linestyle="--", linewidth=1.0)
+    contrast.axhline(options.noise, color=style.GRAY, linestyle="--", linewidth=1.0)
     contrast.annotate(
         "noise",
         (100.0 * _SHAPES[0], options.noise),
         (0, 3),
         textcoords="offset points",
-        color=GRAY,
+        color=style.GRAY,
     )
     contrast.set_ylabel("contrast [gray levels]")
     correlation.set_ylabel("correlation (full),\nshare of right pairs (dotted)")

@@ -16,14 +16,7 @@ from scipy.signal import find_peaks
 from scipy.spatial import distance
 from scipy.stats import rankdata
 
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    VERMILLION,
-    draw_title,
-    save_figure,
-)
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 from omni_studies.line_trials.options import LineOptions, kinds_option, noise_option, pairs_option
@@ -120,8 +113,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ),
         }
     files = (
-        save_figure(_draw(curves, options.metric), study.folder / "figure_68.png"),
-        write_table(
+        style.save_figure(_draw(curves, options.metric), study.folder / "figure_68.png"),
+        data_table.write_table(
             study.folder / "correlation_functions.csv",
             ("ground", "shift_px", "distance", "true_displacement_px"),
             (
@@ -156,16 +149,16 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
 def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
     figure = Figure(figsize=(11.0, 2.5 * len(curves) + 0.8), layout="constrained")
     panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
-    draw_title(
+    style.draw_title(
         figure,
         f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
         "true displacement dashed, other places in gray",
     )
     for axes, (kind, every) in zip(panels, curves.items(), strict=True):
         for curve in every[1:4]:
-            axes.plot(curve.shift, curve.distance, color=GRAY, linewidth=0.7, alpha=0.6)
-        axes.plot(every[0].shift, every[0].distance, color=BLUE, linewidth=1.2)
-        axes.axvline(every[0].truth, color=VERMILLION, linewidth=1.0, linestyle="--")
+            axes.plot(curve.shift, curve.distance, color=style.GRAY, linewidth=0.7, alpha=0.6)
+        axes.plot(every[0].shift, every[0].distance, color=style.BLUE, linewidth=1.2)
+        axes.axvline(every[0].truth, color=style.VERMILLION, linewidth=1.0, linestyle="--")
         axes.set_title(kind.replace("_", " "))
         axes.set_ylabel("distance")
     panels[-1].set_xlabel("shift [px]")

@@ -21,16 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    GREEN,
-    ORANGE,
-    PALE,
-    draw_title,
-    save_figure,
-)
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor
@@ -45,7 +36,7 @@ _HARDER = (
     "cobble",
 )  # fmt: skip
 _TEXELS = 8192  # of these: two a pixel
-_COLORS = (BLUE, ORANGE, GREEN)
+_COLORS = (style.BLUE, style.ORANGE, style.GREEN)
 _RADIUS = 0.6  # m
 _OVERLAP = 0.6
 _BATCHES = 8
@@ -146,13 +137,13 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     ]
     judged = _leave_one_out(cases)
     files = (
-        save_figure(_draw(cases), study.folder / "covariance.png"),
-        write_table(
+        style.save_figure(_draw(cases), study.folder / "covariance.png"),
+        data_table.write_table(
             study.folder / "left_out.csv",
             ("ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage"),
             ((kind, *values) for kind, values in judged.items()),
         ),
-        write_table(
+        data_table.write_table(
             study.folder / "covariance.csv",
             (
                 "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
@@ -265,14 +256,14 @@ def _row(case: Case) -> tuple[str | float, ...]:
 def _draw(cases: list[Case]) -> Figure:
     figure = Figure(figsize=(13.0, 4.8), layout="constrained")
     panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
-    draw_title(
+    style.draw_title(
         figure,
         "Error squared of the twist over what its covariance lets expect; bars: standard error",
     )
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):
-        axes.axhspan(_LOW, _HIGH, color=PALE, alpha=0.6, linewidth=0.0)
-        axes.axhline(1.0, color=GRAY, linewidth=1.0)
+        axes.axhspan(_LOW, _HIGH, color=style.PALE, alpha=0.6, linewidth=0.0)
+        axes.axhline(1.0, color=style.GRAY, linewidth=1.0)
         for i, (kind, color) in enumerate(zip(_GROUNDS, _COLORS, strict=False)):
             own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
             mean = [case.mean for case in own]

@@ -12,17 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    VERMILLION,
-    draw_title,
-    save_figure,
-)
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
-from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor
+from omni_platform import quantities, sensors
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option
@@ -63,10 +55,10 @@ class Look:
         texels_per_pixel: texels of the ground to a pixel of the camera.
     """
 
-    patch: FloatArray
+    patch: quantities.FloatArray
     contrast: float
-    frequency: FloatArray
-    spectrum: FloatArray
+    frequency: quantities.FloatArray
+    spectrum: quantities.FloatArray
     median_frequency: float
     texels_per_pixel: float
 
@@ -101,15 +93,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         "median_frequency_per_mm", "texels_per_pixel",
     )  # fmt: skip
     files = (
-        save_figure(_plate(looks), study.folder / "grounds.png"),
-        save_figure(_spectra(looks), study.folder / "spectra.png"),
-        write_table(study.folder / "grounds.csv", header, rows),
+        style.save_figure(_plate(looks), study.folder / "grounds.png"),
+        style.save_figure(_spectra(looks), study.folder / "spectra.png"),
+        data_table.write_table(study.folder / "grounds.csv", header, rows),
     )
     return StudyResult(metrics, files)
 
 
 def _look(texture: GroundTexture, seed: int) -> Look:
-    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
+    sensor = sensors.LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(
         {"eye": sensor},
         texture,
@@ -144,7 +136,7 @@ def _look(texture: GroundTexture, seed: int) -> Look:
 def _plate(looks: dict[str, Look]) -> Figure:
     rows = math.ceil(len(looks) / _COLUMNS)
     figure = Figure(figsize=(2.2 * _COLUMNS, 2.65 * rows + 0.5), layout="constrained")
-    draw_title(
+    style.draw_title(
         figure,
         "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm",
     )
@@ -171,7 +163,7 @@ def _plate(looks: dict[str, Look]) -> Figure:
 def _spectra(looks: dict[str, Look]) -> Figure:
     rows = math.ceil(len(looks) / _COLUMNS)
     figure = Figure(figsize=(2.3 * _COLUMNS, 2.0 * rows + 0.7), layout="constrained")
-    draw_title(
+    style.draw_title(
         figure,
         "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power",
     )
@@ -179,9 +171,9 @@ def _spectra(looks: dict[str, Look]) -> Figure:
     for axes in list(panels.flat)[len(looks) :]:
         axes.set_axis_off()
     for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
-        axes.loglog(look.frequency, look.spectrum, color=BLUE, linewidth=1.0)
-        axes.axhline(0.5 / look.frequency[-1], color=GRAY, linestyle="--", linewidth=0.9)
-        axes.axvline(look.median_frequency, color=VERMILLION, linewidth=0.9)
+        axes.loglog(look.frequency, look.spectrum, color=style.BLUE, linewidth=1.0)
+        axes.axhline(0.5 / look.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9)
+        axes.axvline(look.median_frequency, color=style.VERMILLION, linewidth=0.9)
         axes.set_xlim(*_DECADES)
         axes.set_title(name.replace("_", " "), loc="left", pad=3.0)
     for axes in panels[-1]:

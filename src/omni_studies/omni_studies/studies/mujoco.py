@@ -16,15 +16,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    VERMILLION,
-    draw_title,
-    save_figure,
-)
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
@@ -35,7 +27,7 @@ from omni_studies.study import StudyResult, StudyRun
 from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest, in_engine
 
 _LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
-_COLORS = {"single": BLUE, "rollers": ORANGE, "mujoco": VERMILLION}
+_COLORS = {"single": style.BLUE, "rollers": style.ORANGE, "mujoco": style.VERMILLION}
 _CASES = {
     "straight": "straight ahead",
     "sideways": "sideways",
@@ -76,7 +68,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             stops[case, variant, engine] = brake_to_rest(moving, experiments[variant].brake_assist)
     metrics = _metrics(stops) | _mismounted(vehicle)
     files = (
-        save_figure(_draw(stops), study.folder / "paths.png"),
+        style.save_figure(_draw(stops), study.folder / "paths.png"),
         _write(stops, study.folder / "stops.csv"),
     )
     return StudyResult(metrics, files)
@@ -143,7 +135,9 @@ def _draw(stops: Stops) -> Figure:
     """Draw where the vehicle goes and how it turns, in every engine."""
     figure = Figure(figsize=(13.0, 9.0), layout="constrained")
     panels = figure.subplots(len(_CASES), 2, squeeze=False)
-    draw_title(figure, "Full braking in three engines: solid unassisted, dashed with the assistant")
+    style.draw_title(
+        figure, "Full braking in three engines: solid unassisted, dashed with the assistant"
+    )
     for (case, variant, engine), stop in stops.items():
         way, turn = panels[list(_CASES).index(case)]
         path = stop.path
@@ -161,7 +155,7 @@ def _draw(stops: Stops) -> Figure:
         axes[0].set_ylabel(f"{title}\naside [m]")
         axes[1].set_ylabel("heading [deg]")
         for panel in axes:
-            panel.axhline(0.0, color=GRAY, linewidth=0.8)
+            panel.axhline(0.0, color=style.GRAY, linewidth=0.8)
             if last:
                 panel.set_xlabel("way along the first velocity [m]")
     panels[0, 0].legend()
@@ -171,4 +165,4 @@ def _draw(stops: Stops) -> Figure:
 def _write(stops: Stops, path: Path) -> Path:
     header = ("case", "variant", "engine", "swerve_deg", "distance_m", "stopped")
     rows = ((*key, stop.swerve, stop.distance, int(stop.stopped)) for key, stop in stops.items())
-    return write_table(path, header, rows, digits=6)
+    return data_table.write_table(path, header, rows, digits=6)

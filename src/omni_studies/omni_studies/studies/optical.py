@@ -16,14 +16,7 @@ from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.command_options import overrides_option
 from omni_platform.configuration import Configuration, parameter
-from omni_studies.braking import feedback_figures
-from omni_studies.braking.feedback_comparison import (
-    EXPERIMENTS,
-    Comparison,
-    compare,
-    odometry_lag,
-    turned,
-)
+from omni_studies.braking import feedback_comparison, feedback_figures
 from omni_studies.study import StudyResult, StudyRun
 
 _DIFFERENCES = {
@@ -39,13 +32,17 @@ _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 class Options(Configuration):
     """What is compared."""
 
-    experiment: tuple[str, ...] = parameter(EXPERIMENTS, description="experiment to run")
+    experiment: tuple[str, ...] = parameter(
+        feedback_comparison.EXPERIMENTS, description="experiment to run"
+    )
     overrides: tuple[str, ...] = overrides_option()
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every assisted variant with either feedback and report the difference."""
-    comparisons = compare(study.experiments, options.experiment, options.overrides, study.report)
+    comparisons = feedback_comparison.compare(
+        study.experiments, options.experiment, options.overrides, study.report
+    )
     files = (
         write_columns(study.folder / "stops.csv", _columns(comparisons)),
         write_columns(study.folder / "orientations.csv", _orientation_columns(comparisons)),
@@ -55,7 +52,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return StudyResult(_metrics(comparisons), files)
 
 
-def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
+def _metrics(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     for comparison in comparisons:
         sensor, optical = comparison.sensor_metrics, comparison.optical_metrics
@@ -66,11 +63,13 @@ def _metrics(comparisons: Sequence[Comparison]) -> dict[str, Metric]:
             metrics[f"{quantity}.{case}_optical"] = optical[quantity]
             metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
         metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
-        metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(comparison.optical), "s")
+        metrics[f"odometry_lag.{case}"] = Metric(
+            feedback_comparison.odometry_lag(comparison.optical), "s"
+        )
     return metrics
 
 
-def _columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def _columns(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "experiment": [comparison.experiment for comparison in comparisons],
         "variant": [comparison.variant for comparison in comparisons],
@@ -85,11 +84,11 @@ def _columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     for quantity in _ODOMETRY:
         values = [comparison.optical_metrics[quantity] for comparison in comparisons]
         columns[f"{quantity.replace('_', ' ')} [{values[0].unit}]"] = [m.value for m in values]
-    columns["odometry lag [s]"] = [odometry_lag(c.optical) for c in comparisons]
+    columns["odometry lag [s]"] = [feedback_comparison.odometry_lag(c.optical) for c in comparisons]
     return columns
 
 
-def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def _orientation_columns(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Any]:
     runs = [
         (comparison, feedback, history)
         for comparison in comparisons
@@ -99,5 +98,5 @@ def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         "case": [c.case for c, _, history in runs for _ in history.stamp_ns],
         "feedback": [feedback for _, feedback, history in runs for _ in history.stamp_ns],
         "time since braking [s]": np.concatenate([h.braking_time for _, _, h in runs]),
-        "orientation [deg]": np.concatenate([turned(h) for _, _, h in runs]),
+        "orientation [deg]": np.concatenate([feedback_comparison.turned(h) for _, _, h in runs]),
     }

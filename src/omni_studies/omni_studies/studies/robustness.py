@@ -14,21 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_figures.data_table import write_columns
-from omni_figures.style import save_figure
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
-from omni_studies.campaign.figures import draw_distributions, draw_runs
-from omni_studies.campaign.random_braking import VEHICLES, RandomBraking
-from omni_studies.campaign.robustness import (
-    CAUSES,
-    ENERGY_LIMIT,
-    LIMITS,
-    SHORTEST_DISTANCE,
-    Outcome,
-    outcome,
-)
+from omni_studies.campaign import figures, random_braking, robustness
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 
@@ -46,11 +36,11 @@ class Options(CampaignOptions, LoopOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
-    braking = RandomBraking(study.experiments, options.changes)
+    braking = random_braking.RandomBraking(study.experiments, options.changes)
     results = run_campaign(
-        partial(outcome, braking),
+        partial(robustness.outcome, braking),
         range(options.seed, options.seed + options.runs),
-        Outcome,
+        robustness.Outcome,
         options,
         study.folder / "runs.csv",
         braking.fingerprint,
@@ -59,24 +49,24 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     files = [
         study.folder / "runs.csv",
         _write_violations(results, study.folder / "violations.csv"),
-        save_figure(draw_runs(results), study.folder / "runs.png"),
-        save_figure(draw_distributions(results), study.folder / "distributions.png"),
+        style.save_figure(figures.draw_runs(results), study.folder / "runs.png"),
+        style.save_figure(figures.draw_distributions(results), study.folder / "distributions.png"),
         *_write_worst(results, braking, study.folder),
     ]
     return StudyResult(_metrics(results), tuple(files))
 
 
-def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
+def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
     metrics = {"runs.all": Metric(len(results), "1")}
-    for limit in LIMITS:
+    for limit in robustness.LIMITS:
         causes = Counter(getattr(result, limit) for result in results)
         metrics[f"violations.{limit}"] = Metric(len(results) - causes[""], "1")
         metrics |= {
             f"violations.{limit}_{cause}": Metric(causes[cause], "1")
-            for cause in CAUSES
+            for cause in robustness.CAUSES
             if causes[cause]
         }
-    for vehicle in VEHICLES:
+    for vehicle in random_braking.VEHICLES:
         chosen = [result for result in results if result.vehicle == vehicle]
         if not chosen:
             continue
@@ -91,7 +81,7 @@ def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
                     for share in _PERCENTILES
                 }
     rises = [max(result.energy_rise_unassisted, result.energy_rise_assisted) for result in results]
-    metrics["energy_rise.largest"] = Metric(max(rises), "1", at_most=ENERGY_LIMIT)
+    metrics["energy_rise.largest"] = Metric(max(rises), "1", at_most=robustness.ENERGY_LIMIT)
     better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
     metrics["better_share.all"] = Metric(better / len(results), "1")
     tipping = sum(result.tipping for result in results)
@@ -99,8 +89,13 @@ def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
     return metrics
 
 
-def _write_violations(results: Sequence[Outcome], path: Path) -> Path:
-    rows = [(result, limit) for result in results for limit in LIMITS if getattr(result, limit)]
+def _write_violations(results: Sequence[robustness.Outcome], path: Path) -> Path:
+    rows = [
+        (result, limit)
+        for result in results
+        for limit in robustness.LIMITS
+        if getattr(result, limit)
+    ]
     columns = {
         "seed": [result.seed for result, _ in rows],
         "vehicle": [result.vehicle for result, _ in rows],
@@ -113,10 +108,12 @@ def _write_violations(results: Sequence[Outcome], path: Path) -> Path:
         "distrusted [1]": [result.distrusted for result, _ in rows],
         "tipping [1]": [result.tipping for result, _ in rows],
     }
-    return write_columns(path, columns)
+    return data_table.write_columns(path, columns)
 
 
-def _write_worst(results: Sequence[Outcome], braking: RandomBraking, folder: Path) -> list[Path]:
+def _write_worst(
+    results: Sequence[robustness.Outcome], braking: random_braking.RandomBraking, folder: Path
+) -> list[Path]:
     """Write an experiment file for each of the worst cases, and remove those of another time."""
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
@@ -136,9 +133,9 @@ def _write_worst(results: Sequence[Outcome], braking: RandomBraking, folder: Pat
     return files
 
 
-def _turned_more(result: Outcome) -> float:
+def _turned_more(result: robustness.Outcome) -> float:
     return result.orientation_assisted - result.orientation_unassisted
 
 
-def _went_farther(result: Outcome) -> float:
-    return result.distance_assisted / max(result.distance_unassisted, SHORTEST_DISTANCE)
+def _went_farther(result: robustness.Outcome) -> float:
+    return result.distance_assisted / max(result.distance_unassisted, robustness.SHORTEST_DISTANCE)

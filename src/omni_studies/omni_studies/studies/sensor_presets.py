@@ -28,10 +28,8 @@ from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials import speed_figures, tables, view_grid
 from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option, runs_option
-from omni_studies.line_trials.speed_figures import draw_speed_limits
-from omni_studies.line_trials.tables import write_matches
-from omni_studies.line_trials.view_grid import ANGLE, GROUP
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, measure
@@ -81,7 +79,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             found[name][ground] = _move(sensor, speeds[name], texture, options)
     right = {
         name: {
-            ground: np.array([m.right_medians(GROUP) for m in seen]) for ground, seen in own.items()
+            ground: np.array([m.right_medians(view_grid.GROUP) for m in seen])
+            for ground, seen in own.items()
         }
         for name, own in found.items()
     }
@@ -127,7 +126,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             (matches,) = _move(sensor, np.array([computed[name]]), texture, options)
             metrics |= {
                 f"right_median_share.{case}": Metric(
-                    matches.right_medians(GROUP),
+                    matches.right_medians(view_grid.GROUP),
                     "1",
                     at_least=_NEEDED,
                     note="medians of 10 at 60 % overlap",
@@ -144,7 +143,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         (1.0 - _OVERLAP) * second.width * second.line_rate, "m/s", note="770 px at 1300 lines/s"
     )
     titled = {_TITLES[name]: name for name in sensors}
-    figure = draw_speed_limits(
+    figure = speed_figures.draw_speed_limits(
         {title: computed[name] for title, name in titled.items()},
         {title: speeds[name] for title, name in titled.items()},
         {title: right[name] for title, name in titled.items()},
@@ -158,14 +157,14 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _motions(sensor: LineSensor, speeds: FloatArray) -> list[Motion]:
-    return [Motion(View.of(sensor), float(speed), ANGLE) for speed in speeds]
+    return [Motion(View.of(sensor), float(speed), view_grid.ANGLE) for speed in speeds]
 
 
 def _move(
     sensor: LineSensor, speeds: FloatArray, texture: GroundTexture, options: Options
 ) -> list[Matches]:
     motions = _motions(sensor, speeds)
-    return measure(motions, texture, GROUP, _NOISE, options.seed, runs=options.runs)
+    return measure(motions, texture, view_grid.GROUP, _NOISE, options.seed, runs=options.runs)
 
 
 def _driven(
@@ -222,4 +221,4 @@ def _write(
             (name, ground): matches for ground, matches in own.items()
         }
         motions = _motions(sensors[name], speeds[name])
-        yield write_matches(folder / f"{name}.csv", ("sensor", "ground"), motions, cases)
+        yield tables.write_matches(folder / f"{name}.csv", ("sensor", "ground"), motions, cases)

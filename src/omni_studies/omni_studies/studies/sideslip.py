@@ -14,26 +14,19 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_figures.data_table import write_table
-from omni_figures.style import save_figure
+from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
+from omni_studies.line_trials import sideslip_figures, sideslip_trials
 from omni_studies.line_trials.options import (
     TextureOptions,
     grounds_of,
     grounds_option,
     noise_option,
     runs_option,
-)
-from omni_studies.line_trials.sideslip_figures import draw_sideslip
-from omni_studies.line_trials.sideslip_trials import (
-    Angles,
-    RollingWheel,
-    camera_at_a_wheel,
-    root_mean_square,
 )
 from omni_studies.study import StudyResult, StudyRun
 
@@ -64,16 +57,16 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
     grounds = grounds_of(options, study.experiments)
     cameras = {name: _camera(study.experiments, name) for name in options.sensors}
-    trials: dict[Case, list[Angles]] = {}
+    trials: dict[Case, list[sideslip_trials.Angles]] = {}
     for ground, texture in grounds.items():
         for name, camera in cameras.items():
-            wheel = RollingWheel(camera, texture, options.noise, options.seed)
+            wheel = sideslip_trials.RollingWheel(camera, texture, options.noise, options.seed)
             generator = np.random.default_rng(options.seed)
             trials[ground, name] = [
                 wheel.measure(speed, _ANGLES, options.runs, _BATCHES, generator)
                 for speed in _SPEEDS
             ]
-    figure = draw_sideslip(
+    figure = sideslip_figures.draw_sideslip(
         trials, {name: _fastest(camera) for name, camera in cameras.items()}, _SHOWN, _SLIPPING
     )
     metrics = _metrics(trials) | {
@@ -83,7 +76,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for name, camera in cameras.items()
     }
     files = (
-        save_figure(figure, study.folder / "sideslip.png"),
+        style.save_figure(figure, study.folder / "sideslip.png"),
         _write(trials, study.folder / "sideslip.csv"),
     )
     return StudyResult(metrics, files)
@@ -94,7 +87,9 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     if not cameras:
         raise ConfigurationError("sensors", f"{name} names no camera")
     place, camera = next(iter(cameras.items()))
-    camera_at_a_wheel(place, camera)  # refuses what cannot measure before anything is rendered
+    sideslip_trials.camera_at_a_wheel(
+        place, camera
+    )  # refuses what cannot measure before anything is rendered
     return camera
 
 
@@ -103,7 +98,7 @@ def _fastest(camera: LineSensor) -> float:
     return (1.0 - _ENOUGH) * camera.width * camera.line_rate
 
 
-def _metrics(trials: Mapping[Case, Sequence[Angles]]) -> dict[str, Metric]:
+def _metrics(trials: Mapping[Case, Sequence[sideslip_trials.Angles]]) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     for (ground, name), found in trials.items():
         for angles in found:
@@ -119,7 +114,7 @@ def _metrics(trials: Mapping[Case, Sequence[Angles]]) -> dict[str, Metric]:
     return metrics
 
 
-def _write(trials: Mapping[Case, Sequence[Angles]], path: Path) -> Path:
+def _write(trials: Mapping[Case, Sequence[sideslip_trials.Angles]], path: Path) -> Path:
     header = (
         "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
         "rms_error_deg", "stated_deviation_deg", "measured_share",
@@ -130,7 +125,7 @@ def _write(trials: Mapping[Case, Sequence[Angles]], path: Path) -> Path:
         for angles in found
         for values in zip(angles.truth, angles.error, angles.deviation, strict=True)
     )
-    return write_table(path, header, rows, digits=6)
+    return data_table.write_table(path, header, rows, digits=6)
 
 
 def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float, ...]:
@@ -139,7 +134,7 @@ def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float,
     return (
         math.degrees(truth),
         math.degrees(float(np.mean(error[seen]))) if seen.any() else math.nan,
-        math.degrees(root_mean_square(error)),
-        math.degrees(root_mean_square(deviation[seen])),
+        math.degrees(sideslip_trials.root_mean_square(error)),
+        math.degrees(sideslip_trials.root_mean_square(deviation[seen])),
         float(np.mean(seen)),
     )

@@ -15,9 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_figures.data_table import write_table
+from omni_figures import data_table, style
 from omni_figures.run_figures import scene_of
-from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
@@ -147,11 +146,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         figure = draw_snapshots(
             scene_of(experiment), tracking, f"{title}: spin while translating (as {snapshots})"
         )
-        files.append(save_figure(figure, study.folder / f"snapshots_{name}.png"))
+        files.append(style.save_figure(figure, study.folder / f"snapshots_{name}.png"))
         figure = draw_commands(
             tracking, f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
         )
-        files.append(save_figure(figure, study.folder / f"commands_{name}.png"))
+        files.append(style.save_figure(figure, study.folder / f"commands_{name}.png"))
         files.append(_write(tracking, study.folder / f"{name}.csv"))
         metrics |= _metrics(name, tracking)
     return StudyResult(metrics, tuple(files))
@@ -193,4 +192,4 @@ def _write(tracking: Tracking, path: Path) -> Path:
             tracking.wheel_speed,
         )
     )
-    return write_table(path, header, table.tolist())
+    return data_table.write_table(path, header, table.tolist())

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omni_brake_assist.sliding_manifold import SlidingManifold
-from omni_brake_assist.weighting import weighting_function
+from omni_brake_assist import sliding_manifold, weighting
 from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
@@ -53,7 +52,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
     geometry = PlatformGeometry.from_wheels(loaded.wheels)
     manifolds = {
-        words: SlidingManifold(geometry, weighting_function(kind, k))
+        words: sliding_manifold.SlidingManifold(geometry, weighting.weighting_function(kind, k))
         for words, kind, k in (
             ("\u03c8 = 0: heading and line alone", "zero", 1),
             (f"enhanced, k = {options.k}", "enhanced", options.k),

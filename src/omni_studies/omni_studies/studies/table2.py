@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_figures.data_table import write_columns
-from omni_figures.style import save_figure
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_studies.identification import table_2
@@ -103,7 +102,7 @@ def _change_assumptions(
         study.report(len(rows) / len(ASSUMPTIONS), ASSUMPTIONS[len(rows)].name)
         rows.append(numbers)
     columns = {name: [row[name] for row in rows] for name in table_2.REFERENCES}
-    write_columns(path, {"changed": [each.name for each in ASSUMPTIONS], **columns})
+    data_table.write_columns(path, {"changed": [each.name for each in ASSUMPTIONS], **columns})
     return {
         f"{name.replace('.', f'_{end}.')}": Metric(pick(values), table_2.unit(name))
         for name, values in columns.items()
@@ -145,10 +144,10 @@ def _write(
     identification = folder / "identification.json"
     identification.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
     return [
-        write_columns(folder / "table_2.csv", table),
-        write_columns(folder / "sensitivity.csv", sensitivity.columns()),
+        data_table.write_columns(folder / "table_2.csv", table),
+        data_table.write_columns(folder / "sensitivity.csv", sensitivity.columns()),
         identification,
-        save_figure(trade_off(measured), folder / "trade_off.png"),
-        save_figure(weighting_functions(), folder / "weighting.png"),
-        save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
+        style.save_figure(trade_off(measured), folder / "trade_off.png"),
+        style.save_figure(weighting_functions(), folder / "weighting.png"),
+        style.save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
     ]

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import write_table
-from omni_figures.style import save_figure
+from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -87,7 +86,7 @@ def _figures(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path
         "combined_slip": tire_figures.combined_figure(table, table.nominal_load_1),
         "models": tire_figures.model_figure(tires, (table.nominal_load_1, table.nominal_load_2)),
     }
-    return [save_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
+    return [style.save_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
 
 def _longitudinal(table: TMeasyConfiguration) -> Tire:
@@ -101,17 +100,17 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
     overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
     parabola = tire_figures.interpolation_curve(table, overload)
     return [
-        write_table(
+        data_table.write_table(
             folder / "figure_4.csv",
             ("slip", "force_N"),
             ((s, float(model.force(s, table.nominal_load_1))) for s in slips),
         ),
-        write_table(
+        data_table.write_table(
             folder / "figure_5.csv",
             ("load_N", "slip", "force_N"),
             ((load, s, float(model.force(s, load))) for load in loads for s in slips),
         ),
-        write_table(
+        data_table.write_table(
             folder / "figure_6.csv",
             ("load_N", "parabola_N", "used_N", "overloaded"),
             (
@@ -119,7 +118,7 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
                 for load, value in zip(overload, parabola, strict=True)
             ),
         ),
-        write_table(
+        data_table.write_table(
             folder / "models.csv",
             ("tire", "model", "load_N", "slip", "force_N"),
             (

@@ -13,12 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_figures.data_table import write_columns
-from omni_figures.style import save_figure
+from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
-from omni_platform.command_options import option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform import command_options, configuration
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.tuning import figures as tuning_figures
 from omni_studies.tuning.trials import (
@@ -42,45 +40,45 @@ Cost = tuple[BrakeLag, float, float, float]
 class Options(CampaignOptions, LoopOptions):
     """What is tried, and within which limits one is recommended."""
 
-    vehicle: str | None = parameter(
+    vehicle: str | None = configuration.parameter(
         None,
         description="a file of config/vehicles/, or a path that ends in .yaml (default: the "
         "experiment's)",
     )
-    experiment: str = parameter(
+    experiment: str = configuration.parameter(
         "turn_while_translate", description="whose maneuver and ground it brakes on"
     )
-    max_rotation: float | None = option(
+    max_rotation: float | None = command_options.option(
         None,
         metavar="DEG",
         above=0.0,
         description="recommend the setting that stops shortest without turning further than this",
     )
-    max_distance: float | None = option(
+    max_distance: float | None = command_options.option(
         None,
         metavar="M",
         above=0.0,
         description="recommend the setting that turns least without needing more than this to stop",
     )
-    k: tuple[int, ...] = option(
+    k: tuple[int, ...] = command_options.option(
         (1, 3, 5, 7, 11, 31),
         metavar="K",
         description="tuning constant of the enhanced weighting to try",
     )
-    dwell: tuple[float, ...] = option(
+    dwell: tuple[float, ...] = command_options.option(
         (0.0, 0.02, 0.05, 0.1, 0.2),
         metavar="S",
         description="minimum dwell time of the valves to try",
     )
-    brakes: tuple[str, ...] = option(
+    brakes: tuple[str, ...] = command_options.option(
         ("0.005:0.01", "0.02:0.05"),
         metavar="DEAD:LAG",
         description="dead time and time constant [s] of other brakes to compare",
     )
-    situations: int = parameter(
+    situations: int = configuration.parameter(
         8, minimum=1, description="slightly different maneuvers that a setting is judged by"
     )
-    seed: int = parameter(1, description="of the situations", minimum=0)
+    seed: int = configuration.parameter(1, description="of the situations", minimum=0)
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -130,11 +128,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     files = (
         _table(every, front(mine), study.folder / "settings.csv"),
         _cost_table(costs, study.folder / "cost.csv"),
-        save_figure(
+        style.save_figure(
             tuning_figures.trade_off(trials, unassisted, choice, *limits, title),
             study.folder / "trade_off.png",
         ),
-        save_figure(tuning_figures.cost(costs), study.folder / "cost.png"),
+        style.save_figure(tuning_figures.cost(costs), study.folder / "cost.png"),
     )
     return StudyResult(metrics, files, tuple(findings))
 
@@ -207,7 +205,7 @@ def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
 
 
 def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
-    return write_columns(
+    return data_table.write_columns(
         path,
         {
             "dead time [s]": [lag.dead_time for lag, *_ in costs],
@@ -221,7 +219,7 @@ def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
 
 def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
     chosen = {id(trial) for trial in best}
-    return write_columns(
+    return data_table.write_columns(
         path,
         {
             "dead time [s]": [trial.lag.dead_time for trial in trials],
@@ -243,5 +241,5 @@ def _lag(text: str) -> BrakeLag:
         dead_time, time_constant = map(float, text.split(":"))
     except ValueError:
         problem = f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05"
-        raise ConfigurationError("--brakes", problem) from None
+        raise configuration.ConfigurationError("--brakes", problem) from None
     return BrakeLag(dead_time, time_constant)

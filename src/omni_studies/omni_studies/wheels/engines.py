@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
-from omni_platform.kinematics import PlatformKinematics
+from omni_platform import kinematics, signals
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_sim import run_progress
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.imu import IMU_DRAWS, ImuConfiguration, build_imu, read_imu
-from omni_sim.run_progress import (
-    RUNNING,
-    STOPPED,
-    rest_memory,
-    rim_speed,
-    run_end,
-    run_outcome,
-)
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.vehicle import Vehicle
@@ -31,7 +23,7 @@ PERIOD = 0.01
 """Control period [s]."""
 
 _LONGEST = 10.0  # [s]
-_END = run_end(SimulationConfiguration(duration_limit=_LONGEST))
+_END = run_progress.run_end(SimulationConfiguration(duration_limit=_LONGEST))
 _BEFORE = 50  # control periods for which the assistant hears the vehicle before the pedal goes down
 _IMU = ImuConfiguration(
     misalignment_deg=0.0, gyro_bias=0.0, gyro_scale=0.0, bias_x=0.0, bias_y=0.0, scale=0.0
@@ -89,9 +81,9 @@ class _Informed:
         demand = BrakeDemand(
             stamp,
             pedal,
-            TwistSample(stamp, twist, np.eye(3) * 1e-6),
-            WheelSample(stamp, wheel_speed),
-            ImuSample(stamp, float(felt[0]), felt[1:]),
+            signals.TwistSample(stamp, twist, np.eye(3) * 1e-6),
+            signals.WheelSample(stamp, wheel_speed),
+            signals.ImuSample(stamp, float(felt[0]), felt[1:]),
         )
         return self._assist.update(demand).enable
 
@@ -103,7 +95,7 @@ def brake_to_rest(vehicle: Vehicle, assistant: BrakeAssistConfiguration) -> Stop
         vehicle: at speed. Until the pedal goes down it rolls as if no force acted on it.
         assistant: which may be switched off.
     """
-    informed, rolling = _Informed(assistant), PlatformKinematics.of(assistant.wheels)
+    informed, rolling = _Informed(assistant), kinematics.PlatformKinematics.of(assistant.wheels)
     steps = round(PERIOD / vehicle.physics_step)
     first = vehicle.twist
     for index in range(-_BEFORE, 0):
@@ -113,15 +105,17 @@ def brake_to_rest(vehicle: Vehicle, assistant: BrakeAssistConfiguration) -> Stop
         twist = np.array([v_x, v_y, first[2]])
         where = vehicle.pose + np.array([0.0, 0.0, turned])
         informed.enable(0.0, where, twist, rolling.wheel_speeds(twist))
-    path, rest = [vehicle.pose], rest_memory()
+    path, rest = [vehicle.pose], run_progress.rest_memory()
     for index in itertools.count(1):
         enable = informed.enable(1.0, vehicle.pose, vehicle.twist, vehicle.wheels["speed"])
         vehicle.advance(steps, 1.0, enable, np.zeros(3), traced=False)
         path.append(vehicle.pose)
         stamp = round(index * PERIOD * 1e9)
-        outcome = run_outcome(_END, rest, stamp, 1.0, rim_speed(vehicle.twist))
-        if outcome != RUNNING:
+        outcome = run_progress.run_outcome(
+            _END, rest, stamp, 1.0, run_progress.rim_speed(vehicle.twist)
+        )
+        if outcome != run_progress.RUNNING:
             break
     pose = np.array(path)
     pose[:, 2] = np.unwrap(pose[:, 2])
-    return Stop(pose, outcome == STOPPED)
+    return Stop(pose, outcome == run_progress.STOPPED)

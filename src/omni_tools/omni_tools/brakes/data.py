@@ -8,10 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from omni_loop.recorded_run import Stream, ordered, planar_twist, read_streams
-from omni_platform import topics
-from omni_platform.brakes import ON_OFF, BrakeConfiguration
-from omni_platform.configuration import InputError
-from omni_platform.quantities import FloatArray
+from omni_platform import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
 _JOINTS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE)
@@ -21,7 +18,7 @@ TWIST_TOPICS = {topic.name: topic.type for topic in _TWISTS}
 _OPEN = 0.5  # enable from which an on-off valve is open
 
 
-class BrakeDataError(InputError):
+class BrakeDataError(configuration.InputError):
     """The recordings do not determine the brakes; the message names what is missing."""
 
 
@@ -37,15 +34,15 @@ class BrakeData:
         command: commanded share of the largest torque of each brake [1], shape (C, N).
     """
 
-    time: FloatArray
-    twist: FloatArray
-    wheel_speed: FloatArray
-    command_time: FloatArray
-    command: FloatArray
+    time: quantities.FloatArray
+    twist: quantities.FloatArray
+    wheel_speed: quantities.FloatArray
+    command_time: quantities.FloatArray
+    command: quantities.FloatArray
 
 
 def read_brake_data(
-    folder: Path, wheel_names: tuple[str, ...], brake: BrakeConfiguration, twist_topic: str
+    folder: Path, wheel_names: tuple[str, ...], brake: brakes.BrakeConfiguration, twist_topic: str
 ) -> BrakeData:
     """Read a recorded stop.
 
@@ -65,10 +62,10 @@ def read_brake_data(
     wheels, twists, pedal = (streams[name] for name in (_WHEELS, twist_topic, _PEDAL))
     start_ns = int(wheels.stamp_ns[0])
 
-    def seconds(stream: Stream) -> FloatArray:
+    def seconds(stream: Stream) -> quantities.FloatArray:
         return 1e-9 * (stream.stamp_ns - start_ns).astype(np.float64)
 
-    def by_wheel(stream: Stream, field: str) -> FloatArray:
+    def by_wheel(stream: Stream, field: str) -> quantities.FloatArray:
         try:
             return np.array([ordered(message, field, wheel_names) for message in stream.messages])
         except ValueError as error:
@@ -84,7 +81,7 @@ def read_brake_data(
     shares = np.ones((len(command), len(wheel_names)))
     if _ENABLE in streams:
         enable = by_wheel(streams[_ENABLE], "effort")
-        if brake.kind == ON_OFF:
+        if brake.kind == brakes.ON_OFF:
             enable = (enable >= _OPEN).astype(np.float64)
         # An enable answers the pedal of its own stamp; before the first one all brakes are on.
         row = np.searchsorted(seconds(streams[_ENABLE]), command_time, side="right") - 1

@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray, IntArray
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import MassProperties
+from omni_sim.vehicle import configuration, loads
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
 _LARGEST_DEFLECTION = 0.2  # of a tire, as a share of the radius
@@ -89,7 +88,7 @@ class StopEquations:
     per_torque: FloatArray
 
 
-def fit_brakes(stops: Sequence[BrakeData], vehicle: VehicleConfiguration) -> BrakeFit:
+def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfiguration) -> BrakeFit:
     """Fit one torque, dead time and time constant to all wheels of all stops.
 
     Args:
@@ -170,8 +169,8 @@ def _asked(stop: StopEquations) -> NDArray[np.bool_]:
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
 
-def _equations(stop: BrakeData, vehicle: VehicleConfiguration) -> StopEquations:
-    masses = MassProperties.of(vehicle.body, vehicle.load)
+def _equations(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> StopEquations:
+    masses = loads.MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center
     lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
@@ -247,7 +246,7 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
     return np.concatenate(sums)
 
 
-def _rolling_share(stop: BrakeData, vehicle: VehicleConfiguration) -> FloatArray:
+def _rolling_share(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> FloatArray:
     """Return rolling radius over nominal radius of each wheel, shape (N,); 1 if not observable."""
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]

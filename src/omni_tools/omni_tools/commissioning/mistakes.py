@@ -15,9 +15,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform import configuration, kinematics
 from omni_platform.geometry import WheelMount
-from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_tools.commissioning.signals import Motions, Signals
 
@@ -81,7 +80,7 @@ def find_mistakes(
 
 
 def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArray:
-    return PlatformKinematics.of(wheels).wheel_speeds(known)
+    return kinematics.PlatformKinematics.of(wheels).wheel_speeds(known)
 
 
 def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
@@ -99,7 +98,7 @@ def _wheel_mistake(
     for mistake in _hypotheses(wheels, angle, known):
         try:
             misfit = _misfit(angle, _predicted(mistake.wheels or wheels, known))
-        except ConfigurationError:  # such a vehicle could not move
+        except configuration.ConfigurationError:  # such a vehicle could not move
             continue
         candidates.append((misfit, mistake))
     misfit, best = min(candidates, key=lambda candidate: candidate[0])
@@ -256,7 +255,7 @@ def _brake_mistakes(
 ) -> Iterator[Mistake]:
     """Compare the slip of each wheel with each enable at the best-fitting delay."""
     names = list(wheels)
-    rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
+    rolling = kinematics.PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
     measured = signals.wheel_speed[stop]
     pedal = np.nan_to_num(signals.pedal[stop])
     demand = pedal[:, np.newaxis] * signals.enable[stop]

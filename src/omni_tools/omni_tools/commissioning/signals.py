@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_loop.recorded_run import Stream, read_streams
-from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_platform import configuration, quantities
 from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
@@ -46,12 +45,12 @@ class Signals:
         enable: of the brakes [1], shape (T, N).
     """
 
-    time: FloatArray
-    wheel_speed: FloatArray
-    twist: FloatArray
-    imu: FloatArray
-    pedal: FloatArray
-    enable: FloatArray
+    time: quantities.FloatArray
+    wheel_speed: quantities.FloatArray
+    twist: quantities.FloatArray
+    imu: quantities.FloatArray
+    pedal: quantities.FloatArray
+    enable: quantities.FloatArray
 
     @property
     def period(self) -> float:
@@ -71,10 +70,10 @@ class Motions:
         stop: rows of the stop, from before the pedal to rest.
     """
 
-    angle: FloatArray
-    twist: FloatArray
-    gyro: FloatArray
-    force: FloatArray
+    angle: quantities.FloatArray
+    twist: quantities.FloatArray
+    gyro: quantities.FloatArray
+    force: quantities.FloatArray
     stop: slice
 
 
@@ -96,12 +95,12 @@ def read_signals(recording: Path, wheels: Sequence[str], period: float = 0.01) -
     states = streams["wheel_states"]
     names = list(states.messages[0].name)
     if set(names) != set(wheels):
-        raise ConfigurationError(
+        raise configuration.ConfigurationError(
             "wheels", f"the recording has {', '.join(names)}, the file {', '.join(wheels)}"
         )
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 
-    def sampled(topic: str, rows: list[Any], columns: int) -> FloatArray:
+    def sampled(topic: str, rows: list[Any], columns: int) -> quantities.FloatArray:
         stamps = streams[topic].stamp_ns
         if not len(stamps):
             return np.full((len(time), columns), math.nan)
@@ -147,7 +146,7 @@ def motions_of(signals: Signals) -> Motions:
     slow = speed[: int(np.argmax(~free))] if not np.all(free) else speed
     found = _runs(slow > _MOVING * np.max(slow, initial=1e-9), signals.period)
     if len(found) != len(MOTIONS) + 1 or np.all(free):
-        raise ConfigurationError(
+        raise configuration.ConfigurationError(
             "recording",
             f"has {max(len(found) - 1, 0)} motions before one that the pedal ends; drive "
             f"{', '.join(MOTIONS)}, with a pause after each, then drive and brake",

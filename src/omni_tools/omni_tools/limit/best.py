@@ -28,8 +28,7 @@ from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
-from omni_tools.limit.bounds import Maneuver
-from omni_tools.limit.forces import LimitVehicle
+from omni_tools.limit import bounds, forces
 
 INTERVALS = 50
 END_SPEED = 0.3
@@ -110,7 +109,7 @@ class OptimalStop:
         self,
         vehicle: VehicleConfiguration,
         friction: float,
-        maneuver: Maneuver,
+        maneuver: bounds.Maneuver,
         intervals: int = INTERVALS,
     ) -> None:
         self._casadi = load_casadi()
@@ -118,7 +117,7 @@ class OptimalStop:
         self._vehicle = vehicle
         self._geometry = PlatformKinematics(vehicle.wheels).geometry
         self._masses = MassProperties.of(vehicle.body, vehicle.load)
-        limit = LimitVehicle(vehicle)
+        limit = forces.LimitVehicle(vehicle)
         self._friction = friction * limit.grip
         self._torque = vehicle.brake_share * vehicle.brake.max_torque * maneuver.pedal
         self._tire = self._fit()
@@ -207,7 +206,7 @@ class OptimalStop:
             (stiff, shape, bend),
         )
 
-    def _start_of(self, maneuver: Maneuver) -> FloatArray:
+    def _start_of(self, maneuver: bounds.Maneuver) -> FloatArray:
         """Return the state at the start of braking, with rolling wheels."""
         geometry = self._geometry
         lever = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)

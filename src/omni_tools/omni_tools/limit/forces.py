@@ -29,8 +29,7 @@ from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import curve_at
-from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon
+from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
 _FIRST = 16  # one tangent in so many is in the first program, others are added as needed
@@ -93,9 +92,9 @@ class LimitVehicle:
         strongest_peak: of the tire at any load, on ground of friction 1 [N].
     """
 
-    def __init__(self, vehicle: VehicleConfiguration) -> None:
+    def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
         geometry = PlatformKinematics(vehicle.wheels).geometry
-        self.masses = MassProperties.of(vehicle.body, vehicle.load)
+        self.masses = loads.MassProperties.of(vehicle.body, vehicle.load)
         self.position = geometry.position
         self.active = geometry.active
         self._passive = geometry.passive
@@ -110,9 +109,9 @@ class LimitVehicle:
         losses = vehicle.passive_losses
         # Rolling resistance grows with the load; with its largest value it is a cone too.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load
-        self._weight = self.masses.mass * GRAVITY
+        self._weight = self.masses.mass * loads.GRAVITY
         self._tire = tire
-        self._plane = load_plane(self._arm)
+        self._plane = loads.load_plane(self._arm)
         self._slope, self._offset = self._tangents()
         self.strongest_peak = float(self._offset[-1])
 
@@ -169,15 +168,15 @@ class LimitVehicle:
         found = self._solve(direction, case, SUM)
         if found is None:
             return None
-        hull = self._arm[support_polygon(self._arm)]
+        hull = self._arm[loads.support_polygon(self._arm)]
         edge = np.roll(hull, -1, axis=0) - hull
-        z = self.masses.height / GRAVITY * found.bound * direction
+        z = self.masses.height / loads.GRAVITY * found.bound * direction
         if np.min(cross(edge, z - hull)) <= 0.0:
             return found
         found = self._solve(direction, case, BALANCE)
         if found is None:
             return None
-        z = self.masses.height / GRAVITY * found.bound * direction
+        z = self.masses.height / loads.GRAVITY * found.bound * direction
         if np.min(self._plane @ np.array([1.0, *z])) <= 0.0:
             return found
         return self._solve(direction, case, PLANE)
@@ -207,8 +206,8 @@ class LimitVehicle:
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
         """Return the load models to try, each with the wheel that it lifts."""
-        reach = self.masses.height / GRAVITY * self.loose(friction)
-        hull = self._arm[support_polygon(self._arm)]
+        reach = self.masses.height / loads.GRAVITY * self.loose(friction)
+        hull = self._arm[loads.support_polygon(self._arm)]
         edge = np.roll(hull, -1, axis=0) - hull
         if reach >= np.min(cross(edge, -hull) / np.linalg.norm(edge, axis=1)):
             return [(SUM, None)]
@@ -229,7 +228,7 @@ class LimitVehicle:
     def loose(self, friction: FloatArray) -> float:
         """Return an upper bound of the deceleration [m/s^2] for any wheel loads."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
-        return float(len(self.active) * mean[0] / self.masses.mass) + GRAVITY * self._loss
+        return float(len(self.active) * mean[0] / self.masses.mass) + loads.GRAVITY * self._loss
 
     def _solve(
         self, direction: FloatArray, case: Case, model: int, lifted: int | None = None

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from omni_loop.experiment import ExperimentConfiguration
+from omni_loop import experiment, metrics
 from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric
 from omni_tools.limit.bounds import Maneuver, any_heading_bound, straight_bound
 
 _STRAIGHT = 1e-3  # yaw rate that is none [rad/s]
@@ -17,8 +16,8 @@ _ANY = "limit_share is that of stops with any heading:"
 
 
 def limit_share(
-    history: RunHistory, configuration: ExperimentConfiguration, distance: float
-) -> Metric:
+    history: RunHistory, configuration: experiment.ExperimentConfiguration, distance: float
+) -> metrics.Metric:
     """Return the bound of the stopping distance divided by the distance of a run [1].
 
     The bound is that of stops that keep heading and line. If no such stop exists, it is that of
@@ -31,7 +30,7 @@ def limit_share(
     """
     start = history.brake_start
     if start is None or not distance > 0.0:
-        return Metric(math.nan, "1", note="limit_share: there is no stopping distance")
+        return metrics.Metric(math.nan, "1", note="limit_share: there is no stopping distance")
     twist = history.twist[start].copy()
     if abs(twist[2]) < _STRAIGHT:
         twist[2] = 0.0
@@ -42,7 +41,7 @@ def limit_share(
         bound = any_heading_bound(configuration.vehicle, configuration.ground, maneuver)
     share = bound.distance / distance
     if math.isnan(share):
-        return Metric(share, "1", note=f"limit_share: {bound.reason}")
+        return metrics.Metric(share, "1", note=f"limit_share: {bound.reason}")
     if not note and distance < bound.distance - bound.tolerance:
         note = _SHORTER
-    return Metric(share, "1", note=note)
+    return metrics.Metric(share, "1", note=note)

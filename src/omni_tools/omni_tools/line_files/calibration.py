@@ -31,16 +31,10 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    draw_title,
-)
+from omni_figures import style
+from omni_platform import sensors, signals
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
-from omni_platform.sensors import LineSensor, velocity_row
-from omni_platform.signals import LineBatch
 
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
@@ -87,8 +81,8 @@ class Calibration:
         before: RMS residual in each drive with the configured values [m/s].
     """
 
-    nominal: LineSensor
-    sensor: LineSensor
+    nominal: sensors.LineSensor
+    sensor: sensors.LineSensor
     error: Mapping[str, float]
     mirrored: bool
     unseen: tuple[str, ...]
@@ -98,8 +92,8 @@ class Calibration:
 
 
 def observe(
-    sensor: LineSensor,
-    batches: Sequence[LineBatch],
+    sensor: sensors.LineSensor,
+    batches: Sequence[signals.LineBatch],
     reference_time: FloatArray,
     reference_twist: FloatArray,
     configuration: OdometryConfiguration,
@@ -134,7 +128,7 @@ def observe(
     return Drive(middle[known], np.array(pixels)[known], twist[known], rate, rate_error)
 
 
-def _line_rate(batches: Sequence[LineBatch]) -> tuple[float, float]:
+def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
     """Return the line rate [1/s] from the stamps, with its standard error."""
     number = np.cumsum([len(batch.lines) for batch in batches]).astype(np.float64)
     stamp = 1e-9 * np.array([batch.stamp_ns - batches[0].stamp_ns for batch in batches])
@@ -148,7 +142,7 @@ def _line_rate(batches: Sequence[LineBatch]) -> tuple[float, float]:
     return 1.0 / period, error / period**2
 
 
-def calibrate(nominal: LineSensor, drives: Sequence[Drive]) -> Calibration:
+def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibration:
     """Fit one camera to its drives.
 
     Args:
@@ -165,7 +159,7 @@ def calibrate(nominal: LineSensor, drives: Sequence[Drive]) -> Calibration:
             "DRIVE", f"{len(pixels)} batches of a camera were measured, {_FEWEST} are needed"
         )
     phi, pitch = nominal.heading, nominal.pixel_pitch
-    start = np.array(velocity_row(nominal.x, nominal.y, phi)) / pitch
+    start = np.array(sensors.velocity_row(nominal.x, nominal.y, phi)) / pitch
     prior = np.array(_PRIOR) / pitch
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < _KNOWN * prior
@@ -194,7 +188,7 @@ def calibrate(nominal: LineSensor, drives: Sequence[Drive]) -> Calibration:
     scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
     rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
     # The nearest place on the new line of sight, whose distance from base_link is the lever.
-    off = lever - velocity_row(nominal.x, nominal.y, heading)[2]
+    off = lever - sensors.velocity_row(nominal.x, nominal.y, heading)[2]
     left = {
         "scale_error": math.hypot(errors[0] / found_pitch, rate_error / rate),
         "heading_error_deg": math.degrees(errors[1]),
@@ -261,19 +255,19 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
         title: of the figure.
     """
     figure = Figure(figsize=(12.0, 1.0 + 2.3 * len(calibrations)), layout="constrained")
-    draw_title(figure, title)
+    style.draw_title(figure, title)
     panels = figure.subplots(len(calibrations), 2, squeeze=False, width_ratios=(2.2, 1.0))
     for (line, spread), (name, calibration) in zip(panels, calibrations.items(), strict=True):
         after = np.concatenate(calibration.residual)
         before = np.concatenate(calibration.before)
         number = np.arange(len(after))
-        line.plot(number, 1e3 * before, ".", ms=3.0, color=GRAY, label="configured")
-        line.plot(number, 1e3 * after, ".", ms=3.0, color=BLUE, label="calibrated")
+        line.plot(number, 1e3 * before, ".", ms=3.0, color=style.GRAY, label="configured")
+        line.plot(number, 1e3 * after, ".", ms=3.0, color=style.BLUE, label="calibrated")
         for end in np.cumsum([len(part) for part in calibration.residual])[:-1]:
-            line.axvline(end - 0.5, color=ORANGE, lw=0.8)
+            line.axvline(end - 0.5, color=style.ORANGE, lw=0.8)
         line.set_ylabel(f"{name}: residual [mm/s]")
         widest = 4.0 * max(float(np.std(after)), 1e-6)
-        spread.hist(1e3 * np.clip(after, -widest, widest), bins=40, color=BLUE)
+        spread.hist(1e3 * np.clip(after, -widest, widest), bins=40, color=style.BLUE)
         spread.set_title(
             f"calibrated: rms {1e3 * float(np.sqrt(np.mean(after**2))):.3g} mm/s, "
             f"configured {1e3 * float(np.sqrt(np.mean(before**2))):.3g} mm/s", loc="left",

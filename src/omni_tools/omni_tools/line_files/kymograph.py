@@ -10,21 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.matching import search, subpixel
 from linescan_odometry.matching.pairs import PairMatcher
-from linescan_odometry.matching.search import METRICS
-from linescan_odometry.matching.subpixel import SubpixelRefiner
 from linescan_odometry.measurements import SensorReading
 from linescan_odometry.sensor import SensorOdometry
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    VERMILLION,
-    draw_title,
-)
-from omni_platform.quantities import FloatArray
+from omni_figures import style
+from omni_platform import quantities, signals
 from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch, Lines
 
 _MOST_ROWS = 1200  # of a picture
 
@@ -44,11 +36,11 @@ class Sight:
     """
 
     sensor: LineSensor
-    lines: Lines
-    time: FloatArray
-    displacement: FloatArray
-    correlation: FloatArray
-    ends: FloatArray
+    lines: signals.Lines
+    time: quantities.FloatArray
+    displacement: quantities.FloatArray
+    correlation: quantities.FloatArray
+    ends: quantities.FloatArray
     readings: tuple[SensorReading, ...]
 
     @property
@@ -58,7 +50,7 @@ class Sight:
 
 
 def see(
-    sensor: LineSensor, batches: Sequence[LineBatch], configuration: OdometryConfiguration
+    sensor: LineSensor, batches: Sequence[signals.LineBatch], configuration: OdometryConfiguration
 ) -> Sight:
     """Match the lines of consecutive batches of one camera.
 
@@ -70,14 +62,14 @@ def see(
     odometry = SensorOdometry(sensor, configuration)
     readings = tuple(odometry.update(batch) for batch in batches)
     whole = [batch for batch in batches if batch.lines.shape[1:] == (sensor.pixels,)]
-    lines: Lines = np.ascontiguousarray(np.concatenate([batch.lines for batch in whole]))
+    lines: signals.Lines = np.ascontiguousarray(np.concatenate([batch.lines for batch in whole]))
     period = 1.0 / sensor.line_rate
     time = np.concatenate(
         [1e-9 * b.stamp_ns + period * np.arange(1 - len(b.lines), 1) for b in whole]
     )
     pairs = PairMatcher(
-        METRICS[configuration.metric](sensor.pixels, configuration.shift_limit(sensor)),
-        SubpixelRefiner(sensor.pixels, configuration.peak_recovery),
+        search.METRICS[configuration.metric](sensor.pixels, configuration.shift_limit(sensor)),
+        subpixel.SubpixelRefiner(sensor.pixels, configuration.peak_recovery),
         configuration.minimum_correlation,
     ).match(lines)
     joined = np.abs(np.diff(time) - period) < 0.5 * period
@@ -94,7 +86,7 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
         title: of the figure.
     """
     figure = Figure(figsize=(13.0, 0.8 + 3.6 * len(sights)), layout="constrained")
-    draw_title(figure, title)
+    style.draw_title(figure, title)
     panels = figure.subplots(len(sights), 3, squeeze=False, width_ratios=(1.5, 1.0, 0.7))
     for (seen, moved, alike), (name, sight) in zip(panels, sights.items(), strict=True):
         step = -(-len(sight.lines) // _MOST_ROWS)
@@ -108,7 +100,7 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
         seen.set_ylabel("time [s]")
         seen.set_title(f"{name}: lines over time")
         _draw_displacements(moved, sight)
-        alike.plot(sight.correlation, sight.time[1:], ".", ms=2.0, color=BLUE)
+        alike.plot(sight.correlation, sight.time[1:], ".", ms=2.0, color=style.BLUE)
         alike.set_xlim(-0.05, 1.05)
         alike.set_xlabel("correlation [1]")
         for axes in (moved, alike):
@@ -118,18 +110,23 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
 
 def _draw_displacements(axes: Axes, sight: Sight) -> None:
     axes.plot(
-        sight.displacement, sight.time[1:], ".", ms=2.0, color=GRAY, label="of each pair of lines"
+        sight.displacement,
+        sight.time[1:],
+        ".",
+        ms=2.0,
+        color=style.GRAY,
+        label="of each pair of lines",
     )
     scale = sight.sensor.pixel_pitch * sight.sensor.line_rate
     measured = [
         reading.velocity / scale if reading.measured else np.nan for reading in sight.readings
     ]
-    axes.plot(measured, sight.ends, "-", color=ORANGE, lw=1.4, label="of the batch")
+    axes.plot(measured, sight.ends, "-", color=style.ORANGE, lw=1.4, label="of the batch")
     lost = [end for end, r in zip(sight.ends, sight.readings, strict=True) if not r.measured]
     if lost:
         # At the left edge, whatever the displacements are.
         axes.plot(
-            np.zeros(len(lost)), lost, "x", ms=4.0, color=VERMILLION, label="not measured",
+            np.zeros(len(lost)), lost, "x", ms=4.0, color=style.VERMILLION, label="not measured",
             transform=axes.get_yaxis_transform(), clip_on=False,
         )  # fmt: skip
     axes.set_xlabel("displacement [px]")

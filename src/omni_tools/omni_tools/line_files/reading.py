@@ -21,8 +21,7 @@ from PIL import Image, ImageSequence
 
 from linescan_odometry.camera.cut import Cut, FrameError
 from linescan_odometry.camera.sources import INSTALL, VIDEOS
-from omni_platform.configuration import ConfigurationError
-from omni_platform.signals import Lines
+from omni_platform import configuration, signals
 
 PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
 RAW = (".raw", ".bin", ".dat")
@@ -32,7 +31,7 @@ _DEEPEST = {8: np.uint8, 16: np.uint16}
 _MOST = 1 << 32  # bytes of lines that are taken into memory
 
 
-class LineFileError(ConfigurationError):
+class LineFileError(configuration.ConfigurationError):
     """A file holds no lines; the message names it and the reason."""
 
 
@@ -49,7 +48,7 @@ class RawFormat:
     bits: int = 8
 
 
-def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> Lines:
+def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Lines:
     """Return the lines of a file or folder, oldest first, 8 or 16 bit, shape (m, n).
 
     Raises:
@@ -58,7 +57,7 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> Lines:
     if not path.exists():
         raise LineFileError(str(path), "there is no such file or folder")
     lengths: set[tuple[int, str]] = set()
-    parts: list[Lines] = []
+    parts: list[signals.Lines] = []
     size = 0
     try:
         for frame in _frames(path, raw):
@@ -82,7 +81,7 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> Lines:
         raise LineFileError(str(path), f"cannot be read: {words}") from None
     if not any(len(part) for part in parts):
         raise LineFileError(str(path), "holds no line")
-    lines: Lines = np.ascontiguousarray(np.concatenate(parts))
+    lines: signals.Lines = np.ascontiguousarray(np.concatenate(parts))
     return lines
 
 

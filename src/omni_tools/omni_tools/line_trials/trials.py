@@ -13,8 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.matching.search import METRICS
-from linescan_odometry.matching.subpixel import SubpixelRefiner
+from linescan_odometry.matching import search, subpixel
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import Lines
 from omni_sim.camera.camera import LineCamera
@@ -215,8 +214,8 @@ def match(
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
     similarity, displacement, variance = np.empty((3, pairs))
-    METRICS[metric](view.pixels, int(view.pixels / divisor)).match(lines, shift, similarity)
-    SubpixelRefiner(view.pixels, recovery).refine(lines, shift, displacement, variance)
+    search.METRICS[metric](view.pixels, int(view.pixels / divisor)).match(lines, shift, similarity)
+    subpixel.SubpixelRefiner(view.pixels, recovery).refine(lines, shift, displacement, variance)
     axis = poses[0, 2]
     along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])
     return Matches(along / view.pitch, shift, displacement, variance, similarity)

@@ -10,10 +10,9 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import View
+from omni_tools.placement import judged, mounting_area
 from omni_tools.placement.classical import classical
 from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
-from omni_tools.placement.judged import JudgedPlacement, judge
-from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
 from omni_tools.placement.sensors import named
@@ -45,7 +44,7 @@ class DesignTask:
         seed: of the search and the trials.
     """
 
-    area: MountingArea
+    area: mounting_area.MountingArea
     texture: GroundTexture
     noise: float
     count: int
@@ -71,14 +70,14 @@ class Design:
     trial: SensorTrial
     criterion: MeanError
     found: FoundPlacement
-    placements: tuple[JudgedPlacement, ...]
+    placements: tuple[judged.JudgedPlacement, ...]
 
     @property
-    def best(self) -> JudgedPlacement:
+    def best(self) -> judged.JudgedPlacement:
         """The best placement."""
         return self.placements[0]
 
-    def placement(self, name: str) -> JudgedPlacement:
+    def placement(self, name: str) -> judged.JudgedPlacement:
         """Return a placement by its name."""
         return next(entry for entry in self.placements if entry.name == name)
 
@@ -126,7 +125,7 @@ def design(task: DesignTask, report: Report) -> Design:
     sensors[CONDITION] = named(other.poses, view)
     for name, poses in classical(area, task.count).items():
         sensors[name] = named(poses, view, rounded=False)
-    placements = tuple(judge(name, own, criterion, area) for name, own in sensors.items())
+    placements = tuple(judged.judge(name, own, criterion, area) for name, own in sensors.items())
     return Design(trial, criterion, found, placements)
 
 
@@ -145,7 +144,7 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
     return trials
 
 
-def design_speed(speed: float | None, yaw_rate: float, area: MountingArea) -> float:
+def design_speed(speed: float | None, yaw_rate: float, area: mounting_area.MountingArea) -> float:
     """Return the design speed [m/s]: the given one, or 10 m/s if the cameras allow it.
 
     Args:

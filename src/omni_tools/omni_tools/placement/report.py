@@ -8,13 +8,11 @@ from typing import Any
 
 from omni_loop.commented_yaml import commented_yaml
 from omni_loop.metrics import Metric, results_entry
-from omni_tools.placement.design import FEWEST_SENSORS, Design, DesignTask
-from omni_tools.placement.judged import JudgedPlacement
-from omni_tools.placement.trials import PlacementTrial
+from omni_tools.placement import design, judged, trials
 
 
 def entries(
-    task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial]
+    task: design.DesignTask, result: design.Design, driven: Mapping[str, trials.PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of the results' document."""
     radius = result.criterion.gyration
@@ -54,7 +52,7 @@ def entries(
 
 
 def column(
-    placement: JudgedPlacement, trial: PlacementTrial | None, gyration: float
+    placement: judged.JudgedPlacement, trial: trials.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     """Return a column of the table in millimeters per second."""
     singular = f"singular: {placement.singular}" if placement.singular else ""
@@ -75,7 +73,7 @@ def column(
     return values
 
 
-def findings(task: DesignTask, result: Design, conditions: str) -> list[str]:
+def findings(task: design.DesignTask, result: design.Design, conditions: str) -> list[str]:
     """Return the results in sentences."""
     best, found, camera = result.best, result.found, result.trial
     fitted = 1e3 * camera.fitted[[0, -1]]
@@ -86,7 +84,7 @@ def findings(task: DesignTask, result: Design, conditions: str) -> list[str]:
         f"The best placement is {found.symmetry or 'not symmetric'}; rounded to 1 mm and 1 deg it "
         f"is {100.0 * found.rounding:.2f} % worse.",
     ]
-    if task.count > FEWEST_SENSORS:
+    if task.count > design.FEWEST_SENSORS:
         sentences.append(
             f"Without any one camera it stays regular, at worst without {best.missed_most}: "
             f"{1e3 * best.worst_without:.2f} mm/s."
@@ -115,12 +113,12 @@ def findings(task: DesignTask, result: Design, conditions: str) -> list[str]:
     return sentences
 
 
-def _compared(placement: JudgedPlacement, best: JudgedPlacement) -> str:
+def _compared(placement: judged.JudgedPlacement, best: judged.JudgedPlacement) -> str:
     share = placement.mean_error / best.mean_error - 1.0
     return f"{100.0 * abs(share):.0f} % {'below' if share < 0.0 else 'above'}"
 
 
-def sensor_file(task: DesignTask, result: Design, vehicle: str) -> str:
+def sensor_file(task: design.DesignTask, result: design.Design, vehicle: str) -> str:
     """Return the YAML that an experiment names as its sensors."""
     best = result.best
     heading = (

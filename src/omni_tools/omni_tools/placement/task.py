@@ -12,21 +12,13 @@ from omni_platform.configuration import ConfigurationError, did_you_mean
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import KINDS
 from omni_tools.line_trials.rig import ground
-from omni_tools.placement.design import (
-    FEWEST_SENSORS,
-    MOST_SENSORS,
-    DesignTask,
-    design_speed,
-    view_of,
-)
-from omni_tools.placement.error import MotionMix
-from omni_tools.placement.mounting_area import MountingArea
+from omni_tools.placement import design, error, mounting_area
 from omni_tools.placement.options import PlacementOptions
 
 _TEXELS = 4096  # of the ground over 0.2 m
 
 
-def design_task(options: PlacementOptions, library: ExperimentLibrary) -> DesignTask:
+def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design.DesignTask:
     """Check the options and read their files.
 
     Raises:
@@ -40,31 +32,31 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
     vehicle = library.vehicle(options.vehicle)
     kind = options.type or (options.check[0] if options.check else "generic")
     given = {name: library.sensors(name) for name in options.check or [kind]}
-    view = view_of(kind, library.sensors(kind))
+    view = design.view_of(kind, library.sensors(kind))
     for name in options.check:
-        if view_of(name, given[name]) != view:
+        if design.view_of(name, given[name]) != view:
             raise ConfigurationError("--check", f"{name} has another type of camera than {kind}")
     count = options.sensors
     if count is None:
-        checked = len(given[options.check[0]]) if options.check else FEWEST_SENSORS
-        count = min(max(checked, FEWEST_SENSORS), MOST_SENSORS)
-    if not FEWEST_SENSORS <= count <= MOST_SENSORS:
+        checked = len(given[options.check[0]]) if options.check else design.FEWEST_SENSORS
+        count = min(max(checked, design.FEWEST_SENSORS), design.MOST_SENSORS)
+    if not design.FEWEST_SENSORS <= count <= design.MOST_SENSORS:
         raise ConfigurationError(
             "--sensors",
-            f"{count} must be {FEWEST_SENSORS}, for the three components of the twist, to "
-            f"{MOST_SENSORS}",
+            f"{count} must be {design.FEWEST_SENSORS}, for the three components of the twist, to "
+            f"{design.MOST_SENSORS}",
         )
-    if options.redundant and count == FEWEST_SENSORS:
+    if options.redundant and count == design.FEWEST_SENSORS:
         raise ConfigurationError("--redundant", "takes four sensors or more: --sensors 4")
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
-    area = MountingArea(scene, view, options.housing, options.clearance)
-    speed = design_speed(options.speed, options.yaw_rate, area)
-    return DesignTask(
+    area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
+    speed = design.design_speed(options.speed, options.yaw_rate, area)
+    return design.DesignTask(
         area=area,
         texture=ground(options.ground, _TEXELS),
         noise=options.noise,
         count=count,
-        mix=MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
+        mix=error.MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
         speed=speed,
         redundant=options.redundant,
         given=_cases(

@@ -15,20 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omni_figures import run_figures, style
 from omni_figures.comparison_table import in_small_units, metric_label, metric_number
-from omni_figures.run_figures import scene_of
 from omni_figures.scene import Scene
-from omni_figures.style import time_label
 from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry
-from omni_tools.report.derived import flat_ground_loads, is_flat, rim_slips
-from omni_tools.report.recording import ReportedRun
+from omni_tools.report import derived, recording
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; of a longer run every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
 
 
-def report_document(title: str, runs: Sequence[ReportedRun]) -> dict[str, Any]:
+def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[str, Any]:
     """Return a report as plain values.
 
     Args:
@@ -37,7 +35,7 @@ def report_document(title: str, runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """
     return {
         "title": title,
-        "timeLabel": time_label(run.history for run in runs),
+        "timeLabel": style.time_label(run.history for run in runs),
         "runs": [_run(run) for run in runs],
         "metrics": _metrics(runs),
         "metricNotes": list(
@@ -52,7 +50,7 @@ def report_document(title: str, runs: Sequence[ReportedRun]) -> dict[str, Any]:
     }
 
 
-def _run(run: ReportedRun) -> dict[str, Any]:
+def _run(run: recording.ReportedRun) -> dict[str, Any]:
     history = run.history
     stride = math.ceil(len(history.stamp_ns) / _MOST_STAMPS)
     notes = list(run.notes)
@@ -77,10 +75,10 @@ def _run(run: ReportedRun) -> dict[str, Any]:
     scene = None
     if run.configuration is not None:
         vehicle = run.configuration.vehicle
-        scene = _scene(scene_of(run.configuration), history.wheel_names)
-        columns["slip"] = rim_slips(vehicle, history)
-        if is_flat(run.configuration.ground.elevation):
-            columns["load"] = flat_ground_loads(vehicle, history)
+        scene = _scene(run_figures.scene_of(run.configuration), history.wheel_names)
+        columns["slip"] = derived.rim_slips(vehicle, history)
+        if derived.is_flat(run.configuration.ground.elevation):
+            columns["load"] = derived.flat_ground_loads(vehicle, history)
         else:
             notes.append("the ground is not flat, so the loads do not follow from the motion")
     return {
@@ -112,7 +110,7 @@ def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
     return changes
 
 
-def _forces(run: ReportedRun) -> dict[str, Any] | None:
+def _forces(run: recording.ReportedRun) -> dict[str, Any] | None:
     if run.forces is None:
         return None
     history = run.history
@@ -152,7 +150,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _metrics(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
+def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
     rows = []
     for quantity in dict.fromkeys(key for run in runs for key in run.metrics):
         unit, entries = in_small_units([run.metrics.get(quantity) for run in runs])
@@ -166,7 +164,7 @@ def _metrics(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
     return rows
 
 
-def _configuration(runs: Sequence[ReportedRun]) -> list[dict[str, Any]]:
+def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
     """Return every key with the value of each run, None if a run has none."""
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from omni_platform.quantities import FloatArray
 from omni_platform.topics import MARKERS
-from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
+from omni_recording import decode, folder
 from omni_recording.error import BagError
-from omni_recording.folder import bag_messages, open_vehicle
 
 _NAMESPACE = "wheel_forces"
 _METERS_PER_NEWTON = 1e-4  # of the simulator's arrows
@@ -46,19 +45,19 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> WheelForces | None
     Raises:
         BagError: the recording or a marker in it cannot be read.
     """
-    decoder = MessageDecoder()
+    decoder = decode.MessageDecoder()
     found: dict[int, list[tuple[float, float]]] = {}
-    for recorded in bag_messages(open_vehicle(bag_folder)):
+    for recorded in folder.bag_messages(folder.open_vehicle(bag_folder)):
         if (recorded.channel.topic, recorded.channel.type_name) != (MARKERS.path, MARKERS.type):
             continue
         try:
             message = decoder.decode(recorded)
-        except DecodeError as error:
+        except decode.DecodeError as error:
             raise BagError(Path(bag_folder), f"{MARKERS.path}: {error}") from None
         arrows = [marker for marker in message.markers if marker.ns == _NAMESPACE]
         arrows = [marker for marker in arrows if len(marker.points) == 2]
         if [marker.id for marker in arrows] == list(range(wheels)):
-            stamp_ns = header_stamp_ns(arrows[0])
+            stamp_ns = decode.header_stamp_ns(arrows[0])
             if stamp_ns is not None:
                 found[stamp_ns] = [_force(marker.points) for marker in arrows]
     if not found:

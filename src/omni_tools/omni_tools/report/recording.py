@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 
 from omni_brake_assist.conditions import AssistState
-from omni_loop.drift import drift_metrics
-from omni_loop.experiment import ExperimentConfiguration
+from omni_loop import drift, experiment, recorded_run
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric, RestCriterion, run_metrics
-from omni_loop.recorded_run import read_run
 from omni_loop.stops import stops_of
 from omni_platform.configuration import InputError, from_mapping
 from omni_recording.folder import read_plain_yaml
@@ -54,7 +52,7 @@ class ReportedRun:
     history: RunHistory
     metrics: Mapping[str, Metric]
     forces: WheelForces | None = None
-    configuration: ExperimentConfiguration | None = None
+    configuration: experiment.ExperimentConfiguration | None = None
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -76,7 +74,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     Raises:
         BagError: the recording cannot be read or is not one of a run.
     """
-    history = read_run(path)
+    history = recorded_run.read_run(path)
     stops = _named_stops(history, name)
     compared: dict[str, dict[str, Metric]] = {}
     if len(stops) > 1:
@@ -84,15 +82,15 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
         compared[name] = {
             "stops": Metric(len(stops), "1"),
             "path_length": Metric(float(way), "m"),
-            **drift_metrics(history),
+            **drift.drift_metrics(history),
         }
     for words, stop in stops:
-        compared[words] = _measured(stop) | drift_metrics(stop)
+        compared[words] = _measured(stop) | drift.drift_metrics(stop)
     return compared
 
 
 def _measured(
-    history: RunHistory, configuration: ExperimentConfiguration | None = None
+    history: RunHistory, configuration: experiment.ExperimentConfiguration | None = None
 ) -> dict[str, Metric]:
     # No clock ran along with what is read back.
     metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
@@ -143,7 +141,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
     Raises:
         BagError: the recording cannot be read or is not one of a run.
     """
-    history = read_run(path)
+    history = recorded_run.read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
     notes = [] if forces else ["no markers with wheel forces were recorded"]
     configuration, values, problem = read_configuration(path / CONFIGURATION, history.wheel_names)
@@ -195,7 +193,7 @@ def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
 
 def read_configuration(
     path: Path, wheel_names: Sequence[str]
-) -> tuple[ExperimentConfiguration | None, dict[str, str], str]:
+) -> tuple[experiment.ExperimentConfiguration | None, dict[str, str], str]:
     """Read the configuration stored with a recording, as far as it is valid.
 
     Args:
@@ -210,7 +208,7 @@ def read_configuration(
     try:
         tree = _read_tree(path)
         values = dict(islice(_flattened(tree), _MOST_VALUES))
-        configuration = from_mapping(ExperimentConfiguration, tree)
+        configuration = from_mapping(experiment.ExperimentConfiguration, tree)
         if set(configuration.vehicle.wheels) != set(wheel_names):
             raise ValueError("the configuration names other wheels than the recording")
     except ValueError as error:  # ConfigurationError too

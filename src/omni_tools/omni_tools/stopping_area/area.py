@@ -28,8 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration
+from omni_loop import compiled, experiment
 from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import SECOND_NS, FloatArray
@@ -142,7 +141,7 @@ class StopCampaign:
         seed: of all draws.
     """
 
-    base: ExperimentConfiguration
+    base: experiment.ExperimentConfiguration
     cells: tuple[Cell, ...]
     friction: tuple[float, float]
     reaction_time: float
@@ -168,7 +167,7 @@ class StopCampaign:
         """Return whether a stop is drawn mainly from the ends of the ranges."""
         return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
 
-    def configuration(self, number: int) -> ExperimentConfiguration:
+    def configuration(self, number: int) -> experiment.ExperimentConfiguration:
         """Draw a stop."""
         random = np.random.default_rng([self.seed, number])
         draw = _extreme if self.extreme(number) else _uniform
@@ -202,7 +201,7 @@ class StopCampaign:
             ConfigurationError: the vehicle does not come to rest.
         """
         configuration = self.configuration(number)
-        run = run_fast_loop(configuration)
+        run = compiled.run_fast_loop(configuration)
         if not run.stopped:
             raise ConfigurationError(
                 "simulation.duration_limit",
@@ -232,7 +231,7 @@ def footprint(vehicle: VehicleConfiguration) -> FloatArray:
     return np.concatenate((chassis, geometry.position + tread, geometry.position - tread))
 
 
-def support(run: FastRun, points: FloatArray, start: float) -> FloatArray:
+def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArray:
     """Return the support function of the area covered by a run [m], shape (DIRECTIONS,).
 
     Args:

@@ -11,8 +11,7 @@ import numpy as np
 from omni_loop.commented_yaml import commented_yaml
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
-from omni_platform.geometry import cross
-from omni_platform.quantities import FloatArray
+from omni_platform import geometry, quantities
 from omni_tools.stopping_area.area import (
     HULL_STOPS,
     Cell,
@@ -54,7 +53,7 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> StopCampa
 def area_metrics(
     options: AreaOptions,
     campaign: StopCampaign,
-    limits: FloatArray,
+    limits: quantities.FloatArray,
     held_out: Sequence[Sweep],
     stays: Sequence[bool],
 ) -> dict[str, Metric]:
@@ -70,7 +69,7 @@ def area_metrics(
     metrics["confidence.each_polygon"] = Metric(options.confidence, "1")
     for cell, limit in zip(campaign.cells, limits, strict=True):
         points = corners(limit)
-        area = 0.5 * float(np.sum(cross(points, np.roll(points, -1, axis=0))))
+        area = 0.5 * float(np.sum(geometry.cross(points, np.roll(points, -1, axis=0))))
         metrics[f"area.{cell.name}"] = Metric(area, "m^2")
     return metrics
 
@@ -78,7 +77,7 @@ def area_metrics(
 def monitor_parameters(
     options: AreaOptions,
     cells: Sequence[Cell],
-    limits: FloatArray,
+    limits: quantities.FloatArray,
     metrics: dict[str, Metric],
 ) -> str:
     """Return the parameters of Nav2's collision monitor as YAML."""

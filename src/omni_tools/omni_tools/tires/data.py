@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from omni_platform.configuration import InputError
-from omni_platform.quantities import FloatArray
+from omni_platform import configuration, quantities
 
 _COLUMNS = {"slip": ("slip",), "load": ("load", "load_n"), "force": ("force", "force_n")}
 
 
-class TireDataError(InputError):
+class TireDataError(configuration.InputError):
     """The measurements do not determine a tire; the message gives the reason."""
 
 
@@ -34,9 +33,9 @@ class TireData:
         force: with the sign of the slip [N], shape (n,).
     """
 
-    slip: FloatArray
-    load: FloatArray
-    force: FloatArray
+    slip: quantities.FloatArray
+    load: quantities.FloatArray
+    force: quantities.FloatArray
 
 
 def read_tire_data(path: Path) -> TireData:

@@ -9,15 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from omni_figures import style
 from omni_figures.scene import Scene, placed, rectangle
-from omni_figures.style import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    PALE,
-    VERMILLION,
-    draw_title,
-)
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import GroundConfiguration
@@ -76,7 +69,7 @@ def draw_vehicle(
     def turn(points: np.ndarray) -> np.ndarray:
         return np.column_stack((-np.asarray(points)[:, 1], np.asarray(points)[:, 0]))
 
-    axes.add_patch(Polygon(turn(scene.chassis), facecolor=PALE, edgecolor=GRAY))
+    axes.add_patch(Polygon(turn(scene.chassis), facecolor=style.PALE, edgecolor=style.GRAY))
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     for row, outline in enumerate(scene.wheel_outlines):
         axes.add_patch(Polygon(turn(outline), facecolor="white", edgecolor="black"))
@@ -85,7 +78,10 @@ def draw_vehicle(
             [place - reach * geometry.active[row], place + reach * geometry.active[row]]
         )
         axes.plot(
-            *turn(ends).T, color=BLUE, linewidth=2.0, label="pushes along" if not row else None
+            *turn(ends).T,
+            color=style.BLUE,
+            linewidth=2.0,
+            label="pushes along" if not row else None,
         )
     for (name, fact), (x, y), radius in zip(
         wheel_facts(vehicle).items(), turn(geometry.position), geometry.radius, strict=True
@@ -99,21 +95,21 @@ def draw_vehicle(
             va="center",
         )
     masses = MassProperties.of(vehicle.body, vehicle.load)
-    axes.plot(*turn(masses.center[None])[0], "o", color=VERMILLION, label="center of gravity")
+    axes.plot(*turn(masses.center[None])[0], "o", color=style.VERMILLION, label="center of gravity")
     for index, (name, sensor) in enumerate((sensors or {}).items()):
         pose = (sensor.x, sensor.y, math.radians(sensor.heading_deg))
         view = placed(rectangle(sensor.length, sensor.width), pose)
-        axes.add_patch(Polygon(turn(view), facecolor=ORANGE, edgecolor=ORANGE))
+        axes.add_patch(Polygon(turn(view), facecolor=style.ORANGE, edgecolor=style.ORANGE))
         axes.annotate(name, turn(view[:1])[0], (4, 4), textcoords="offset points")
         if not index:
-            axes.plot([], [], "s", color=ORANGE, label="line camera")
+            axes.plot([], [], "s", color=style.ORANGE, label="line camera")
     axes.set_aspect("equal")
     axes.margins(0.35, 0.1)
     axes.autoscale_view()
     axes.set_xlabel("right of the middle [m]")
     axes.set_ylabel("ahead of the middle [m]")
     figure.legend(loc="outside lower center", ncols=3)
-    draw_title(figure, "seen from above, forward is up; what each wheel carries")
+    style.draw_title(figure, "seen from above, forward is up; what each wheel carries")
     return figure
 
 
@@ -136,13 +132,15 @@ def draw_tire(tire: TireConfiguration, name: str) -> Figure:
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
     slip = np.linspace(0.0, 1.0, 401)
-    for share, color in zip((0.25, 0.5, 0.75, 1.0), (PALE, GRAY, ORANGE, BLUE), strict=True):
+    for share, color in zip(
+        (0.25, 0.5, 0.75, 1.0), (style.PALE, style.GRAY, style.ORANGE, style.BLUE), strict=True
+    ):
         load = share * tire.largest_load
         axes.plot(slip, Tire(tire).force(slip, load), color=color, label=f"{load:g} N")
     axes.set_xlabel("slip [1]")
     axes.set_ylabel("force [N]")
     axes.legend(title="wheel load")
-    draw_title(figure, f"{name}: steady force over slip")
+    style.draw_title(figure, f"{name}: steady force over slip")
     return figure
 
 
@@ -168,7 +166,7 @@ def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
     axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
-    draw_title(
+    style.draw_title(
         figure, f"{name}: gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
     )
     return figure
@@ -193,13 +191,13 @@ def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
         heading = math.radians(one.heading_deg)
         view = placed(rectangle(10 * one.length, 10 * one.width), (one.x, one.y, heading))
         turned = np.column_stack((-view[:, 1], view[:, 0]))
-        axes.add_patch(Polygon(turned, facecolor=PALE, edgecolor=ORANGE))
+        axes.add_patch(Polygon(turned, facecolor=style.PALE, edgecolor=style.ORANGE))
         axes.annotate(name, (-one.y, one.x), ha="center", va="center")
-    axes.plot(0.0, 0.0, "+", color=GRAY)
+    axes.plot(0.0, 0.0, "+", color=style.GRAY)
     axes.set_aspect("equal")
     axes.margins(0.15)
     axes.autoscale_view()
     axes.set_xlabel("right of the middle [m]")
     axes.set_ylabel("ahead of the middle [m]")
-    draw_title(figure, "line cameras from above, forward is up (views ten times as large)")
+    style.draw_title(figure, "line cameras from above, forward is up (views ten times as large)")
     return figure

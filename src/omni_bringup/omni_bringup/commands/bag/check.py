@@ -9,24 +9,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.command_report import Report, entries, printable
+from omni_bringup import command_report, workspace
 from omni_bringup.commands.bag import bag_option
-from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option
-from omni_platform.configuration import Configuration
+from omni_platform import command_options, configuration
 
 WORK = "reading every message"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni bag check``."""
 
     bag: Path = bag_option()
-    json: bool = json_option()
+    json: bool = command_options.json_option()
 
 
-def run(options: Options, _workspace: Workspace) -> Report:
+def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
     """Read the recording from end to end."""
     from omni_recording.actions.check import check_bag
 
@@ -35,13 +33,13 @@ def run(options: Options, _workspace: Workspace) -> Report:
     metrics["problems"] = (float(len(result.problems)), "1")
     summary = f"{len(result.problems)} problem(s)" if result.problems else "sound"
     total = sum(result.counts.values())
-    return Report(
+    return command_report.Report(
         name="bag_check",
-        metrics=entries(metrics),
+        metrics=command_report.entries(metrics),
         details={"problems": result.problems, "remarks": result.remarks},
         text=(
-            *(f"wrong: {printable(line)}" for line in result.problems),
-            *(f"note: {printable(line)}" for line in result.remarks),
+            *(f"wrong: {command_report.printable(line)}" for line in result.problems),
+            *(f"note: {command_report.printable(line)}" for line in result.remarks),
             f"{options.bag}: {summary}, {total} messages on {len(result.counts)} topics read",
         ),
         ok=not result.problems,

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option
-from omni_platform.configuration import Configuration
-from omni_platform.quantities import SECOND_NS
+from omni_platform import command_options, configuration, quantities
 
 if TYPE_CHECKING:
     from omni_recording.folder import Bag
@@ -27,11 +25,11 @@ WORK = "reading the recording"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni bag info``."""
 
     bag: Path = bag_option()
-    json: bool = json_option()
+    json: bool = command_options.json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -42,8 +40,8 @@ def run(options: Options, _workspace: Workspace) -> Report:
     summary = bag_summary(found)
     metrics: dict[str, tuple[float, str]] = {
         "size": (sum(file.stat().st_size for file in found.files), "B"),
-        "start": (summary.first_ns / SECOND_NS, "s"),
-        "duration": ((summary.last_ns - summary.first_ns) / SECOND_NS, "s"),
+        "start": (summary.first_ns / quantities.SECOND_NS, "s"),
+        "duration": ((summary.last_ns - summary.first_ns) / quantities.SECOND_NS, "s"),
         "messages": (sum(summary.counts.values()), "1"),
         "chunks": (summary.chunks, "1"),
     }

@@ -12,20 +12,18 @@ from pathlib import Path
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option, beside, out_option
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option
-from omni_platform.configuration import Configuration
-from omni_platform.quantities import SECOND_NS
+from omni_platform import command_options, configuration, quantities
 
 WORK = "saving messages"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(configuration.Configuration):
     """Options of ``omni bag recover``."""
 
     bag: Path = bag_option()
     out: Path | None = out_option("recovered")
-    json: bool = json_option()
+    json: bool = command_options.json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -40,7 +38,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
             text=(f"{options.bag}: nothing is wrong with it, so nothing was written",),
         )
     total = sum(result.counts.values())
-    start, end = result.first_ns / SECOND_NS, result.last_ns / SECOND_NS
+    start, end = result.first_ns / quantities.SECOND_NS, result.last_ns / quantities.SECOND_NS
     metrics: dict[str, tuple[float, str]] = {
         "messages": (total, "1"),
         "start": (start, "s"),

@@ -44,30 +44,28 @@ class Options(Configuration):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Draw the lines and the estimates of the odometry."""
-    from omni_bringup.replay.lines import read_batches
-    from omni_bringup.replay.plan import replay_configuration
+    from omni_bringup.replay import lines, plan
     from omni_figures.style import save_figure
     from omni_platform import topics
-    from omni_recording.error import BagError
-    from omni_recording.folder import bag_summary, open_vehicle
+    from omni_recording import error, folder
     from omni_tools.line_files.kymograph import draw_sights, see
 
     name_of_bag = options.bag.resolve().name
     target = options.out or workspace.results(None, "lines") / f"{name_of_bag}.png"
     if target.suffix not in {".png", ".svg"}:
         raise ConfigurationError("--out", f"{target.name} is neither .png nor .svg")
-    bag = open_vehicle(options.bag)
-    odometry = replay_configuration(bag, workspace.library(), None, options.overrides).odometry
+    bag = folder.open_vehicle(options.bag)
+    odometry = plan.replay_configuration(bag, workspace.library(), None, options.overrides).odometry
     for name in options.sensor:
         if name not in odometry.sensors:
             known = ", ".join(odometry.sensors)
             hint = did_you_mean(name, odometry.sensors)
             raise ConfigurationError("--sensor", f"{name!r} is none of {known}{hint}")
-    counts = bag_summary(bag).counts
+    counts = folder.bag_summary(bag).counts
     names = options.sensor or [n for n in odometry.sensors if counts.get(topics.lines(n).path)]
     if not names:
-        raise BagError(bag.path, "holds no lines of a camera of its configuration")
-    batches = read_batches(bag, names, options.start, options.duration)
+        raise error.BagError(bag.path, "holds no lines of a camera of its configuration")
+    batches = lines.read_batches(bag, names, options.start, options.duration)
     sights = {name: see(odometry.sensors[name], own, odometry) for name, own in batches.items()}
     picture = save_figure(draw_sights(sights, f"Lines of {name_of_bag}"), target)
     values = {name: _quantities(sight) for name, sight in sights.items()}

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
-from omni_sim.camera.footprint.average import average_texels
-from omni_sim.camera.footprint.blocks import BLOCK
+from omni_sim.camera.footprint import average, blocks
 from omni_sim.texture.texture import GroundTexture
 
 LEAST_WIDTH = 10.0
@@ -21,7 +20,7 @@ LEAST_WIDTH = 10.0
 _CACHE_LINE = 64  # bytes
 # Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
 # for the two blocks of columns in which the integral's runs end.
-_MARGIN = 2 * 8 + 3 * BLOCK
+_MARGIN = 2 * 8 + 3 * blocks.BLOCK
 _TEXELS_PER_PIXEL = 4  # coarser texels must still be that many
 _TEXELS_ACROSS = 128  # and that many across the footprint
 # Across a wide footprint so many texels are averaged that little more than one for each pixel is
@@ -83,7 +82,7 @@ class PaddedTexture:
             # Modulo 256, as two's complement.
             np.subtract(gray, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
         else:
-            average_texels(gray, middle, rows)
+            average.average_texels(gray, middle, rows)
         turned = _room(texels, stride)
         for first in range(0, texels, _BAND):
             band = rows[:, first : min(first + _BAND, texels)]
