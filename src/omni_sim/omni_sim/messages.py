@@ -12,8 +12,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import Flow
+from omni_platform import quantities, signals
 from omni_ros.messages import BASE_FRAME, UNMEASURED_VARIANCE, WORLD_FRAME, header
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
@@ -35,7 +34,7 @@ IMU_FRAME = "imu"
 """Frame of the unit: axes of `base_link`, at its mounting."""
 
 
-def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Imu:
+def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:
     """Return angular velocity and specific force of the IMU, as REP 145; it has no orientation.
 
     The rates of roll and pitch are published as zero with the gyro's noise, and the vertical
@@ -53,7 +52,7 @@ def imu_message(stamp_ns: int, reading: FloatArray, imu: ImuConfiguration) -> Im
     return message
 
 
-def flow_message(name: str, flow: Flow) -> TwistWithCovarianceStamped:
+def flow_message(name: str, flow: signals.Flow) -> TwistWithCovarianceStamped:
     """Return the measurement of a flow sensor in its own axes as a message."""
     message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)

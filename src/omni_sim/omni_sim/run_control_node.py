@@ -18,8 +18,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from omni_platform.quantities import FloatArray
-from omni_ros.process import Spinner
-from omni_ros.qos import listen
+from omni_ros import process, qos
 
 _SCRIPTED = "a scripted run goes from its start to its end; start the node anew, or with driver: "
 
@@ -41,9 +40,9 @@ class RunControl:
         node.create_service(Trigger, "~/step", self._on_step)
         node.create_service(Trigger, "~/reset", self._on_reset)
         if start is not None:
-            listen(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
+            qos.listen(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
 
-    def wait(self, spinner: Spinner) -> float:
+    def wait(self, spinner: process.Spinner) -> float:
         """Wait while the time is paused; return the duration of the pause [s]."""
         if not self._paused:
             return 0.0

@@ -11,16 +11,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
-from omni_platform.signals import Flow, LineBatch, TwistSample
-from omni_sim.camera.batches import LineExposures
+from omni_platform import quantities, signals
+from omni_sim import flow_sensor, measurement
+from omni_sim.camera import batches, sway
 from omni_sim.camera.camera import LineCameraArray
-from omni_sim.camera.sway import swaying
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
-from omni_sim.flow_sensor import FlowSensorArray
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.measurement import Readings, Truth, build_instruments, draws, measure
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.overload import Overload, OverloadWatch
@@ -53,22 +50,22 @@ class Observation:
     """
 
     stamp_ns: int
-    wheel_angle: FloatArray
-    wheel_speed: FloatArray
-    brake_torque: FloatArray
+    wheel_angle: quantities.FloatArray
+    wheel_speed: quantities.FloatArray
+    brake_torque: quantities.FloatArray
     pedal: float
-    command: FloatArray
-    pose: FloatArray
-    attitude: FloatArray
-    twist: FloatArray
-    velocity_sensor: TwistSample
-    imu: FloatArray
-    encoder_speed: FloatArray
-    wheel_load: FloatArray
-    wheel_force_body: FloatArray
-    slip: FloatArray
-    line_batches: Mapping[str, LineBatch]
-    flows: Mapping[str, Flow]
+    command: quantities.FloatArray
+    pose: quantities.FloatArray
+    attitude: quantities.FloatArray
+    twist: quantities.FloatArray
+    velocity_sensor: signals.TwistSample
+    imu: quantities.FloatArray
+    encoder_speed: quantities.FloatArray
+    wheel_load: quantities.FloatArray
+    wheel_force_body: quantities.FloatArray
+    slip: quantities.FloatArray
+    line_batches: Mapping[str, signals.LineBatch]
+    flows: Mapping[str, signals.Flow]
 
 
 class Simulator:
@@ -133,7 +130,7 @@ class Simulator:
         self._velocity_sensor = VelocitySensor(
             configuration.velocity_sensor, np.random.default_rng(sensor_seed)
         )
-        self._instruments = build_instruments(
+        self._instruments = measurement.build_instruments(
             configuration.imu,
             configuration.encoders,
             configuration.faults,
@@ -144,15 +141,15 @@ class Simulator:
         self._measured_ns = -1
         self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
         self._imu, self._encoder = np.zeros(3), np.zeros(wheels)
-        self._flow_sensors = FlowSensorArray(
+        self._flow_sensors = flow_sensor.FlowSensorArray(
             configuration.flow_sensors if simulation.render_lines else {},
             configuration.flow,
             np.random.default_rng(flow_seed),
             self._driver.start_twist,
         )
         self._flows = self._flow_sensors.measure(0)
-        self._lines: LineExposures | None = None
-        self._batches: Mapping[str, LineBatch] = {}
+        self._lines: batches.LineExposures | None = None
+        self._batches: Mapping[str, signals.LineBatch] = {}
         if simulation.render_lines and configuration.sensors:
             texture = (textures or TextureCache.of_user()).texture(configuration.ground.texture)
             cameras = LineCameraArray(
@@ -160,7 +157,7 @@ class Simulator:
             )
             step_ns = self.control_period_ns / simulation.steps_per_period
             blurred = configuration.camera.exposure_time > 0.0
-            self._lines = LineExposures(cameras, step_ns, blurred=blurred)
+            self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
             start = np.zeros((1, 6))
             start[0, :3] = self._driver.start_pose
             start[0, 3:] = _in_world(self._driver.start_twist, start[0, 2])
@@ -183,7 +180,7 @@ class Simulator:
             pose=pose,
             attitude=vehicle.attitude,
             twist=twist,
-            velocity_sensor=TwistSample(
+            velocity_sensor=signals.TwistSample(
                 self._taken_ns, self._reading.copy(), self._covariance.copy()
             ),
             imu=self._imu.copy(),
@@ -205,9 +202,9 @@ class Simulator:
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
         wheels = vehicle.wheels
-        measure(
+        measurement.measure(
             self._instruments,
-            Truth(
+            measurement.Truth(
                 self._stamp_ns // self.control_period_ns,
                 self.control_period_ns,
                 motion,
@@ -215,12 +212,12 @@ class Simulator:
                 wheels["angle"].copy(),  # contiguous, as the compiled loop hands them over
                 wheels["speed"].copy(),
             ),
-            self._noise.standard_normal(draws(len(self._encoder))),
-            Readings(self._reading, self._imu, self._encoder),
+            self._noise.standard_normal(measurement.draws(len(self._encoder))),
+            measurement.Readings(self._reading, self._imu, self._encoder),
         )
         self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
-    def advance(self, brake_enable: FloatArray) -> None:
+    def advance(self, brake_enable: quantities.FloatArray) -> None:
         """Advance by one control period.
 
         Args:
@@ -243,7 +240,7 @@ class Simulator:
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
         if self._sprung:
-            trajectory = swaying(
+            trajectory = sway.swaying(
                 trajectory,
                 ride,
                 self.vehicle.ride,
@@ -255,7 +252,7 @@ class Simulator:
         if self._lines is not None:
             self._batches = self._expose(self._lines, trajectory, start_ns)
 
-    def place(self, pose: FloatArray) -> None:
+    def place(self, pose: quantities.FloatArray) -> None:
         """Place the vehicle at rest; the time is not changed.
 
         Args:
@@ -277,8 +274,8 @@ class Simulator:
         return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
 
     def _expose(
-        self, lines: LineExposures, trajectory: FloatArray, start_ns: int
-    ) -> Mapping[str, LineBatch]:
+        self, lines: batches.LineExposures, trajectory: quantities.FloatArray, start_ns: int
+    ) -> Mapping[str, signals.LineBatch]:
         """Return the lines of every camera with times in (start, now]."""
         lines.complete()
         if self._sprung or self.vehicle.uneven:
@@ -287,7 +284,7 @@ class Simulator:
         return lines.expose(trajectory, start_ns, self._stamp_ns)
 
 
-def _in_world(twist: FloatArray, yaw: float) -> FloatArray:
+def _in_world(twist: quantities.FloatArray, yaw: float) -> quantities.FloatArray:
     """Return a body twist as rates of x, y, yaw in the world, shape (3,)."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.array(

@@ -35,19 +35,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_sim.texture.patterns import (
-    Added,
-    Bond,
-    Cells,
-    Leaves,
-    Noise,
-    Pattern,
-    Plain,
-    Rings,
-    Studs,
-)
+from omni_sim.texture import patterns
 
-Layers = list[Pattern]
+Layers = list[patterns.Pattern]
 
 _ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % binder is left
 
@@ -55,7 +45,7 @@ _ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.002)
     gray = generator.normal(138.0, 26.0, (cells, cells)).clip(60.0, 210.0)
-    granules = Cells(
+    granules = patterns.Cells(
         _jittered(generator, cells),
         gray.astype(np.float32),
         border_gray=70.0,
@@ -70,7 +60,7 @@ def _stone(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.012)
     gray = generator.normal(132.0, 22.0, (cells, cells)).clip(70.0, 200.0)
     waves = _per_period(size, 0.004)
-    pieces = Cells(
+    pieces = patterns.Cells(
         _jittered(generator, cells),
         gray.astype(np.float32),
         border_gray=62.0,
@@ -86,8 +76,8 @@ def _asphalt(size: float, generator: np.random.Generator) -> Layers:
         size, generator, (0.0003, 0.003), _ASPHALT_COVERAGE, (128.0, 34.0), 0.55, (45.0, 225.0)
     )
     octaves = ((0.0008, 10.0), (0.0003, 10.0), (0.00018, 7.0))
-    chippings = Leaves(chippings.leaves, 0.00006 / size)
-    return [Plain(48.0), chippings, *_octaves(size, generator, octaves)]
+    chippings = patterns.Leaves(chippings.leaves, 0.00006 / size)
+    return [patterns.Plain(48.0), chippings, *_octaves(size, generator, octaves)]
 
 
 def _wood(size: float, generator: np.random.Generator) -> Layers:
@@ -117,20 +107,20 @@ def _wood(size: float, generator: np.random.Generator) -> Layers:
         )
     )
     return [
-        Rings(profile.astype(np.float32), bend),
+        patterns.Rings(profile.astype(np.float32), bend),
         *(_noise(size, generator, *fibre) for fibre in fibres),
-        Leaves(pores, 0.00005 / size),
+        patterns.Leaves(pores, 0.00005 / size),
     ]
 
 
 def _plastic(size: float, generator: np.random.Generator) -> Layers:
     octaves = ((0.02, 0.6), (0.006, 0.6), (0.002, 0.9), (0.0005, 2.0), (0.00025, 3.0))
-    return [Plain(142.0), *_octaves(size, generator, octaves)]
+    return [patterns.Plain(142.0), *_octaves(size, generator, octaves)]
 
 
 def _metal(size: float, generator: np.random.Generator) -> Layers:
     return [
-        Plain(148.0),
+        patterns.Plain(148.0),
         _noise(size, generator, 0.03, 0.1, 1.0),
         _noise(size, generator, 0.00035, 0.004, 2.0),
         _noise(size, generator, 0.00018, 0.0015, 3.5),
@@ -153,8 +143,8 @@ def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
     )
     cell = size / cells
     return [
-        Studs(gray, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
-        Leaves(holes, 0.00006 / size),
+        patterns.Studs(gray, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
+        patterns.Leaves(holes, 0.00006 / size),
         *_octaves(size, generator, ((0.02, 4.0), (0.002, 5.0), (0.0006, 9.0), (0.00025, 7.0))),
     ]
 
@@ -162,10 +152,10 @@ def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
 def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
     def plates(
         spacing: float, crack: float, gray: tuple[float, float], crack_gray: float, *, darken: bool
-    ) -> Cells:
+    ) -> patterns.Cells:
         cells, waves = _per_period(size, spacing), _per_period(size, 0.3 * spacing)
         shades = generator.normal(*gray, (cells, cells)).clip(90.0, 255.0)
-        return Cells(
+        return patterns.Cells(
             _jittered(generator, cells),
             shades.astype(np.float32),
             border_gray=crack_gray,
@@ -185,13 +175,13 @@ def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
 def _worn_asphalt(size: float, generator: np.random.Generator) -> Layers:
     chippings = _stones(size, generator, (0.0005, 0.004), 2.0, (116.0, 6.0), 0.55)
     octaves = ((0.02, 1.5), (0.002, 2.5), (0.0008, 4.0), (0.0003, 6.0), (0.00018, 4.0))
-    return [Plain(104.0), chippings, *_octaves(size, generator, octaves)]
+    return [patterns.Plain(104.0), chippings, *_octaves(size, generator, octaves)]
 
 
 def _concrete(size: float, generator: np.random.Generator) -> Layers:
     octaves = ((0.03, 6.0), (0.008, 4.0), (0.002, 5.0), (0.0006, 7.0), (0.00025, 6.0))
     pores = _stones(size, generator, (0.0002, 0.0012), 0.02, (85.0, 12.0), 0.6)
-    return [Plain(150.0), pores, *_octaves(size, generator, octaves)]
+    return [patterns.Plain(150.0), pores, *_octaves(size, generator, octaves)]
 
 
 def _wet_concrete(size: float, generator: np.random.Generator) -> Layers:
@@ -199,7 +189,7 @@ def _wet_concrete(size: float, generator: np.random.Generator) -> Layers:
     patches = _stones(size, generator, (0.012, 0.035), 0.35, (88.0, 3.0), 0.5)
     return [
         *dry,
-        Leaves(patches.leaves, 0.0015 / size),
+        patterns.Leaves(patches.leaves, 0.0015 / size),
         *_octaves(size, generator, ((0.0003, 3.0),)),
     ]
 
@@ -207,12 +197,12 @@ def _wet_concrete(size: float, generator: np.random.Generator) -> Layers:
 def _gravel(size: float, generator: np.random.Generator) -> Layers:
     stones = _stones(size, generator, (0.002, 0.008), 3.0, (125.0, 28.0), 0.55)
     octaves = ((0.004, 7.0), (0.001, 6.0), (0.0003, 6.0))
-    return [Plain(45.0), stones, *_octaves(size, generator, octaves)]
+    return [patterns.Plain(45.0), stones, *_octaves(size, generator, octaves)]
 
 
 def _sand(size: float, generator: np.random.Generator) -> Layers:
     octaves = ((0.03, 3.0), (0.006, 2.0), (0.0004, 10.0), (0.0002, 14.0), (0.00012, 10.0))
-    return [Plain(150.0), *_octaves(size, generator, octaves)]
+    return [patterns.Plain(150.0), *_octaves(size, generator, octaves)]
 
 
 def _grass(size: float, generator: np.random.Generator) -> Layers:
@@ -227,7 +217,11 @@ def _grass(size: float, generator: np.random.Generator) -> Layers:
         )
     )
     octaves = ((0.01, 6.0), (0.0006, 4.0), (0.0002, 3.0))
-    return [Plain(40.0), Leaves(blades, 0.0001 / size), *_octaves(size, generator, octaves)]
+    return [
+        patterns.Plain(40.0),
+        patterns.Leaves(blades, 0.0001 / size),
+        *_octaves(size, generator, octaves),
+    ]
 
 
 def _bark(size: float, generator: np.random.Generator) -> Layers:
@@ -248,8 +242,8 @@ def _bark(size: float, generator: np.random.Generator) -> Layers:
         (0.0003, 0.0003, 7.0),
     )
     return [
-        Plain(120.0),
-        Leaves(furrows, 0.0006 / size),
+        patterns.Plain(120.0),
+        patterns.Leaves(furrows, 0.0006 / size),
         *(_noise(size, generator, *ridge) for ridge in ridges),
     ]
 
@@ -259,13 +253,13 @@ def _brick(size: float, generator: np.random.Generator) -> Layers:
     gray = generator.normal(118.0, 8.0, (rows, columns)).astype(np.float32)
     octaves = ((0.02, 4.0), (0.003, 3.0), (0.0007, 3.0), (0.00025, 3.0))
     pits = _stones(size, generator, (0.0003, 0.0015), 0.01, (80.0, 10.0), 0.6)
-    bricks = Bond(gray, 158.0, 0.008 / size, 0.0012 / size, staggered=True)
+    bricks = patterns.Bond(gray, 158.0, 0.008 / size, 0.0012 / size, staggered=True)
     return [bricks, pits, *_octaves(size, generator, octaves)]
 
 
 def _cobble(size: float, generator: np.random.Generator) -> Layers:
     cells, waves = _per_period(size, 0.05), _per_period(size, 0.015)
-    stones = Cells(
+    stones = patterns.Cells(
         generator.uniform(0.3, 0.7, (cells, cells, 2)).astype(np.float32),
         generator.normal(125.0, 15.0, (cells, cells)).astype(np.float32),
         border_gray=45.0,
@@ -278,8 +272,8 @@ def _cobble(size: float, generator: np.random.Generator) -> Layers:
 
 def _planks(size: float, generator: np.random.Generator) -> Layers:
     gray = generator.normal(0.0, 9.0, (_per_period(size, 0.05), 1)).astype(np.float32)
-    boards = Bond(gray, -75.0, 0.003 / size, 0.0006 / size, staggered=False)
-    return [*_wood(size, generator), Added(boards)]
+    boards = patterns.Bond(gray, -75.0, 0.003 / size, 0.0006 / size, staggered=False)
+    return [*_wood(size, generator), patterns.Added(boards)]
 
 
 MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
@@ -318,7 +312,7 @@ def _stones(
     gray: tuple[float, float],
     flattest: float,
     limits: tuple[float, float] = (20.0, 225.0),
-) -> Leaves:
+) -> patterns.Leaves:
     """Return ellipses of scale-invariant sizes: radii by the power law r^-3.
 
     Args:
@@ -344,7 +338,7 @@ def _stones(
             generator.normal(*gray, count).clip(*limits),
         )
     )
-    return Leaves(leaves, 0.0001 / size)
+    return patterns.Leaves(leaves, 0.0001 / size)
 
 
 def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]:
@@ -354,7 +348,7 @@ def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]
 
 def _octaves(
     size: float, generator: np.random.Generator, octaves: tuple[tuple[float, float], ...]
-) -> list[Noise]:
+) -> list[patterns.Noise]:
     """Return smooth noise of several spacings [m] and standard deviations [gray levels]."""
     return [_noise(size, generator, spacing, spacing, gray) for spacing, gray in octaves]
 
@@ -365,8 +359,8 @@ def _noise(
     spacing_y: float,
     spacing_x: float,
     deviation: float,
-) -> Noise:
-    return Noise(_lattice(size, generator, spacing_y, spacing_x, deviation))
+) -> patterns.Noise:
+    return patterns.Noise(_lattice(size, generator, spacing_y, spacing_x, deviation))
 
 
 def _lattice(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from omni_platform import geometry, quantities
 from omni_platform.brakes import BrakeConfiguration
 from omni_platform.configuration import (
     Configuration,
@@ -15,17 +16,9 @@ from omni_platform.configuration import (
     parameter,
     section,
 )
-from omni_platform.geometry import WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import TireConfiguration
-from omni_sim.vehicle.loads import (
-    GRAVITY,
-    MAXIMUM_WHEELS,
-    MassConfiguration,
-    MassProperties,
-    support_polygon,
-)
+from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration
 from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geometries
@@ -107,7 +100,7 @@ _SOUND = WheelCondition()
 class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 
-    wheels: Mapping[str, WheelMount] = parameter(
+    wheels: Mapping[str, geometry.WheelMount] = parameter(
         description="Wheels by name; their order is the order of all wheel arrays"
     )
     chassis_length: float = parameter(
@@ -122,9 +115,9 @@ class VehicleConfiguration(Configuration):
         unit="m",
         above=0.0,
     )
-    body: MassConfiguration = parameter(description="Chassis with its wheels and drives")
-    load: MassConfiguration = section(
-        lambda: MassConfiguration(mass=0.0, height=0.0), description="Movable load"
+    body: loads.MassConfiguration = parameter(description="Chassis with its wheels and drives")
+    load: loads.MassConfiguration = section(
+        lambda: loads.MassConfiguration(mass=0.0, height=0.0), description="Movable load"
     )
     tire: TireConfiguration = section(TireConfiguration, description="Tire of every wheel")
     wheel_model: str = parameter(
@@ -172,37 +165,37 @@ class VehicleConfiguration(Configuration):
     )
 
     @property
-    def grip(self) -> FloatArray:
+    def grip(self) -> quantities.FloatArray:
         """Factor on the friction under each wheel [1], shape (N,)."""
         return np.array([self._condition(name).friction for name in self.wheels])
 
     @property
-    def brake_share(self) -> FloatArray:
+    def brake_share(self) -> quantities.FloatArray:
         """Factor on the torque of each wheel's brake [1], shape (N,)."""
         return np.array([self._condition(name).brake for name in self.wheels])
 
     @property
-    def mounted(self) -> FloatArray:
+    def mounted(self) -> quantities.FloatArray:
         """Mounting height of each wheel relative to the others [m], shape (N,)."""
         return np.array([self._condition(name).mounted for name in self.wheels])
 
     @property
-    def chassis_size(self) -> FloatArray:
+    def chassis_size(self) -> quantities.FloatArray:
         """Length and width of the chassis [m], shape (2,)."""
         return np.array([self.chassis_length, self.chassis_width])
 
     @property
-    def open_valves(self) -> FloatArray:
+    def open_valves(self) -> quantities.FloatArray:
         """Share of pressure that each valve passes at least [1], shape (N,)."""
         return np.array([self._condition(name).open_valve for name in self.wheels])
 
     @property
-    def stuck_brakes(self) -> FloatArray:
+    def stuck_brakes(self) -> quantities.FloatArray:
         """Share of the largest torque that each brake exerts at least [1], shape (N,)."""
         return np.array([self._condition(name).stuck_brake for name in self.wheels])
 
     @property
-    def brake_fault_onsets(self) -> FloatArray:
+    def brake_fault_onsets(self) -> quantities.FloatArray:
         """Time from which the brake of each wheel is faulty, if it is [s], shape (N,)."""
         return np.array([self._condition(name).onset for name in self.wheels])
 
@@ -257,14 +250,16 @@ class VehicleConfiguration(Configuration):
             raise ConfigurationError("body.mass", "body and load together must have a mass")
         kinematics = PlatformKinematics.of(self.wheels)
         position = kinematics.geometry.position
-        if len(position) > MAXIMUM_WHEELS:
-            raise ConfigurationError("wheels", f"at most {MAXIMUM_WHEELS} wheels are supported")
-        masses = MassProperties.of(self.body, self.load)
+        if len(position) > loads.MAXIMUM_WHEELS:
+            raise ConfigurationError(
+                "wheels", f"at most {loads.MAXIMUM_WHEELS} wheels are supported"
+            )
+        masses = loads.MassProperties.of(self.body, self.load)
         if masses.yaw_inertia <= 0.0:
             raise ConfigurationError("body.yaw_inertia", "the vehicle must have a yaw inertia")
-        hull = position[support_polygon(position)]
+        hull = position[loads.support_polygon(position)]
         edges = np.roll(hull, -1, axis=0) - hull
-        inside = cross(edges, masses.center - hull) / np.linalg.norm(edges, axis=1)
+        inside = geometry.cross(edges, masses.center - hull) / np.linalg.norm(edges, axis=1)
         if len(hull) < 3 or float(np.min(inside)) <= 0.0:
             x, y = masses.center
             raise ConfigurationError(
@@ -272,7 +267,7 @@ class VehicleConfiguration(Configuration):
                 f"the center of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
                 "so the vehicle falls over; move body, load or wheels",
             )
-        weight = masses.mass * GRAVITY
+        weight = masses.mass * loads.GRAVITY
         for name, mount in self.wheels.items():
             if weight >= 0.5 * mount.radius * self.tire.vertical_stiffness:
                 raise ConfigurationError(

@@ -11,19 +11,9 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.tire.roller import passive_parameters
+from omni_sim.vehicle import state
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
-from omni_sim.vehicle.state import (
-    CHASSIS,
-    CONTACT,
-    LOSS,
-    ROLLER,
-    Losses,
-    Plant,
-    Rollers,
-    Structured,
-    Suspension,
-)
 from omni_sim.wheel.roller_geometry import AXIS
 
 
@@ -33,7 +23,7 @@ def build_plant(
     masses: MassProperties,
     friction: FrictionMap,
     physics_step: float,
-) -> Plant:
+) -> state.Plant:
     """Lay out the constants of a vehicle for the kernel.
 
     Args:
@@ -61,14 +51,14 @@ def build_plant(
         reach = np.linalg.norm(lever, axis=1) + jump
         mobility_sum = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
         mobility_sum *= 2.0 if configuration.wheel_model == "rollers" else 1.0
-    plant = Plant(
+    plant = state.Plant(
         dt=float(physics_step),
         mass=masses.mass,
         yaw_inertia=masses.yaw_inertia,
         center=(float(masses.center[0]), float(masses.center[1])),
         height=masses.height,
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
-        contact=structured(CONTACT, lever, geometry.active, moment, rim),
+        contact=structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
         mobility=np.broadcast_to(mobility_sum, len(lever)).copy(),
         rolling=np.zeros((len(lever), 3)),
@@ -99,8 +89,8 @@ def build_losses(
     configuration: VehicleConfiguration,
     kinematics: PlatformKinematics,
     masses: MassProperties,
-    plant: Plant,
-) -> tuple[Plant, Losses]:
+    plant: state.Plant,
+) -> tuple[state.Plant, state.Losses]:
     """Lay out the passive losses, and the plant with their coupling to its forces.
 
     Args:
@@ -111,7 +101,7 @@ def build_losses(
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
-        return plant, Losses(np.zeros(0, LOSS), 0.0, 0.0, 0.0)
+        return plant, state.Losses(np.zeros(0, state.LOSS), 0.0, 0.0, 0.0)
     geometry = kinematics.geometry
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.passive)
@@ -127,13 +117,13 @@ def build_losses(
     coupled = plant.mobility + (mobilities[0].sum(axis=0) + own * active_rim)
     mobility = mobilities[0].sum(axis=1) + mobilities[1].sum(axis=1)
     mobility += own * (active_rim + np.abs(rim))
-    constants = structured(LOSS, geometry.passive, moment, rim, mobility)
-    return plant._replace(mobility=coupled), Losses(
+    constants = structured(state.LOSS, geometry.passive, moment, rim, mobility)
+    return plant._replace(mobility=coupled), state.Losses(
         constants, losses.constant_share, losses.growing_share, losses.inertia
     )
 
 
-def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
+def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     """Return the individual rollers of a vehicle, if its wheels have them.
 
     Args:
@@ -142,7 +132,7 @@ def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
     if configuration.wheel_model != "rollers":
         return None
     rollers, n = configuration.rollers, len(configuration.wheels)
-    return Rollers(
+    return state.Rollers(
         tire_y=passive_parameters(configuration.tire),
         inertia=rollers.inertia,
         stiffness=rollers.stiffness,
@@ -150,12 +140,14 @@ def build_rollers(configuration: VehicleConfiguration) -> Rollers | None:
         overlap=rollers.overlap,
         constant=configuration.passive_losses.constant_share,
         growing=configuration.passive_losses.growing_share,
-        state=np.zeros((n, rollers.count), ROLLER),
+        state=np.zeros((n, rollers.count), state.ROLLER),
         push=np.zeros((n, 3)),
     )
 
 
-def build_suspension(configuration: VehicleConfiguration, masses: MassProperties) -> Suspension:
+def build_suspension(
+    configuration: VehicleConfiguration, masses: MassProperties
+) -> state.Suspension:
     """Lay out the springs of a chassis.
 
     Args:
@@ -164,7 +156,7 @@ def build_suspension(configuration: VehicleConfiguration, masses: MassProperties
     """
     springs, n = configuration.suspension, len(configuration.wheels)
     box = masses.mass / 12.0 * (4.0 * masses.height**2 + np.square(configuration.chassis_size))
-    return Suspension(
+    return state.Suspension(
         stiffness=springs.stiffness,
         damping=2.0 * springs.damping_ratio * math.sqrt(springs.stiffness * masses.mass / n),
         pitch_inertia=springs.pitch_inertia or float(box[0]),
@@ -173,11 +165,11 @@ def build_suspension(configuration: VehicleConfiguration, masses: MassProperties
         half_gap=0.5 * configuration.rollers.gap,
         ground=np.zeros(n),
         sunk=np.zeros(n),
-        chassis=np.zeros(1, CHASSIS),
+        chassis=np.zeros(1, state.CHASSIS),
     )
 
 
-def static_loads(plant: Plant) -> FloatArray:
+def static_loads(plant: state.Plant) -> FloatArray:
     """Return the wheel loads at rest [N], shape (N,)."""
     loads = np.empty(len(plant.position))
     weight = plant.mass * GRAVITY
@@ -185,7 +177,7 @@ def static_loads(plant: Plant) -> FloatArray:
     return loads
 
 
-def structured(kind: np.dtype[np.void], *columns: FloatArray) -> Structured:
+def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
     """Return columns of numbers, shape (N,) or (N, k), as a structured array of floats, (N,)."""
     rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     return rows.view(kind)[:, 0]

@@ -7,19 +7,16 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omni_platform.kinematics import PlatformKinematics
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_platform import kinematics, quantities
 from omni_sim.ground.elevation import ElevationConfiguration, elevation_at
 from omni_sim.ground.friction import FrictionMap
-from omni_sim.vehicle import dynamics, placing
+from omni_sim.vehicle import dynamics, loads, placing, uneven_ground
 from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_sim.vehicle.placing import along_active, rolling_radius
 from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, build_suspension
 from omni_sim.vehicle.road_plane import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.vehicle.suspension import fastest_motion, settle
-from omni_sim.vehicle.uneven_ground import orientation
 from omni_sim.wheel.brake_pressure import build_brake_pressure
 
 DEFAULT_PHYSICS_STEP = 0.0005
@@ -80,8 +77,8 @@ class Vehicle:
         if not 0.0 < physics_step <= 0.01:
             raise VehicleInputError(f"physics step {physics_step} s must be in (0, 0.01] s")
         self.configuration = configuration
-        self.kinematics = PlatformKinematics.of(configuration.wheels)
-        self.masses = MassProperties.of(configuration.body, configuration.load)
+        self.kinematics = kinematics.PlatformKinematics.of(configuration.wheels)
+        self.masses = loads.MassProperties.of(configuration.body, configuration.load)
         self.physics_step = physics_step
         self.state = self._build_state(friction or FrictionMap(), elevation)
         n = len(configuration.wheels)
@@ -127,7 +124,7 @@ class Vehicle:
             loads=np.empty(n),
         )
 
-    def _settled(self) -> FloatArray:
+    def _settled(self) -> quantities.FloatArray:
         """Return heave, pitch and roll at rest with equal mounting heights, shape (3,)."""
         plant, suspension = self.state.plant, self.state.suspension
         fastest = fastest_motion(plant, suspension)
@@ -139,7 +136,7 @@ class Vehicle:
             )
         n = len(self.state.wheels)
         level_springs = suspension._replace(mounted=np.zeros(n))
-        settle(plant, level_springs, np.zeros(n), plant.mass * GRAVITY)
+        settle(plant, level_springs, np.zeros(n), plant.mass * loads.GRAVITY)
         return self._chassis
 
     def apply_brake_faults(self, time: float) -> None:
@@ -170,7 +167,7 @@ class Vehicle:
         *,
         hold_world_direction: bool = False,
         traced: bool = True,
-    ) -> FloatArray:
+    ) -> quantities.FloatArray:
         """Advance by ``n_steps`` physics steps under constant inputs.
 
         Args:
@@ -211,7 +208,7 @@ class Vehicle:
         """
         self._force = _finite("force", force, (2,))
 
-    def drive_speeds(self, twist: ArrayLike) -> FloatArray:
+    def drive_speeds(self, twist: ArrayLike) -> quantities.FloatArray:
         """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).
 
         Args:
@@ -265,12 +262,12 @@ class Vehicle:
         return self.kinematics.geometry.names
 
     @property
-    def pose(self) -> FloatArray:
+    def pose(self) -> quantities.FloatArray:
         """x, y [m], yaw [rad, not wrapped] of base_link in the world frame, shape (3,)."""
         return self._motion()[:3]
 
     @property
-    def motion(self) -> tuple[FloatArray, float, float]:
+    def motion(self) -> tuple[quantities.FloatArray, float, float]:
         """Position and yaw in the path plane with the body twist, shape (6,), and its tilt [1].
 
         The tilt is the level part of the plane's normal; yaw and velocity are in the plane.
@@ -282,23 +279,23 @@ class Vehicle:
         )
 
     @property
-    def twist(self) -> FloatArray:
+    def twist(self) -> quantities.FloatArray:
         """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
         return self._motion()[3:]
 
-    def _motion(self) -> FloatArray:
+    def _motion(self) -> quantities.FloatArray:
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
 
     @property
-    def velocity_of_gravity_center(self) -> FloatArray:
+    def velocity_of_gravity_center(self) -> quantities.FloatArray:
         """Velocity of the center of gravity along the ground, in the world frame [m/s], (2,)."""
         body = self.state.body[0]
         return np.array([body["v_x"], body["v_y"]])
 
     @property
-    def attitude(self) -> FloatArray:
+    def attitude(self) -> quantities.FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground or springs, shape (3,).
 
         Zeros on flat ground, on springs at rest with all wheels mounted alike.
@@ -308,7 +305,7 @@ class Vehicle:
         height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
         heave, pitch, roll = self._chassis - self._rest
         height, forward, left = height + heave, forward + pitch, left + roll
-        rise = orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
+        rise = uneven_ground.orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
         return np.array(
             [
                 height - float(rise[:2] @ self.masses.center),
@@ -323,7 +320,7 @@ class Vehicle:
         return len(self.state.terrain.parts) > 0
 
     @property
-    def ride(self) -> FloatArray:
+    def ride(self) -> quantities.FloatArray:
         """How the sprung chassis stands over the path plane, beside how it does at rest.
 
         Returns:
@@ -357,7 +354,7 @@ class Vehicle:
         return above
 
     @property
-    def _chassis(self) -> FloatArray:
+    def _chassis(self) -> quantities.FloatArray:
         """Heave [m] and gradients forward and to the left [1] of the chassis, shape (3,)."""
         return np.array(list(self.state.suspension.chassis[0])[:3])
 
@@ -367,7 +364,7 @@ class Vehicle:
         height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
         body = self.state.body[0]
         yaw = float(body["yaw"])
-        turn = orientation(yaw, forward, left)
+        turn = uneven_ground.orientation(yaw, forward, left)
         base = np.array([body["x"], body["y"], height])
         levers, directions = self.state.plant.position, self.kinematics.geometry.rolling
         contacts = []
@@ -397,7 +394,7 @@ class Vehicle:
         return self.state.rollers.state.copy()
 
     @property
-    def roller_speed(self) -> FloatArray:
+    def roller_speed(self) -> quantities.FloatArray:
         """Surface speeds of the rollers ``u_w . v_i - omega r_D (u_w . u_i)`` [m/s], (N,)."""
         geometry = self.kinematics.geometry
         rim = np.sum(geometry.passive * geometry.rolling, axis=1)
@@ -406,7 +403,7 @@ class Vehicle:
         return np.asarray(hub - speed * rim, dtype=np.float64)
 
     @property
-    def wheel_force_body(self) -> FloatArray:
+    def wheel_force_body(self) -> quantities.FloatArray:
         """Forces of the wheels on the vehicle in the body frame [N], shape (N, 2)."""
         if self.state.rollers is not None:
             return self.state.rollers.push[:, :2].copy()
@@ -414,7 +411,7 @@ class Vehicle:
         return np.column_stack((force * contacts["n_x"], force * contacts["n_y"]))
 
     @property
-    def slip_velocity(self) -> FloatArray:
+    def slip_velocity(self) -> quantities.FloatArray:
         """Sliding velocities of the rims ``n_w . v_i - omega r_D (n_w . u_i)`` [m/s], (N,)."""
         v_x, v_y, rate = self.twist
         g_x, g_y = self.masses.center
@@ -429,9 +426,9 @@ class Vehicle:
         return energies
 
     @property
-    def overloaded(self) -> BoolArray:
+    def overloaded(self) -> quantities.BoolArray:
         """Whether each wheel's load is beyond the tire model, which clamps it, shape (N,)."""
-        beyond: BoolArray = self.state.wheels["load"] > self.state.plant.largest_load
+        beyond: quantities.BoolArray = self.state.wheels["load"] > self.state.plant.largest_load
         return beyond
 
     @property
@@ -450,7 +447,7 @@ class Vehicle:
         return int(self.state.counters["tipping_steps"][0])
 
 
-def _finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def _finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> quantities.FloatArray:
     array = np.array(value, dtype=np.float64)
     if array.shape != shape or not np.isfinite(array).all():
         raise VehicleInputError(f"{name} {value!r} must be {shape or 'a number'} and finite")
