@@ -1,4 +1,4 @@
-"""Bringing together the batches of several line cameras that belong to the same time."""
+"""Groups the batches of several line cameras by time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _PATIENCE = 2  # batches that the others may deliver while one camera is waited 
 class BatchCollector:
     """Groups batches by their stamps, in whatever order the cameras deliver.
 
-    Batches belong together when their stamps differ by no more than the skew. A camera is waited
-    for until another one has delivered two batches more; then the group is handed on without it,
-    and nobody waits for it again until it speaks. What comes too late for its group is dropped:
-    the odometry sees a gap in that camera's lines and starts its chain anew.
+    Batches form a group if their stamps differ by at most the skew. The group waits for a camera
+    until another one has delivered two further batches; then it is returned without this camera,
+    and later groups do not wait for it until it delivers again. A batch that is too late for its
+    group is dropped: the odometry detects a gap in the lines and restarts their chain.
 
-    Followers, flow sensors beside cameras, measure at a rate of their own and make no group. One
-    is waited for in the same way, but only for groups in whose time its next measurement is due.
+    Followers, such as flow sensors in addition to cameras, have their own rate and form no group. A
+    group waits for them in the same way if their next measurement is due within its time.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Make the collector of an odometry: cameras lead, without any the fastest flow sensors."""
+        """Make the collector of an odometry; without cameras, flow sensors form groups."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:
@@ -56,14 +56,14 @@ class BatchCollector:
         return cls(leading, configuration.maximum_skew, followers)
 
     def add(self, sensor: str, batch: LineBatch | Flow) -> list[dict[str, LineBatch | Flow]]:
-        """Take a batch and return the groups that are ready, oldest first.
+        """Add a batch and return the complete groups, oldest first.
 
         Args:
             sensor: name of a camera.
             batch: its lines.
 
         Raises:
-            KeyError: the camera is not one of those that were declared.
+            KeyError: the camera is unknown.
         """
         following = self._following.get(sensor)
         if following is not None and isinstance(batch, Flow):
@@ -97,7 +97,7 @@ class BatchCollector:
         self._handed_on_ns = None
 
     def _take_group(self) -> dict[str, LineBatch | Flow]:
-        """Return the oldest group if nothing more is to be waited for, else an empty one."""
+        """Return the oldest group if it is complete, else an empty one."""
         oldest = {name: queue[0] for name, queue in self._pending.items() if queue}
         awaited = self._pending.keys() - oldest.keys() - self._silent
         backlog = max(len(queue) for queue in self._pending.values())

@@ -1,9 +1,9 @@
-"""Joins the batches of one sensor into an unbroken chain of lines, and checks their time.
+"""Joins the batches of one sensor to a chain of consecutive lines, and checks their time.
 
-The stamps of the newest lines and the number of lines in between say how long a line takes. Where
-that is not the configured line period, lines were lost or repeated, or the line rate is wrong, and
-nobody can tell which: every velocity would be wrong by the same share. A whole batch that is
-missing is none of that: the lines of the next one still follow each other.
+The line period follows from the stamps of the newest lines and the number of lines in between. If
+it differs from the configured one, lines were lost or repeated, or the line rate is wrong; in each
+case the velocity has the same relative error. A missing batch is no such fault: the lines of the
+next one are still consecutive.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ _WHOLE = 0.75  # of a batch that is missing
 
 
 class LineChain:
-    """Keeps the last line of a batch, so that the first of the next has one to compare with.
+    """Stores the last line of a batch for comparison with the first line of the next one.
 
     Attributes:
-        stretch: share by which the time of the batch joined last does not fit its number of lines,
-            by which its velocity may be wrong; 0 if it fits.
-        remark: the same in words; empty if it fits.
-        joined: whether that batch followed the one before.
+        stretch: relative deviation of the last batch's time from its number of lines, and so the
+            possible relative error of its velocity [1]; 0 if it is within the tolerance.
+        remark: description of this deviation; empty if it is within the tolerance.
+        joined: whether the last batch followed the one before.
     """
 
     def __init__(self, sensor: LineSensor) -> None:
@@ -47,16 +47,16 @@ class LineChain:
         self._late = 0.0
 
     def join(self, batch: LineBatch) -> Lines:
-        """Return the lines of a batch behind the last line of the batch before.
+        """Return the last line of the batch before, followed by the lines of a batch.
 
-        That line is left out where the batches do not join: at the start and after a gap of whole
-        batches.
+        The former is omitted if the batches are not consecutive: at the start and after a missing
+        batch.
 
         Args:
             batch: at least one line of the configured number of pixels.
 
         Returns:
-            m or m + 1 lines, oldest first; memory that the next call overwrites.
+            m or m + 1 lines, oldest first; the next call overwrites the array.
 
         Raises:
             Unmeasured: the stamp is older than the one before, or the last line is that of the
@@ -97,7 +97,7 @@ class LineChain:
         return self._buffer[0 if joined else 1 : count + 1]
 
     def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
-        """Return whether the time does not fit the number of lines; a missing batch is no fault."""
+        """Return whether the time does not match the lines; a missing batch is no fault."""
         if joined:
             self._late += late
             drifted = abs(self._late) >= 1.0
@@ -109,7 +109,7 @@ class LineChain:
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Copy the lines behind the last one."""
+        """Copy the lines after the stored one."""
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:

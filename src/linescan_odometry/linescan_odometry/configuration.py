@@ -19,7 +19,7 @@ METHODS = ("checked_pairs", "pairs", "joint")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OdometryConfiguration(Configuration):
-    """How displacements are found, filtered and turned into the body twist."""
+    """Parameters of displacement search, filters and twist estimation."""
 
     sensors: Mapping[str, LineSensor] = parameter(
         description="Line cameras on the platform: three or more, or two with a constraint of the "
@@ -92,7 +92,7 @@ class OdometryConfiguration(Configuration):
     )
     median_lines: int = parameter(
         10,
-        description="n: consecutive displacements whose median tells outliers (section 4.6)",
+        description="n: consecutive displacements whose median rejects outliers (section 4.6)",
         minimum=1,
         maximum=10000,
     )
@@ -185,10 +185,10 @@ class OdometryConfiguration(Configuration):
         return int(sensor.pixels / self.shift_divisor)
 
     def check_consistency(self) -> None:
-        """Refuse placements and line lengths from which no twist can be measured.
+        """Refuse placements and line lengths that do not determine a twist.
 
         Raises:
-            ConfigurationError: see the text; it names the sensors.
+            ConfigurationError: a placement or length is invalid; names the sensors.
         """
         self.check_placement()
         self._check_sideslip()
@@ -208,10 +208,10 @@ class OdometryConfiguration(Configuration):
                 )
 
     def check_placement(self) -> None:
-        """Refuse sensors that do not see every motion.
+        """Refuse sensors that do not measure every motion.
 
         Raises:
-            ConfigurationError: see the text; it names the sensors.
+            ConfigurationError: the placement is singular; names the sensors.
         """
         both = self.sensors.keys() & self.flow_sensors.keys()
         if both:

@@ -1,4 +1,4 @@
-"""What goes into the odometry and what comes out of it."""
+"""Inputs and outputs of the odometry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance of a velocity that was not measured, (1 km/s)^2: nobody can take it for a value."""
+"""Variance of a velocity that was not measured, (1 km/s)^2."""
 
 
 class Displacement(NamedTuple):
@@ -89,18 +89,18 @@ class SensorReading:
     def unmeasured(
         cls, reason: str, correlation: float = 0.0, inlier_share: float = 0.0
     ) -> SensorReading:
-        """Make a reading that says why there is none."""
+        """Make an unmeasured reading with the reason."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
 
     def refuted(self, reason: str) -> SensorReading:
-        """Return it unmeasured, as its view cannot be that of the ground it moved over."""
+        """Return the reading as unmeasured because its view contradicts the motion."""
         nothing = SensorReading.unmeasured(reason, self.correlation)
         return dataclasses.replace(nothing, unlike=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FlowReading:
-    """What one flow sensor says about the motion of its place.
+    """Measurement of one flow sensor.
 
     Attributes:
         velocity: along its axis and to the left of it [m/s], shape (2,), 0 if not measured.
@@ -117,7 +117,7 @@ class FlowReading:
 
     @classmethod
     def unmeasured(cls, reason: str) -> FlowReading:
-        """Make a reading that says why there is none."""
+        """Make an unmeasured reading with the reason."""
         return cls(np.zeros(2), UNMEASURED_VARIANCE * np.eye(2), False, reason)
 
     def in_words(self) -> str:
@@ -127,15 +127,15 @@ class FlowReading:
 
 
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
-    """A batch shows no velocity; carries the reading that says why."""
+    """A batch yields no velocity; contains the unmeasured reading with the reason."""
 
     def __init__(
         self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False, open: bool = False
     ) -> None:
-        """Take the reason.
+        """Store the reason.
 
         Args:
-            reason: why.
+            reason: why there is no velocity.
             inlier_share: of pairs that could be used.
             unlike: whether the lines of a ground are unlike each other.
             open: whether all lines together may still tell.
@@ -156,15 +156,15 @@ class TwistEstimate:
             mean over the lines of the batches; zero if not measured.
         covariance: of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity if not
             measured.
-        measured: whether enough sensors saw the motion.
-        readings: what each camera said, by name, all in the order of the configuration.
-        assumed: whether a degree of freedom is not measured but that of the kinematics: if the
-            vehicle skids, the twist is wrong by the skid, and the covariance does not know.
-        skid: how the sensors contradict the kinematics, which then have no part in the twist;
-            empty if they do not, or cannot.
-        inflation: factor in the covariance by which the variances of the readings had to grow to
-            explain how far they contradict each other; 1 if they do not.
-        flows: what each flow sensor said, by name, likewise.
+        measured: whether enough sensors measured the motion.
+        readings: measurement of each camera by name, in the order of the configuration.
+        assumed: whether the kinematic constraint was used: if the vehicle skids, the twist is wrong
+            by the skid, which the covariance does not contain.
+        skid: how the sensors contradict the kinematic constraint, which is then not used; empty if
+            they do not, or cannot.
+        inflation: factor on the covariance that explains the residuals of the readings [1]; 1 if
+            the readings are consistent.
+        flows: measurement of each flow sensor by name, in the order of the configuration.
     """
 
     stamp_ns: int
@@ -179,7 +179,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Why sensors did not measure, such as ``front: no line; left: ...``, and any skid."""
+        """Reasons of unmeasured sensors, such as ``front: no line; left: ...``, and any skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

@@ -53,16 +53,15 @@ _SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost 
 
 @dataclasses.dataclass(frozen=True)
 class _Solution:
-    """A twist and what it was made of.
+    """A twist and the data that it is estimated from.
 
     Attributes:
         twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         covariance: of the twist, shape (3, 3).
-        measured: which of the cameras, the flow sensors, and the axle as the last one, it was
-            made of.
-        count: velocities that it was made of.
-        assumed: whether the axle has part in it.
-        scores: standard deviations by which each contradicts the others, shape (S,) or (S + 1,).
+        measured: whether each camera, each flow sensor and, last, the axle was used.
+        count: number of velocities used.
+        assumed: whether the axle was used.
+        scores: normalized residual of each against the others [1], shape (S,) or (S + 1,).
         last_variance: of the last sensor, or of the axle [m^2/s^2].
     """
 
@@ -107,24 +106,24 @@ class LineScanOdometry:
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Begin to measure by what one camera saw, before the others have come.
+        """Begin to process the lines of one camera before those of the others have arrived.
 
-        `update` takes it then.
+        `update` uses the result.
 
         Args:
             name: of the camera.
-            batch: its lines, each batch once and in turn.
+            batch: its lines, each batch once and in order.
         """
         if name in self._sensors:
             self._early.append((batch, self._sensors[name].begin(batch)))
             del self._early[: -_MOST_EARLY * len(self._sensors)]
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Take what the sensors saw since the last update and estimate the twist.
+        """Estimate the twist from the measurements since the last update.
 
         Args:
-            batches: lines of cameras and measurements of flow sensors by name; a sensor that is
-                left out has not measured.
+            batches: lines of cameras and measurements of flow sensors by name; a missing
+                sensor has not measured.
 
         Raises:
             LineBatchError: a name is not that of a configured sensor of this kind.
@@ -161,7 +160,7 @@ class LineScanOdometry:
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first update is as fast as the others.
 
-        Leaves the odometry as it was: lines of the sensors' sizes go through another one.
+        The state is not changed: lines of the sensors' sizes are processed by another instance.
         """
         trial = LineScanOdometry(self._configuration)
         generator = np.random.default_rng(0)
@@ -190,7 +189,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Say by how much something is too old for the others, empty if it is not."""
+        """Return a description of how much older a batch is than the others, empty if it is not."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.maximum_skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
@@ -198,7 +197,7 @@ class LineScanOdometry:
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
     ) -> TwistEstimate:
-        """Solve, check, exclude whoever is wrong, and solve again."""
+        """Solve, check, exclude faulty sensors, and solve again."""
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
@@ -246,7 +245,7 @@ class LineScanOdometry:
             speed = float(np.max(np.abs(velocity), where=used, initial=0.0))
             velocity = np.append(velocity, 0.0)
             variance = np.append(variance, self._configuration.kinematics.variance(speed))
-            # The sensors are believed where they suffice: the axle stands in where they do not.
+            # The axle is used only if the sensors alone do not determine the twist.
             assumed = bool(self._solver.problem((*measured, False)))
             measured = (*measured, assumed)
         if self._solver.problem(measured):
@@ -266,7 +265,7 @@ class LineScanOdometry:
         return _Solution(twist, covariance, measured, count, assumed, scores, last_variance)
 
     def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
-        """Return which sensor contradicts the others most, and how, if they can tell."""
+        """Return the sensor with the largest residual and a description, if it can be isolated."""
         limit = self._configuration.contradiction_limit
         worst = int(np.argmax(solution.scores))
         score = float(solution.scores[worst])
@@ -285,16 +284,16 @@ class LineScanOdometry:
     def _covered(
         self, solution: _Solution, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return a sensor that is covered, unmeasured.
+        """Return an occluded sensor as unmeasured.
 
-        Only a twist that no wrong sensor has part in tells: others would seem covered.
+        Valid only for a twist without faulty sensors; otherwise others would seem occluded.
         """
         return {} if self._covers is None else self._covers.contradicted(readings, solution.twist)
 
     def _misled(
         self, solution: _Solution, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return sensors that take grain for motion, unmeasured."""
+        """Return sensors that are misled by an oblique texture as unmeasured."""
         return (
             {}
             if self._grain is None
@@ -307,10 +306,10 @@ class LineScanOdometry:
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
-        """Return the twist with what is left to say of it."""
+        """Return the twist with its checks and remarks."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
-        # Too few to tell which one is wrong: the variances grow until they explain it.
+        # The faulty sensor cannot be isolated: the variances grow until they explain the residuals.
         inflation = score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
         skid = ""
@@ -331,7 +330,7 @@ class LineScanOdometry:
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
-        """Say how far what the sensors see is from what the kinematics allow, if it is too far."""
+        """Return a description of a violation of the kinematic constraint, empty without one."""
         row = np.array([0.0, 1.0, axle])
         sideways = float(row @ twist)
         score = abs(sideways) / math.sqrt(max(float(row @ covariance @ row), 0.0) + variance)
@@ -348,7 +347,7 @@ def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
     """Return the file of a camera's references and learned tables, None if it has none.
 
     Raises:
-        ConfigurationError: the folder is none.
+        ConfigurationError: the folder does not exist.
     """
     if not configuration.flat_field_tables:
         return None

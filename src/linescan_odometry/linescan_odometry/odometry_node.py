@@ -47,7 +47,7 @@ _ASSUMED = "the sideways motion is not measured but that of an axle that does no
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SourceConfiguration(Configuration):
-    """What makes the twist of the lines."""
+    """Choice of the odometry."""
 
     own_odometry: str = parameter(
         "",
@@ -58,7 +58,7 @@ class SourceConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class InterfaceConfiguration(Configuration):
-    """What the node does for the graph around it."""
+    """Inputs of the node and their synchronization."""
 
     best_effort_cameras: bool = parameter(
         False,
@@ -73,7 +73,7 @@ class InterfaceConfiguration(Configuration):
 
 
 class OdometryNode(Node):
-    """Collects one batch of every line camera and publishes the twist that they show."""
+    """Collects one batch of every line camera and publishes the twist."""
 
     def __init__(self) -> None:
         super().__init__("linescan_odometry")
@@ -108,8 +108,8 @@ class OdometryNode(Node):
         for name, sensor in configuration.sensors.items():
             topic, taken = f"line_scan/{name}/lines", partial(self._on_lines, name)
             listen(self, Image, topic, taken, qos, raw=True)
-            told = partial(self._on_camera_info, name, sensor)
-            listen(self, CameraInfo, f"line_scan/{name}/camera_info", told, LATCHED)
+            received = partial(self._on_camera_info, name, sensor)
+            listen(self, CameraInfo, f"line_scan/{name}/camera_info", received, LATCHED)
         for name in configuration.flow_sensors:
             taken = partial(self._on_flow, name)
             listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
@@ -168,7 +168,7 @@ class OdometryNode(Node):
         return transforms
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
-        """Say how every sensor fares, when one changes and every second."""
+        """Update the status of the sensors."""
         each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
         # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
         key = (

@@ -1,8 +1,8 @@
 """Plausibility of displacements by the largest acceleration (section 4.6, a priori information).
 
-The velocity along an axis cannot have changed by more than ``a dt`` since it was last measured.
-What lies further off is no displacement. The range widens with time, so that a reference that was
-itself wrong, or a shock, shuts the sensor out for a while only.
+The velocity along an axis cannot have changed by more than ``a dt`` since the last measurement;
+other displacements are rejected. The range grows with time, so that a wrong reference or a shock
+excludes the sensor for a limited time only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from omni_platform.sensors import LineSensor
 
 
 class Plausibility:
-    """Tells displacements that the platform can have made; remembers the last measurement."""
+    """Rejects displacements that the platform cannot have made since the last measurement."""
 
     def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
         """Prepare for one sensor.
@@ -24,7 +24,7 @@ class Plausibility:
         Args:
             sensor: the line camera.
             maximum_acceleration: of the sensor along its axis [m/s^2]; 0 for any.
-            tolerance: error that a single displacement may have besides [px].
+            tolerance: additional error of a single displacement [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
         # Change of the displacement per line [px] in a nanosecond.
@@ -34,7 +34,7 @@ class Plausibility:
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark displacements that are not plausible as not usable; return how many were usable.
+        """Mark implausible displacements as unusable; return how many were usable before.
 
         Args:
             stamp_ns: exposure of the newest line [ns].
@@ -61,7 +61,7 @@ class Plausibility:
         return plausible
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
-        """Take a mean over the last `lines` displacements [px] as measured."""
+        """Store a mean over the last `lines` displacements [px] as the last measurement."""
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
 
@@ -76,7 +76,7 @@ def _judge(
     reach: tuple[float, float],
     plausible: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements within reach of the one expected: in px, and more of it per ns."""
+    """Mark the displacements within a range around the expected one [px]."""
     tolerance, rate = reach
     for i in range(len(displacement)):
         end_ns = newest_ns - period_ns * (len(displacement) - 1 - i)

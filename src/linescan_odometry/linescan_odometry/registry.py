@@ -1,4 +1,4 @@
-"""The odometry by name: the line-scan odometry, or a class that a configuration names."""
+"""Creates the line-scan odometry, or a user's odometry by name."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Flow, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Entry points under which an installed package offers its odometries by name."""
+"""Group of entry points with which an installed package offers odometries by name."""
 
 
 class Odometry(Protocol):
-    """What makes a twist of lines."""
+    """Interface of an odometry."""
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Take the lines of a camera as soon as they are there; `update` is told them again."""
+        """Receive the lines of a camera early; `update` receives them again."""
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Take the lines since the last update and estimate the twist."""
+        """Estimate the twist from the lines since the last update."""
 
     def warm_up(self) -> None:
         """Load every kernel."""
 
 
 class _OwnOdometry:
-    """An odometry from outside: a class made of an `OdometryConfiguration`, with ``update``."""
+    """Wrapper of a user's odometry, a class with ``update``."""
 
     def __init__(self, odometry: Any) -> None:
         self._odometry = odometry
@@ -53,7 +53,7 @@ def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
         configuration: sensors and settings.
 
     Raises:
-        ConfigurationError: there is no such class, or it cannot be imported or made.
+        ConfigurationError: the class does not exist, or cannot be imported or created.
     """
     if not name:
         return LineScanOdometry(configuration)

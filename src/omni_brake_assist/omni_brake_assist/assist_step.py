@@ -117,7 +117,7 @@ class Constants(NamedTuple):
         effect: likewise.
         brakes: of the monitor of the brakes, which has its say with them.
         r_x: wheel positions [m], shape (N,).
-        r_y: likewise in y [m].
+        r_y: wheel positions in y [m], shape (N,).
         pedal_threshold: from which the driver brakes [1].
         minimum_reference_speed: below which there is no line to keep [m/s].
         maximum_time_step: over which the heading is carried on [s].

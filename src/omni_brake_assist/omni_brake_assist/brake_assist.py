@@ -140,7 +140,7 @@ class BrakeAssist:
         """Compare the wheels that the vehicle reports with those of the configuration.
 
         A difference keeps all brakes on until a later report fits. Without any report the
-        configuration is believed.
+        configuration is assumed to be correct.
 
         Args:
             names: reported wheels, in any order.
@@ -239,7 +239,7 @@ class BrakeAssist:
             return INVALID, 0, missing
 
     def _read_pedal(self, pedal: Any) -> float:
-        """Return the demand; one that nobody can read is taken for a full braking request."""
+        """Return the demand; an unreadable one counts as full braking."""
         try:
             value = float(pedal)
         except (TypeError, ValueError, OverflowError):
@@ -265,7 +265,7 @@ class BrakeAssist:
         return Fault(fault.state, f"{progress}: {fault.reason}")
 
     def _reason(self, outcome: int, fault: Fault | None) -> str:
-        """Return the words of a condition."""
+        """Return the description of a condition."""
         if fault is not None and INACTIVE < outcome < SLOW:
             return fault.reason
         configuration = self.configuration
@@ -277,7 +277,7 @@ class BrakeAssist:
         return words
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
-        """Put all brakes on for a fault; trust is to be earned anew."""
+        """Put all brakes on for a fault; recovery starts again."""
         self._said[check] = fault
         memory = self._memory
         distrust(memory.trust[0], check, 0.0, 0.0, 0.0)

@@ -40,7 +40,7 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
 
 _SWITCH = "enabled"  # may be changed at any time
-# May be changed while nobody brakes.
+# May be changed while the pedal is up.
 TUNABLE = frozenset(
     {
         "weighting",
@@ -113,14 +113,14 @@ class BrakeAssistNode(Node):
         self._feedback: TwistSample | None = None
         self._wheel_speeds: WheelSample | None = None
         self._imu: ImuSample | None = None
-        self._imu_heard = -math.inf
+        self._imu_received = -math.inf
         self._second_opinion = configuration.second_opinion
         self._pairing = StepPairing(
             second_opinion=configuration.second_opinion,
             imu=timing.await_imu,
             twist_period_ns=round(timing.twist_period * 1e9),
         )
-        self._pedal_heard = self._twist_heard = time.monotonic()
+        self._pedal_received = self._twist_received = time.monotonic()
         self._enable = advertise(self, JointState, "brake/enable")
         self._error = advertise(self, JointState, "brake_assist/error")
         self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
@@ -132,20 +132,20 @@ class BrakeAssistNode(Node):
         self.outputs = (self._enable, self._error)
         # In lockstep no step may be missed; in real time only the newest counts.
         qos = RELIABLE if self._lockstep else RECENT
-        heard = (
+        guarded = (
             listen(self, JointState, "brake/pedal", self._on_pedal, qos),
             listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, qos),
             listen(self, JointState, "wheel_states", self._on_wheel_states, qos),
             listen(self, Imu, "imu", self._on_imu, qos),
         )
-        self._guard = PublisherGuard(self, heard, (self._enable,))
+        self._guard = PublisherGuard(self, guarded, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
             shorter = min(self._demand_timeout, self._feedback_timeout)
             self.create_timer(shorter / 2.0, self._watch, clock=steady_clock())
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse what does not fit, and any tuning while somebody brakes."""
+        """Refuse invalid values, and any tuning while the pedal is down."""
         changes = _tuning(parameters)
         if changes and self._is_braking():
             return SetParametersResult(successful=False, reason="not while the pedal is down")
@@ -156,7 +156,7 @@ class BrakeAssistNode(Node):
         return SetParametersResult(successful=True)
 
     def _is_braking(self) -> bool:
-        # A pedal that makes no sense is full braking.
+        # An invalid pedal counts as full braking.
         threshold = self._assist.configuration.pedal_threshold
         return self._demand is not None and not 0.0 <= self._demand[1] < threshold
 
@@ -169,10 +169,10 @@ class BrakeAssistNode(Node):
                 self._assist.switch(enabled=given.value)
 
     def _on_pedal(self, message: JointState) -> None:
-        # A message without a value is no reason to brake less.
+        # A message without a value counts as full braking.
         pedal = float(message.position[0]) if message.position else math.nan
         self._demand = (to_nanoseconds(message.header.stamp), pedal)
-        self._pedal_heard = time.monotonic()
+        self._pedal_received = time.monotonic()
         if self._lockstep:
             self._pairing.take_pedal(*self._demand)
             self._answer_step()
@@ -180,7 +180,7 @@ class BrakeAssistNode(Node):
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
         twist, covariance = planar_twist_of(message)
         self._feedback = TwistSample(to_nanoseconds(message.header.stamp), twist, covariance)
-        self._twist_heard = time.monotonic()
+        self._twist_received = time.monotonic()
         if self._lockstep:
             self._pairing.take_feedback(self._feedback)
             self._answer_step()
@@ -200,15 +200,17 @@ class BrakeAssistNode(Node):
     def _on_imu(self, message: Imu) -> None:
         if not self._second_opinion:
             return
-        self._imu, self._imu_heard = imu_reading_of(message), time.monotonic()
+        self._imu, self._imu_received = imu_reading_of(message), time.monotonic()
         if self._lockstep:
             self._pairing.take_imu(self._imu)
             self._answer_step()
-        elif self._imu_heard - self._twist_heard > self._feedback_timeout and not self._watch():
-            self._answer(self._newest_ns())  # in place of a twist that does not come
+        elif (
+            self._imu_received - self._twist_received > self._feedback_timeout and not self._watch()
+        ):
+            self._answer(self._newest_ns())  # without a twist
 
     def _answer_step(self) -> None:
-        """Answer a demand once the feedback of its step is there."""
+        """Publish the decision for a demand once the feedback of its step has been received."""
         demand = self._pairing.next_demand()
         if demand is None:
             return
@@ -219,7 +221,7 @@ class BrakeAssistNode(Node):
             self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
-        """Answer in place of inputs that are silent or have two voices; tell whether some are."""
+        """Put all brakes on for a missing input or a second publisher; return whether it did."""
         fault = self._second_publisher() or self._silence()
         if fault is not None and self._demand is not None:
             self._publish(self._assist.timeout(self._newest_ns(), fault))
@@ -231,14 +233,14 @@ class BrakeAssistNode(Node):
 
     def _silence(self) -> Fault | None:
         now = time.monotonic()
-        no_pedal, no_twist = now - self._pedal_heard, now - self._twist_heard
+        no_pedal, no_twist = now - self._pedal_received, now - self._twist_received
         if no_pedal > self._demand_timeout:
             return Fault(
                 AssistState.NO_DEMAND,
                 f"no pedal for {no_pedal:.2f} s, more than {self._demand_timeout:g} s",
             )
         # With an IMU the assistant goes on by dead reckoning for as long as it can.
-        if no_twist > self._feedback_timeout < now - self._imu_heard:
+        if no_twist > self._feedback_timeout < now - self._imu_received:
             never = self._feedback is None
             return Fault(
                 AssistState.NO_FEEDBACK if never else AssistState.STALE_FEEDBACK,

@@ -47,13 +47,13 @@ def forget_line(line: Record) -> None:
 
 @lean
 def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Take a velocity as ``v_c0``; too slow a one has no direction to keep.
+    """Store a velocity as ``v_c0``, unless it is too slow to have a direction.
 
     Args:
         line: changed in place.
         minimum_speed: speed below which a velocity has no usable direction [m/s].
         v_x: body velocity [m/s].
-        v_y: likewise in y [m/s].
+        v_y: body velocity in y [m/s].
         yaw_rate: [rad/s].
     """
     forget_line(line)

@@ -24,15 +24,15 @@ class Fault:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BrakeDemand:
-    """What the driver wants and what is known of the vehicle's motion.
+    """Demand of the driver, with the latest measurements.
 
     Attributes:
         stamp_ns: time of the demand [ns from the start of the run].
         pedal: driver's brake demand [1], 0 to 1.
-        feedback: latest twist received, again with every demand until a newer one has come;
-            None if there is none.
-        wheels: latest speeds of the wheels received, likewise.
-        imu: latest reading of the inertial sensor received, likewise.
+        feedback: latest twist received, repeated until a newer one is received; None before the
+            first.
+        wheels: latest wheel speeds received, None before the first.
+        imu: latest reading of the inertial sensor received, None before the first.
     """
 
     stamp_ns: int

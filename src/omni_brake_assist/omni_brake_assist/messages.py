@@ -1,4 +1,4 @@
-"""Messages to what the brake assistant is told."""
+"""Conversion of messages to the inputs of the brake assistant."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from omni_ros.messages import to_nanoseconds
 
 
 def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
-    """Return the speeds of a `JointState`; None where it has no speed for each of its names.
+    """Return the speeds of a `JointState`; None if it lacks the speed of a wheel.
 
     Args:
         message: names all of the wheels, in any order.
-        wheels: in the order that is wanted.
+        wheels: names in the order of the result.
     """
     if len(message.velocity) != len(message.name):
         return None

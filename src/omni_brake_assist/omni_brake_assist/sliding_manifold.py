@@ -39,9 +39,9 @@ class Manifold(NamedTuple):
 
     Attributes:
         r_x: wheel positions ``r_i`` [m], shape (N,).
-        r_y: likewise in y [m].
+        r_y: wheel positions in y [m], shape (N,).
         n_x: active directions ``n_wi`` [1], shape (N,).
-        n_y: likewise in y [1].
+        n_y: active directions in y [1], shape (N,).
         lever: ``cross(r_i, n_wi)``, of the active directions about the center [m], shape (N,).
         weighting: kind of the weighting, see `weighting.psi`.
         k: its tuning constant [1].
@@ -68,8 +68,8 @@ def wheel_error(
         v_x: ``v_cx`` [m/s].
         v_y: ``v_cy`` [m/s].
         omega: ``Omega`` [rad/s].
-        p_x: unit vector ``p`` in the body frame of this moment [1]; zeros if there is no line.
-        p_y: likewise in y [1].
+        p_x: unit vector ``p`` in the body frame at this step [1]; zeros without a line.
+        p_y: unit vector ``p`` in y [1].
 
     Returns:
         ``s_perp,i``, ``s_omega,i``, ``s_par,i`` [m/s].

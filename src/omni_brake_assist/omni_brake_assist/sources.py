@@ -1,8 +1,8 @@
-"""Test ratio and state of each measurement source, for people and for the record.
+"""Test ratio and state of each measurement source, for diagnostics and recordings.
 
-The test ratio is a squared innovation over its gate: a source is rejected above 1. Compared are
-the twist and the accelerometer with the filters that exclude them (velocity), the twist and the
-gyro likewise (yaw rate), and each rolling wheel with the filter of all sources. Without an IMU the
+The test ratio is a squared innovation over its gate: a source is rejected above 1. The
+velocities of twist and accelerometer and the yaw rates of twist and gyro are compared with the
+filters that exclude them, and each rolling wheel with the filter of all sources. Without an IMU the
 twist is compared with the rolling wheels.
 """
 
@@ -32,8 +32,8 @@ class Source(NamedTuple):
 
     Attributes:
         name: twist, gyro, accelerometer or a wheel.
-        test_ratio: squared innovation over its gate [1], NaN where there is none.
-        state: FUSED, REJECTED, ISOLATED, MISSING or, for a wheel, BRAKED: it measures no motion.
+        test_ratio: squared innovation over its gate [1], NaN without an innovation.
+        state: FUSED, REJECTED, ISOLATED, MISSING or, for a wheel, BRAKED: its speed is not used.
         reason: why it is not fused, else empty.
     """
 

@@ -1,9 +1,9 @@
-"""The shortest time for which a valve stays as it is: real ones cannot switch every 10 ms.
+"""Minimum dwell time of valves, since real ones cannot switch every 10 ms.
 
-A valve that has switched keeps its state for the dwell time. Two things are more important than
-that, and both only ever let more brakes act: when all brakes must act they do so at once, and so
-do the brakes with a negative error if otherwise none would act. Where the dwell time is 0 every
-valve does at every step what it is told.
+A valve that has switched keeps its state for the dwell time. There are two
+exceptions, both of which apply more brakes: when all brakes must act they do so at once, and so do
+the brakes with a negative error if otherwise none would act. With a dwell time of 0 every valve
+follows its command in every step.
 """
 
 from __future__ import annotations

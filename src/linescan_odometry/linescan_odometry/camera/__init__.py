@@ -1,1 +1,1 @@
-"""Frames of real cameras to batches of lines."""
+"""Conversion of frames of real cameras to batches of lines."""

@@ -1,4 +1,4 @@
-"""Frames to batches of lines that follow each other without a gap."""
+"""Assembles frames to batches of consecutive lines without gaps."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from linescan_odometry.measurements import LineBatch, Lines
 
 
 class LineAssembler:
-    """Cuts lines out of frames and puts them together, with stamps.
+    """Extracts lines from frames and assembles them to batches with stamps.
 
-    A message never spans lost frames, so that every two lines of it are one line period apart; the
-    odometry sees a gap by the stamps.
+    A batch never spans lost frames, so that consecutive lines are one line period apart; the
+    odometry detects a gap by the stamps.
     """
 
     def __init__(self, configuration: CameraConfiguration) -> None:
@@ -36,15 +36,15 @@ class LineAssembler:
     def take(
         self, picture: NDArray[np.uint8] | NDArray[np.uint16], arrival_ns: int, number: int | None
     ) -> list[LineBatch]:
-        """Take a frame and return the batches that are complete, oldest first.
+        """Add a frame and return the complete batches, oldest first.
 
         Args:
             picture: gray levels, shape (height, width).
-            arrival_ns: its stamp by the driver, or when it came [ns].
-            number: by which the driver counts it; None where it does not.
+            arrival_ns: stamp of the driver, or time of arrival [ns].
+            number: frame number of the driver, None if it has none.
 
         Raises:
-            FrameError: it has not the rows, or other lines than the frames before.
+            FrameError: it lacks the rows, or its lines differ in size from those before.
         """
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))
@@ -75,7 +75,7 @@ class LineAssembler:
         return ready
 
     def finish(self) -> list[LineBatch]:
-        """Return what waits for a batch to become full, at the end of a file."""
+        """Return the remaining lines as a batch, at the end of a file."""
         return self._flush()
 
     def _flush(self) -> list[LineBatch]:

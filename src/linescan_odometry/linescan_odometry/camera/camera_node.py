@@ -28,13 +28,13 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
 
 _MOST_WAITING = 64  # frames that wait to be published; beyond, they are lost
-_OFF_RATE = 0.01  # share by which the rate may differ from the one that was told
+_OFF_RATE = 0.01  # largest deviation of the rate from the configured one [1]
 _OLDEST_NS = 2_000_000_000  # age of a driver's stamp that can be one of its clock
 _LONGEST_END = 2.0  # [s] for the device to be let go of
 
 
 class CameraNode(Node):
-    """Reads a camera in a thread of its own and publishes its lines."""
+    """Reads a camera in a separate thread and publishes its lines."""
 
     def __init__(self) -> None:
         super().__init__("line_camera")
@@ -63,7 +63,7 @@ class CameraNode(Node):
         """Publish lines until the end of the file or a stop.
 
         Raises:
-            NodeError: the camera delivers no more.
+            NodeError: the camera has stopped delivering frames.
         """
         self._reader.start()
         try:
@@ -83,7 +83,7 @@ class CameraNode(Node):
         self._send(self._assembler.finish())
 
     def _read(self) -> None:
-        """Take frames with the time of their arrival; nothing else, so that none is missed."""
+        """Store frames with their arrival times; nothing else, so that none is missed."""
         try:
             begin_ns = 0
             while not self._stop.is_set() and not self._source.ended:
@@ -124,12 +124,12 @@ class CameraNode(Node):
                 source = self._configuration.source
                 raise ConfigurationError("rows", f"a frame of {source} {error}") from None
             if not known:
-                self._tell()
+                self._announce()
             self._send(batches)
             self._report(arrival_ns, frame)
 
-    def _tell(self) -> None:
-        """Say once what the lines are."""
+    def _announce(self) -> None:
+        """Publish the camera_info and log the size and rate of the lines."""
         pixels, rate = self._assembler.pixels, self._assembler.line_rate
         info = camera_info(self._configuration.sensor, pixels, self._configuration.length)
         prefix_frames(info, self._prefix)
@@ -146,12 +146,12 @@ class CameraNode(Node):
             self._lines.publish(line_image(batch.stamp_ns, frame, batch.lines))
 
     def _report(self, stamp_ns: int, frame: Frame) -> None:
-        """Say how the camera fares: at each loss, and every second."""
-        clock, told = self._assembler.clock, self._configuration.frame_rate
+        """Update the status of the camera."""
+        clock, nominal = self._assembler.clock, self._configuration.frame_rate
         lost = clock.lost + self._overrun
-        off = clock.rate / told - 1.0
+        off = clock.rate / nominal - 1.0
         values = {
-            "frames per second": f"{clock.rate:.4g} (told {told:g})",
+            "frames per second": f"{clock.rate:.4g} (configured {nominal:g})",
             "lines per second": f"{self._assembler.line_rate:g}",
             "frames lost": f"{clock.lost}, and {self._overrun} for want of computing power",
             "time began anew": str(clock.anew),
@@ -161,7 +161,7 @@ class CameraNode(Node):
         if lost > self._lost:
             words.append(f"{lost - self._lost} frames lost")
         if abs(off) > _OFF_RATE:
-            words.append(f"{100.0 * off:+.1f} % off the frame rate that was told: set frame_rate")
+            words.append(f"{100.0 * off:+.1f} % off the configured frame rate: set frame_rate")
         level = WARN if words else OK
         key = (lost, clock.anew, abs(off) > _OFF_RATE)
         self._lost = lost

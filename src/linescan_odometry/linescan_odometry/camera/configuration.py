@@ -10,7 +10,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfiguration(Configuration):
-    """Which camera is read, and what of its frames is lines."""
+    """Camera and selection of the lines in its frames."""
 
     sensor: str = parameter(
         description="Name of the line camera, one of `sensors` of the odometry: lines go to "
@@ -52,8 +52,8 @@ class CameraConfiguration(Configuration):
     )
     length: float = parameter(
         0.0,
-        description="Field of view along the axis, told in camera_info so that the odometry can "
-        "compare it with its own; 0 for not known",
+        description="Field of view along the axis, published in camera_info so that the odometry "
+        "can compare it with its own; 0 if unknown",
         unit="m",
         minimum=0.0,
         maximum=1.0,
@@ -79,11 +79,11 @@ class CameraConfiguration(Configuration):
 
     @property
     def cut(self) -> Cut:
-        """What of a frame is lines."""
+        """Selection of the lines in a frame."""
         return Cut(row_range(self.rows, "rows"), self.band, self.columns)
 
     def check_consistency(self) -> None:
-        """Refuse rows that are none."""
+        """Refuse invalid rows."""
         if not self.sensor or not self.source:
             raise ConfigurationError("source" if self.sensor else "sensor", "is empty")
         if row_range(self.rows, "rows") == (0, 0):
@@ -92,5 +92,5 @@ class CameraConfiguration(Configuration):
             raise ConfigurationError("row_time", "is of rows that are lines: set band to false")
 
     def line_rate(self, rows: int) -> float:
-        """Return lines per second for frames that give so many lines [1/s]."""
+        """Return the line rate for a number of lines per frame [1/s]."""
         return 1.0 / self.row_time if self.row_time > 0.0 else self.frame_rate * rows

@@ -1,4 +1,4 @@
-"""What of a picture is lines: all rows, some, the mean of a band, or the columns."""
+"""Selection of the lines in a picture: all rows, some, the mean of a band, or the columns."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from omni_platform.configuration import ConfigurationError
 
 
 class FrameError(ValueError):
-    """A picture holds no lines; says what is wrong."""
+    """A picture has no lines; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
-    """What of a picture is lines.
+    """Selection of the lines in a picture.
 
     Attributes:
-        rows: first row of each picture that counts and the one behind the last; None for all.
+        rows: first row of each picture and the last one plus one; None for all.
         mean: whether these rows are averaged to one line.
         columns: whether the lines are the columns of the picture.
     """
@@ -50,10 +50,10 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the first of some rows and the one behind the last: ``240``, ``236:244`` or nothing.
+    """Return the first row and the last one plus one of ``240``, ``236:244`` or an empty text.
 
     Args:
-        text: as it was given.
+        text: value of the parameter.
         key: of the parameter, for messages.
 
     Raises:

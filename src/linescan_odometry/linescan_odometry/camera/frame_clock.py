@@ -1,35 +1,35 @@
-"""When frames were taken, from when they arrived: evenly, and with those that are missing.
+"""Exposure times of frames from their arrival times, with detection of lost frames.
 
-A camera takes frames at an even rate; a bus, a driver and a busy machine deliver them some time
-later. The odometry needs even stamps, and must know of frames that were lost, for a displacement
-over two periods is not one over one. A driver that counts its frames says so; else a frame that
-comes more than half a period late counts as the next but one, unless the one after it shows that it
-was only late: then time starts anew, and the lines before and after it do not join.
+A camera takes frames at a constant rate, but they arrive with varying delays. The odometry needs
+constant periods and must know of lost frames, because they change the time of a displacement. Frame
+numbers of the driver show lost frames. Without them a frame that arrives more than half a period
+late counts as the next but one, unless the following frame shows that it was only late: then the
+clock is reset, and the lines before and after it are not joined.
 """
 
 from __future__ import annotations
 
-_FOLLOWED = 0.05  # share of an arrival's distance from what was expected
-_DRIFT = 0.002  # of the period, likewise
-_FURTHEST = 50.0  # periods by which counted frames may be late or early
-_WIDEST = 0.1  # share by which the rate may differ from the one that was told
+_FOLLOWED = 0.05  # share of the difference to the expected arrival that is followed
+_DRIFT = 0.002  # share of the change of the period that is followed
+_FURTHEST = 50.0  # periods by which numbered frames may be late or early
+_WIDEST = 0.1  # largest deviation of the rate from the configured one [1]
 
 
 class FrameClock:
-    """Gives frames stamps.
+    """Assigns stamps to frames.
 
     Attributes:
-        lost: frames so far that were lost.
-        anew: how often time had to start anew.
+        lost: number of lost frames so far.
+        anew: number of resets of the clock.
     """
 
     def __init__(self, rate: float) -> None:
         """Start before the first frame.
 
         Args:
-            rate: frames per second as told.
+            rate: configured frames per second [1/s].
         """
-        self._told_ns = 1e9 / rate
+        self._nominal_ns = 1e9 / rate
         self._period_ns = 1e9 / rate
         self._last_ns: float | None = None
         self._number: int | None = None
@@ -42,11 +42,11 @@ class FrameClock:
         return 1e9 / self._period_ns
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
-        """Return the stamp of a frame and how many were lost before it.
+        """Return the stamp of a frame and the number of frames lost before it.
 
         Args:
-            arrival_ns: when it came, or its driver's stamp [ns].
-            number: by which its driver counts frames; None where it does not.
+            arrival_ns: stamp of the driver, or time of arrival [ns].
+            number: frame number of the driver, None if it has none.
         """
         before, self._number = self._number, number
         if self._last_ns is None:
@@ -68,6 +68,6 @@ class FrameClock:
         self._last_ns += steps * self._period_ns + _FOLLOWED * error
         moved = self._period_ns + _DRIFT * error / steps
         self._period_ns = min(
-            max(moved, self._told_ns * (1.0 - _WIDEST)), self._told_ns * (1.0 + _WIDEST)
+            max(moved, self._nominal_ns * (1.0 - _WIDEST)), self._nominal_ns * (1.0 + _WIDEST)
         )
         return round(self._last_ns), lost

@@ -1,4 +1,4 @@
-"""Where frames come from: V4L2 and video files by OpenCV, GenICam by Harvester, arrays.
+"""Sources of frames: V4L2 and video files by OpenCV, GenICam by Harvester, arrays.
 
 The libraries are imported when a source that needs them is opened: the odometry runs without.
 """
@@ -19,7 +19,7 @@ from omni_platform.configuration import ConfigurationError
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
-"""How a library that set-up does not install comes into the environment."""
+"""Command that installs an optional library."""
 
 _RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # of V4L2, which OpenCV must not turn into colors
 _FETCH_TIMEOUT = 0.5  # [s] after which a silent GenICam camera is asked again
@@ -28,7 +28,7 @@ _MANUAL = 1.0  # exposure of V4L2, which is given in units of 100 us
 
 
 class CameraError(Exception):
-    """A camera cannot be opened or delivers no more; says why in one sentence."""
+    """A camera cannot be opened or has stopped; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Frame:
 
     Attributes:
         picture: gray levels, shape (height, width).
-        number: by which its driver counts it; None where it does not.
-        stamp_ns: of its driver, on the monotonic clock of the machine [ns]; None without.
+        number: frame number of the driver, None if it has none.
+        stamp_ns: stamp of the driver on the monotonic clock [ns], None if it has none.
     """
 
     picture: NDArray[np.uint8] | NDArray[np.uint16]
@@ -47,10 +47,10 @@ class Frame:
 
 
 class FrameSource(Protocol):
-    """A camera, or what stands for one.
+    """A camera or a file.
 
     Attributes:
-        played: whether it is a file, whose frames are there before their time.
+        played: whether it is a file, whose frames are available before their time.
         ended: whether it is at its end.
     """
 
@@ -58,21 +58,21 @@ class FrameSource(Protocol):
     ended: bool
 
     def read(self) -> Frame | None:
-        """Return the next frame, waiting for it; None where none came for a while, or at the end.
+        """Wait for the next frame and return it; None after a timeout or at the end.
 
         Raises:
-            CameraError: there will be none.
+            CameraError: the camera has stopped.
         """
 
     def close(self) -> None:
-        """Let go of the device."""
+        """Release the device."""
 
 
 def open_source(configuration: CameraConfiguration) -> FrameSource:
     """Open a camera or a file.
 
     Raises:
-        ConfigurationError: there is no such thing, or its library is missing.
+        ConfigurationError: it does not exist, or its library is missing.
     """
     name = configuration.source
     path = Path(name.partition("#")[0]).expanduser()
@@ -121,7 +121,7 @@ class VideoSource:
     """A V4L2 or UVC camera, or a video file, by OpenCV."""
 
     def __init__(self, source: int | str, device: bool, configuration: CameraConfiguration) -> None:
-        """Open it and ask for size, rate, format and exposure."""
+        """Open the camera and request size, rate, format and exposure."""
         self._cv2 = _load("cv2", "OpenCV", "opencv")
         self._name = str(source)
         self.played = not device
@@ -177,7 +177,7 @@ class VideoSource:
         return Frame(gray, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
 
     def close(self) -> None:
-        """Let go of the device."""
+        """Release the device."""
         self._capture.release()
 
 
@@ -250,7 +250,7 @@ class GenicamSource:
             return Frame(picture, int(buffer.frame_id))
 
     def close(self) -> None:
-        """Stop the camera and let go of it."""
+        """Stop the camera and release it."""
         self._camera.stop()
         self._camera.destroy()
         self._harvester.reset()

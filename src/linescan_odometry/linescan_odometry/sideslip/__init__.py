@@ -1,1 +1,1 @@
-"""Sideslip angles of wheels, from a camera beside each (section 4.6)."""
+"""Sideslip angles of wheels from a camera next to each (section 4.6)."""

@@ -1,4 +1,4 @@
-"""Sideslip angle of a wheel from one line camera beside it (section 4.6).
+"""Sideslip angle of a wheel from a line camera next to it (section 4.6).
 
 The camera looks along the wheel's axis of rotation and measures the wheel's sideways velocity v_s,
 to the left positive. With its velocity v_f along its rolling direction the angle is
@@ -10,15 +10,15 @@ the slide, then points to the left, so that angle and force have the same sign. 
 makes this hold for a wheel that rolls backwards too.
 
 The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward and v_b the sideways
-velocity. So read, a wheel that rolls straight on would have an angle of 90 deg. The names are
-exchanged: v_par is what a camera parallel to the axis of rotation measures, the sideways velocity.
+velocity. Read literally, a wheel that rolls straight ahead would have an angle of 90 deg. The names
+are exchanged: a camera parallel to the axis of rotation measures v_par, the sideways velocity.
 
-v_f must be that of the wheel's center over ground. The wheel's own omega R is that only while it
-does not slip lengthwise: on a braked wheel it is smaller, and the angle comes out too large.
+v_f must be the velocity of the wheel's center over ground. It equals omega R only without
+longitudinal slip: on a braked wheel omega R is smaller, and the angle would be too large.
 
-A camera that is not at the wheel's center, or not quite parallel to its axis, sees some of the yaw
-rate and of v_f too. Both are taken out: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos d``
-for the velocity u along the camera's axis a at the angle d from the rolling direction.
+A camera that is not at the wheel's center, or not exactly parallel to its axis, also measures parts
+of the yaw rate and of v_f. Both are removed: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos
+d`` for the velocity u along the camera's axis a at the angle d from the rolling direction.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class SideslipWheel(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class SideslipEstimate:
-    """What is known of a wheel's sideslip.
+    """Estimate of a wheel's sideslip.
 
     Attributes:
         angle: of sideslip, positive where the wheel slides to the right [rad], 0 if not measured.
@@ -82,7 +82,7 @@ class SideslipEstimate:
 
     @classmethod
     def unmeasured(cls, reason: str) -> SideslipEstimate:
-        """Make an estimate that says why there is none."""
+        """Make an unmeasured estimate with the reason."""
         return cls(0.0, math.inf, 0.0, False, reason)
 
 
@@ -103,7 +103,7 @@ class WheelSideslip:
         """Place them.
 
         Raises:
-            ConfigurationError: the camera looks more than 30 deg away from the axis of rotation.
+            ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.
         """
         check_axis(wheel, sensor)
         self._wheel = wheel
@@ -118,12 +118,12 @@ class WheelSideslip:
     def measure(
         self, reading: SensorReading, forward: float, yaw_rate: float, covariance: FloatArray
     ) -> SideslipEstimate:
-        """Return the angle from what the camera says and the motion that it does not see.
+        """Return the angle from the camera's velocity and the motion across its axis.
 
         Args:
             reading: of the camera.
             forward: velocity of the wheel's center along its rolling direction [m/s].
-            yaw_rate: of what camera and wheel are fixed to [rad/s].
+            yaw_rate: of the body to which camera and wheel are fixed [rad/s].
             covariance: of (velocity along the camera's axis, forward, yaw rate), in the squares of
                 their units, shape (3, 3).
         """
@@ -155,7 +155,7 @@ class WheelSideslip:
         return SideslipEstimate(angle, math.sqrt(variance), sideways, True)
 
     def measure_with(self, estimate: TwistEstimate) -> SideslipEstimate:
-        """Return the angle from a twist that this camera has contributed to.
+        """Return the angle from a twist that was estimated with this camera.
 
         Args:
             estimate: of the platform, with the camera's own reading.
@@ -178,10 +178,10 @@ class WheelSideslip:
 
 
 def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
-    """Refuse a camera that does not look along the wheel's axis of rotation.
+    """Refuse a camera whose axis is not along the wheel's axis of rotation.
 
     Raises:
-        ConfigurationError: with the angle between the two.
+        ConfigurationError: the angle between the two is too large.
     """
     along = math.cos(sensor.heading - math.radians(wheel.steering_deg))
     skew = math.degrees(math.asin(min(1.0, abs(along))))

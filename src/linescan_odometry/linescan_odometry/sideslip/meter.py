@@ -18,7 +18,7 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SideslipConfiguration(OdometryConfiguration):
-    """The odometry's parameters for cameras that give no twist, only sideslip: one is enough."""
+    """Parameters of the odometry for cameras that measure only sideslip: one camera suffices."""
 
     def check_placement(self) -> None:
         """Refuse a configuration without a wheel.
@@ -33,9 +33,9 @@ class SideslipConfiguration(OdometryConfiguration):
 class SideslipMeter:
     """Measures the sideslip of one wheel by one camera and the wheel's forward velocity.
 
-    A camera on the carrier of a steered wheel turns with it: give the place of camera and wheel
-    for any one steering angle, and the rate of the carrier, yaw and steering together, as the
-    yaw rate.
+    A camera on the carrier of a steered wheel turns with it: set the position of camera and wheel
+    for any one steering angle, and use the rate of the carrier, yaw plus steering, as the yaw
+    rate.
     """
 
     def __init__(self, configuration: OdometryConfiguration, wheel: str) -> None:
@@ -61,13 +61,13 @@ class SideslipMeter:
         forward_deviation: float = 0.0,
         yaw_rate_deviation: float = 0.0,
     ) -> SideslipEstimate:
-        """Take the camera's lines since the last update and return the angle.
+        """Process the camera's lines since the last update and return the angle.
 
         Args:
             batch: the lines.
             forward_velocity: of the wheel's center along its rolling direction, mean over the
-                batch [m/s]: omega R where the wheel does not slip lengthwise.
-            yaw_rate: matters for a camera that is not at the wheel's center [rad/s].
+                batch [m/s]: omega R without longitudinal slip.
+            yaw_rate: used for a camera that is not at the wheel's center [rad/s].
             forward_deviation: standard deviation of the forward velocity [m/s].
             yaw_rate_deviation: standard deviation of the yaw rate [rad/s].
         """
@@ -77,7 +77,7 @@ class SideslipMeter:
 
 
 class SideslipMonitor:
-    """Sideslip of the configured wheels by the cameras and the twist of the odometry."""
+    """Sideslip of the configured wheels from the cameras and the twist of the odometry."""
 
     def __init__(self, configuration: OdometryConfiguration) -> None:
         """Place the wheels of `configuration.sideslip`."""

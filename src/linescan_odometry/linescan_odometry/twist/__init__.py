@@ -1,1 +1,1 @@
-"""From velocities along sensor axes to the body twist, and on to a pose."""
+"""Body twist from velocities along sensor axes, and pose by integration."""

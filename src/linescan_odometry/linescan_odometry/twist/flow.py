@@ -1,9 +1,9 @@
-"""Optical-flow sensors beside the line cameras, or in their place: two velocities of one place.
+"""Optical-flow sensors, in addition to line cameras or alone: two velocities of one position.
 
-Such a sensor (PMW3901, PAA5160 of an OTOS, a mouse sensor) counts how far the ground has moved
-along two axes; what its driver makes of the counts arrives here as a velocity with a covariance.
-It is believed as far as that says, unless it is no number, faster than the sensor can follow, or
-another motion than the one before by more than a vehicle can brake.
+Such a sensor (PMW3901, PAA5160 of an OTOS, a mouse sensor) counts the displacement of the ground
+along two axes; its driver publishes a velocity with a covariance. The velocity is weighted by this
+covariance. It is rejected if it is NaN, above the largest speed of the sensor, or if it differs
+from the last one by more than the largest acceleration permits.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ _DEVIATIONS = 6.0  # of both measurements, by which a velocity may jump without 
 
 
 class FlowMonitor:
-    """Judges what one flow sensor says by itself and by what it said before."""
+    """Checks the measurements of one flow sensor by their range and by the last measurement."""
 
     def __init__(self, sensor: FlowSensor, maximum_acceleration: float) -> None:
         """Prepare for one sensor.
 
         Args:
             sensor: the flow sensor.
-            maximum_acceleration: of its place [m/s^2]; 0 for any.
+            maximum_acceleration: of its position [m/s^2]; 0 for any.
         """
         self._sensor = sensor
         self._acceleration = maximum_acceleration
         self._last: Flow | None = None
 
     def read(self, flow: Flow) -> FlowReading:
-        """Return a measurement as far as it can be used."""
+        """Return a measurement as a reading, unmeasured if it is rejected."""
         velocity = np.asarray(flow.velocity, np.float64)
         covariance = np.asarray(flow.covariance, np.float64)
         covariance = 0.5 * (covariance + covariance.T)

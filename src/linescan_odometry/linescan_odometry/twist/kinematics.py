@@ -1,15 +1,16 @@
-"""What the kinematics of a vehicle say where its sensors do not (section 4.6, Figure 70).
+"""Kinematic constraint of a vehicle in place of a missing sensor (section 4.6, Figure 70).
 
 A wheel that is not steered rolls along the body's x and, as long as it grips, does not move
-sideways; nor does any other point of the line through its axle. For an axle at x = a this is
-``v_y + a Omega = 0``: one row beside those of the sensors, as if a line camera that looks to the
-left sat at (a, 0) and saw no motion. It holds for the driven axle of a differential drive and the
-rear axle of an Ackermann drive. It does not hold for omni-wheels.
+sideways; nor does any other point of the line through its axle. For an axle at x = a this is ``v_y
++ a Omega = 0``: one row in addition to those of the sensors, like a line camera at (a, 0) with its
+axis to the left that measures zero. It holds for the driven axle of a differential drive and the
+rear axle of an Ackermann drive, but not for omni-wheels.
 
-When the vehicle skids it is false, and two sensors cannot tell: they go on believing it, and the
-v_y that they give is wrong by the velocity of the skid. `deviation` is what the covariance makes of
-it, and no more than that. So the constraint stands in only while the sensors alone do not suffice;
-where they do, they are believed, and tell the skid from it.
+When the vehicle skids the constraint is wrong, and two sensors cannot detect it: their v_y is then
+    wrong by the velocity of the skid, and the covariance only contains `deviation`. So the
+    constraint is
+used only while the sensors alone do not determine the twist; if they do, it is only compared with
+them to detect a skid.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class KinematicsConfiguration(Configuration):
-    """A degree of freedom that the vehicle does not have while its wheels grip."""
+    """Kinematic constraint of a vehicle while its wheels grip."""
 
     constraint: str = parameter(
         NONE,
-        description="What to believe where the sensors do not suffice: nothing, or that an axle "
+        description="Constraint used if the sensors do not suffice: none, or that an axle "
         "that is not steered does not slip sideways (differential and Ackermann drives)",
         choices=(NONE, UNSTEERED_AXLE),
     )
@@ -55,7 +56,7 @@ class KinematicsConfiguration(Configuration):
 
     @property
     def axle(self) -> float | None:
-        """Place of the axle that does not slip sideways [m], None without a constraint."""
+        """Position x of the axle that does not slip sideways [m], None without a constraint."""
         return self.axle_x if self.constraint == UNSTEERED_AXLE else None
 
     def variance(self, speed: float) -> float:

@@ -1,23 +1,24 @@
 """Velocities along sensor axes to the body twist, by weighted least squares.
 
 Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23): one row of `sensor_matrix`. Three rows
-give the twist if the axes neither are all parallel nor all pass through one point (a rotation
-about that point is not seen by any of them). How well the yaw rate is seen does not depend on
-where base_link lies: it is the part of the levers that no velocity can imitate.
+determine the twist unless the axes are all parallel or all pass through one point (a rotation about
+that point is not measured by any of them). The observability of the yaw rate does not depend on the
+position of base_link: it follows from the part of the levers that no translation can explain.
 
-A flow sensor measures the velocities of one place in two directions: two rows, whose errors may
-depend on each other.
+A flow sensor measures the velocities of one position in two directions: two rows, whose errors may
+be correlated.
 
-Where the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may give
-one more row, (0, 1, axle x), with the velocity 0. It is a row like any other in what follows.
+If the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may add one
+row, (0, 1, axle x), with the velocity 0.
 
-What a calibration leaves of pitch p, axis phi and lever l of a camera is an error of its velocity
-that lasts as long as the motion does. To first order, with the twist (v_x, v_y, Omega),
+The remaining calibration errors of pitch p, axis phi and lever l of a camera cause a systematic
+error of its velocity. To first order, with the twist (v_x, v_y, Omega), it is
 
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
 
-whose variance is added to that of the match: pitch scales a speed, the axis couples the motion
-across it, the place couples the yaw rate. A flow sensor has one scale and one axis for both of its
+whose variance is added to that of the match: a pitch error scales the speed, an axis error adds
+    cross-axis motion, and a position error adds yaw rate. A flow sensor has one scale and one axis
+    for both of its
 velocities.
 """
 
@@ -41,13 +42,13 @@ _WEAKEST_LEVER = 0.05  # effective lever over the spread of the sensors
 def check_placement(
     sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
 ) -> None:
-    """Refuse sensors that cannot tell the three components of the twist apart.
+    """Refuse sensors that do not determine the three components of the twist.
 
     Args:
         sensors: line cameras and flow sensors by name.
         minimum_lever: smallest effective lever for the yaw rate [m].
-        axle: x of an axle that does not slip sideways [m], which counts as a sensor where the
-            sensors do not suffice; None without.
+        axle: x of an axle that does not slip sideways [m], which counts as a sensor if the sensors
+            do not suffice; None without one.
 
     Raises:
         ConfigurationError: fewer than three velocities, axes (nearly) parallel, or axes that
@@ -61,7 +62,7 @@ def check_placement(
 
 
 class TwistSolver:
-    """Turns sensor velocities into the twist of base_link."""
+    """Estimates the twist of base_link from sensor velocities."""
 
     def __init__(
         self,
@@ -82,7 +83,7 @@ class TwistSolver:
         # In units of this length the columns are alike, so that the inverse is well scaled.
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
-        self._verdicts: dict[tuple[bool, ...], str] = {}
+        self._problems: dict[tuple[bool, ...], str] = {}
         sizes = [len(sensor.directions) for sensor in sensors.values()]
         self._sizes = np.array(sizes if axle is None else [*sizes, 1], np.intp)
         ends = np.cumsum(sizes)
@@ -101,22 +102,22 @@ class TwistSolver:
         self._calibrated = bool(self._left.any())
 
     def rows(self, measured: tuple[bool, ...]) -> NDArray[np.bool_]:
-        """Return which velocities belong to what is used, shape (R,)."""
+        """Return which velocities belong to used sensors, shape (R,)."""
         return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
 
     @property
     def places(self) -> Sequence[slice]:
-        """Where the velocities of each sensor are among all of them."""
+        """Slices of the velocities of each sensor."""
         return self._places
 
     def problem(self, measured: tuple[bool, ...]) -> str:
-        """Return why the rows that are used do not suffice; empty if they do.
+        """Return why the used rows do not suffice; empty if they do.
 
         Args:
             measured: which of the S sensors to use, and whether to use the axle, if there is one.
         """
-        verdict = self._verdicts.get(measured)
-        if verdict is None:
+        problem = self._problems.get(measured)
+        if problem is None:
             count = len(self._sensors)
             chosen = {
                 name: sensor
@@ -124,9 +125,9 @@ class TwistSolver:
                 if use
             }
             axle = self._axle if any(measured[count:]) else None
-            verdict = _problem(chosen, self._minimum_lever, axle)
-            self._verdicts[measured] = verdict
-        return verdict
+            problem = _problem(chosen, self._minimum_lever, axle)
+            self._problems[measured] = problem
+        return problem
 
     def solve(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
@@ -136,13 +137,13 @@ class TwistSolver:
         Args:
             velocity: along each sensor's axes [m/s], shape (R,); an axle has the last place and
                 the velocity 0.
-            variance: of these velocities [m^2/s^2], positive, shape (R,), or, where those of flow
-                sensors depend on each other, their covariance, shape (R, R).
+            variance: of these velocities [m^2/s^2], positive, shape (R,), or their covariance,
+                shape (R, R), if those of flow sensors are correlated.
             measured: which of the S sensors to use, and whether to use the axle, if there is one.
 
         Returns:
             Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance, which
-            holds what calibration leaves.
+            includes the calibration errors.
         """
         twist, covariance = self._least_squares(velocity, variance, measured)
         if self._calibrated:
@@ -151,7 +152,7 @@ class TwistSolver:
         return twist, covariance
 
     def _systematic(self, twist: FloatArray, dimensions: int) -> FloatArray:
-        """Return the variance, (R,), or the covariance, (R, R), that calibration leaves."""
+        """Return the variance, (R,), or the covariance, (R, R), of the calibration errors."""
         along = self._matrix @ (twist / self._unit)
         motion = np.column_stack(
             (along, self._across @ twist, np.full(len(along), float(twist[2])))
@@ -170,7 +171,7 @@ class TwistSolver:
     def _least_squares(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the twist that fits best, and its covariance."""
+        """Return the weighted least-squares twist and its covariance."""
         use = self.rows(measured)
         rows = self._matrix[use]
         if variance.ndim == 1:
@@ -190,10 +191,10 @@ class TwistSolver:
         twist: FloatArray,
         covariance: FloatArray,
     ) -> FloatArray:
-        """Return how far each sensor is from the twist that all of them gave together.
+        """Return the normalized residual of each sensor against the twist of all sensors.
 
-        A residual over its own standard deviation. The twist has taken part of the error of each
-        sensor; what is left of the variance is ``s_i^2 - a_i C a_i^T``.
+        A residual is divided by its standard deviation, with the variance
+        ``s_i^2 - a_i C a_i^T`` because the twist depends on each sensor.
 
         Args:
             velocity: as in `solve`.
@@ -205,8 +206,8 @@ class TwistSolver:
         Returns:
             Standard deviations of the residuals [1], of each sensor (and the axle), shape (S,) or
             (S + 1,); 0 for a sensor that the others cannot check and for one that has not
-            measured. With four line cameras all four are equal: they see that something is wrong,
-            but not which one. Of a flow sensor the root of the sum of squares of its two.
+            measured. With four line cameras all four are equal: they detect a fault but cannot
+            isolate it. Of a flow sensor the root of the sum of squares of its two.
         """
         rows = self._matrix / self._unit
         if self._calibrated:
@@ -226,8 +227,8 @@ class TwistSolver:
                 root = np.linalg.cholesky(variance[place, place])
                 white = np.linalg.solve(root, np.column_stack((rows[place], residual[place])))
                 share, axes = np.linalg.eigh(np.eye(2) - white[:, :3] @ covariance @ white[:, :3].T)
-                told = share > _CHECKED
-                of_each = (axes.T @ white[:, 3])[told] ** 2 / share[told]
+                observable = share > _CHECKED
+                of_each = (axes.T @ white[:, 3])[observable] ** 2 / share[observable]
                 each[i] = math.sqrt(float(np.sum(of_each))) if measured[i] else 0.0
         return each
 
@@ -239,7 +240,7 @@ def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
 
 
 def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None) -> str:
-    """Return what makes a placement unusable, empty if it is usable."""
+    """Return why a placement is unusable, empty if it is usable."""
     names = ", ".join(sensors) or "none"
     matrix = _rows(sensors, axle)
     if axle is None and len(matrix) < 3:

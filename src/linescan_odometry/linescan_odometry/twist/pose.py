@@ -30,9 +30,9 @@ class PoseIntegrator:
     """Integrates twists to a pose.
 
     Between two stamps the platform moves on an arc: its twist is that of the newer one, which is
-    the mean over the batch that ends there. A twist that is not measured counts as rest. The error
-    of that is at most what the vehicle can do: over a gap of a time t it may have moved by
-    ``v_max t``, so the variance grows by ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
+    the mean over the batch that ends there. An unmeasured twist is integrated as zero. Over a gap
+    of a time t the vehicle may have moved by ``v_max t``, so the variance grows by
+    ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
     """
 
     def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:
@@ -48,7 +48,7 @@ class PoseIntegrator:
         self._gap = 0.0  # s, since the last measured twist
 
     def update(self, stamp_ns: int, twist: FloatArray, covariance: FloatArray) -> Pose:
-        """Take a twist and return the pose.
+        """Integrate a twist and return the pose.
 
         Args:
             stamp_ns: of the twist [ns]; one that is not newer than the last changes nothing.

@@ -1,12 +1,11 @@
-"""Whether each brake acts: a wheel that rolls free though it should be braked has none.
+"""Detection of failed brakes: a braked wheel that still rolls freely.
 
-A brake that acts makes its wheel slide: the rim falls behind what the ground drags it along with,
-``R n_w . u_w w < n_w . v_i``. One that has been told to act and whose rim still keeps up, while
-those of other brakes do not, is dead: with as much pressure, or with less of it where it is told
-much. A law that does not know that lets go of others for its sake, so all brakes act from then on
-until the pedal is released.
+A working brake makes its wheel slide: the rim is slower than the ground, ``R n_w . u_w w < n_w .
+    v_i``. A brake has failed if its wheel rolls without slip while another wheel
+slides under at most the same pressure. A law that assumes a working brake would release others, so
+all brakes act from then on until the pedal is released.
 
-Brakes that all act gently make no wheel slide; then none is called dead.
+If all brakes act weakly no wheel slides, and no brake is reported as failed.
 """
 
 from __future__ import annotations
@@ -22,26 +21,26 @@ from omni_platform.quantities import FloatArray
 
 NO_WHEEL = -1
 
-_PRESSED = 0.2  # pedal from which a brake must show [1]
-_PASSED = 0.9  # share of it, likewise: a law that gives a brake less knows why [1]
-_HARD = 0.5  # share of the whole pressure from which on a slide under less speaks against it [1]
-_LEAST = 0.05  # share of the pedal's demand below which a wheel slides for another reason [1]
-_SLOW = 0.5  # speed along the active direction below which nothing shows [m/s]
-_NOISE, _SCALE = 0.05, 0.015  # by which a rim that rolls may be off [m/s], [1]
-_SLIDES = 3.0  # times that, from which a wheel slides for certain [1]
-_LATELY = 0.5  # for how long a slide of another wheel counts [s]
-_FORGIVEN = 4.0  # how much faster a slide speaks for a brake than rolling against it [1]
+_PRESSED = 0.2  # smallest pedal for the detection [1]
+_PASSED = 0.9  # smallest command to a tested brake; a law may reduce one on purpose [1]
+_HARD = 0.5  # pedal above which a slide under a smaller command is also used [1]
+_LEAST = 0.05  # smallest command at which a slide is due to the brake [1]
+_SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
+_NOISE, _SCALE = 0.05, 0.015  # tolerance of a rolling rim [m/s], [1]
+_SLIDES = 3.0  # tolerances beyond which a wheel slides [1]
+_LATELY = 0.5  # for how long a slide of another wheel is used [s]
+_FORGIVEN = 4.0  # rate of the timer while the wheel slides, relative to rolling [1]
 
 
 class BrakeConstants(NamedTuple):
-    """What never changes.
+    """Constants of the brake monitor.
 
     Attributes:
         n_x: active directions [1], shape (N,).
-        n_y: likewise.
+        n_y: active directions in y [1], shape (N,).
         lever: ``cross(r_i, n_wi)`` [m], shape (N,).
         roll: speed along the active direction per wheel speed [m], shape (N,).
-        time: for which a held wheel must roll until its brake is dead [s].
+        time: duration of rolling after which a brake has failed [s].
     """
 
     n_x: FloatArray
@@ -52,12 +51,12 @@ class BrakeConstants(NamedTuple):
 
 
 class BrakedWheels(NamedTuple):
-    """What is known of the wheels.
+    """Commands and speeds of the wheels.
 
     Attributes:
-        told: share of the pedal's demand that each brake was told to let pass [1], shape (N,).
-        speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
-        scale: by which share rims that roll are faster than the ground, learned before [1].
+        told: share of the pedal's demand that each brake passes [1], shape (N,).
+        speeds: of the wheels [rad/s], shape (N,); NaN where unknown.
+        scale: relative excess of the speed of rolling rims over the ground, estimated before [1].
     """
 
     told: FloatArray
@@ -81,10 +80,9 @@ def brake_constants(
 
 
 def brake_memory(wheels: int) -> FloatArray:
-    """Return a memory in which no brake is suspected, shape (N + 1,).
+    """Return the initial memory, shape (N + 1,).
 
-    Entries: for how long each wheel has rolled though it should be braked [s]; time since some
-    wheel has slid [s].
+    Entries: time for which each braked wheel has rolled [s]; time since any wheel has slid [s].
     """
     memory = np.zeros(wheels + 1)
     memory[wheels] = _LATELY
@@ -100,15 +98,15 @@ def watch_brakes(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
 ) -> int:
-    """Look at the wheels after a step of braking; return one whose brake is dead, or NO_WHEEL.
+    """Update with a step of braking; return a wheel whose brake has failed, or NO_WHEEL.
 
     Args:
         constants: of the vehicle.
         memory: of `brake_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's demand in it, 0 while there is none [1].
-        wheels: after the step, told before it.
-        twist: body twist now [m/s, m/s, rad/s].
+        wheels: speeds after the step and commands before it.
+        twist: body twist [m/s, m/s, rad/s].
     """
     speeds = wheels.speeds
     if pedal <= 0.0:
@@ -120,9 +118,9 @@ def watch_brakes(
         for i in range(speeds.size):
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
-            told = wheels.told[i]
+            command = wheels.told[i]
             least = _LEAST if looks_for_slides and pedal >= _HARD else _PASSED
-            if pedal < _PRESSED or told < least or abs(hub) < _SLOW:
+            if pedal < _PRESSED or command < least or abs(hub) < _SLOW:
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
             behind = hub - rim if hub >= 0.0 else rim - hub

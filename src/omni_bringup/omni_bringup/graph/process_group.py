@@ -194,7 +194,7 @@ class ProcessGroup:
     def stop(self) -> None:
         """End every process, the last started first.
 
-        After a failure, processes may wait for acknowledgements that never come. All but the first
+        After a failure, processes may wait for acknowledgments that never come. All but the first
         then get one common, shorter timeout.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
