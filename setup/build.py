@@ -55,7 +55,8 @@ def build(workspace: Workspace, steps: Steps) -> None:
         prefix = workspace.install / package.name
         if not (prefix / "share" / package.name / "hook" / "ament_prefix_path.dsv").exists():
             raise SetupError(
-                f"colcon has not taken {package} for an ament_python package: mend its package.xml "
+                f"colcon has not taken {package} for an ament_python package: correct its "
+                f"package.xml "
                 f"(details in {workspace.log})."
             )
         mend_first_lines(prefix / "lib")

@@ -43,8 +43,8 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
     if workspace.venv.exists():
         if not marker.exists() and any(workspace.venv.iterdir()):
             raise SetupError(
-                f"{workspace.venv} is in the way and not this program's own: move it away and "
-                "start again."
+                f"{workspace.venv} exists and was not made by this program: move it away and "
+                f"start again."
             )
         shutil.rmtree(workspace.venv)
     shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled by other packages

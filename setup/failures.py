@@ -111,4 +111,4 @@ def explain_file_error(error: OSError, root: Path) -> str:
         return "the disk is full: make room and start again."
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
         return f"{place} cannot be written: copy this folder to where you may write."
-    return f"{place}: {error.strerror or error}; mend that and start again."
+    return f"{place}: {error.strerror or error}; correct that and start again."

@@ -33,7 +33,7 @@ def benchmark() -> Any:
     ("node", "action", "real_time", "words"),
     [
         ("simulator", "terminate", False, "the simulator was asked to stop at"),
-        ("simulator", "halt", False, "the simulator stands still"),
+        ("simulator", "halt", False, "the simulator was halted"),
         ("simulator", "resume", False, "simulator was halted by a signal"),
         ("linescan_odometry", "resume", False, "linescan_odometry was halted by a signal"),
         ("linescan_odometry", "kill", True, "linescan_odometry ended (signal 9)"),

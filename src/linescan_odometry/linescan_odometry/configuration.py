@@ -50,7 +50,7 @@ class OdometryConfiguration(Configuration):
     )
     search_window: int = parameter(
         0,
-        description="Half width of the search around the displacement before; beyond it, or with a "
+        description="Half width of the search around the last displacement; beyond it, or with a "
         "poor peak, the full search follows; 0 for the full search always",
         unit="px",
         minimum=0,
@@ -84,8 +84,8 @@ class OdometryConfiguration(Configuration):
     )
     peak_recovery: int = parameter(
         4,
-        description="Distance from the whole pixel within which a peak that noise has moved is "
-        "looked for again on smoothed lines; 0 for no recovery",
+        description="Distance from the whole pixel within which a peak displaced by noise is "
+        "searched again on smoothed lines; 0 for no recovery",
         unit="px",
         minimum=0,
         maximum=16,
@@ -111,8 +111,7 @@ class OdometryConfiguration(Configuration):
     )
     maximum_acceleration: float = parameter(
         50.0,
-        description="Along a sensor's axis, beyond which a displacement is not plausible; 0 for "
-        "no such limit",
+        description="Largest plausible acceleration along a sensor's axis; 0 for no limit",
         unit="m/s^2",
         minimum=0.0,
         maximum=1e6,
@@ -126,16 +125,16 @@ class OdometryConfiguration(Configuration):
     )
     maximum_speed: float = parameter(
         20.0,
-        description="Of the vehicle, by which the covariance of the pose grows while the twist is "
-        "not measured",
+        description="Largest speed of the vehicle, which increases the covariance of the pose "
+        "while the twist is not measured",
         unit="m/s",
         above=0.0,
         maximum=1000.0,
     )
     maximum_yaw_rate: float = parameter(
         10.0,
-        description="Of the vehicle, by which the variance of the yaw grows while the twist is not "
-        "measured",
+        description="Largest yaw rate of the vehicle, which increases the variance of the yaw "
+        "while the twist is not measured",
         unit="rad/s",
         above=0.0,
         maximum=1000.0,
@@ -162,7 +161,7 @@ class OdometryConfiguration(Configuration):
     )
     minimum_lever: float = parameter(
         0.02,
-        description="Smallest effective lever (RMS) by which the sensors see the yaw rate",
+        description="Smallest effective lever (RMS) of the sensors for the yaw rate",
         unit="m",
         above=0.0,
         maximum=10.0,

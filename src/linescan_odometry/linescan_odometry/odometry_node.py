@@ -51,8 +51,8 @@ class SourceConfiguration(Configuration):
 
     own_odometry: str = parameter(
         "",
-        description="Class of your own that does, my_module:MyOdometry, see docs/extending.md; "
-        "empty for the line-scan odometry",
+        description="Your own odometry class, my_module:MyOdometry, see docs/extending.md; empty "
+        "for the line-scan odometry",
     )
 
 
@@ -119,7 +119,7 @@ class OdometryNode(Node):
             batch = line_batch_of(read_line_image(wire))
         except (ValueError, RuntimeError) as error:
             self.get_logger().warning(
-                f"line_scan/{sensor}/lines: left out what is no image: {error}",
+                f"line_scan/{sensor}/lines: ignored a message that is no valid image: {error}",
                 throttle_duration_sec=1.0,
             )
             return

@@ -329,7 +329,7 @@ class SensorOdometry:
         off = apart > _OFF**2 * mean.variance or mean.variance > _MOVES**2
         if corrects and off and abs(whole.displacement) < _MOVES:
             raise Unmeasured(
-                "something stands still in the view: all lines together do, pairs of lines move by "
+                "fixed pattern: the whole-batch estimate does not move, pairs of lines move by "
                 f"{mean.displacement:.3g} px",
                 mean.share,
             )

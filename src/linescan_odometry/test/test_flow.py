@@ -154,7 +154,7 @@ def test_no_lie_of_one_of_three_is_surely_believed(seed: int) -> None:
         ({"velocity": np.array((np.nan, 0.0))}, "no number"),
         ({"velocity": np.array((np.inf, 0.0))}, "no number"),
         ({"covariance": np.full((2, 2), np.nan)}, "no number"),
-        ({"covariance": 1e6 * np.eye(2)}, "does not measure"),
+        ({"covariance": 1e6 * np.eye(2)}, "no measurement"),
         ({"covariance": np.array(((1e-4, 2e-4), (2e-4, 1e-4)))}, "positive definite"),
         ({"covariance": np.diag((1e-4, -1e-4))}, "positive definite"),
         ({"velocity": np.array((2.9, 1.0))}, "faster than the 3 m/s"),
@@ -175,7 +175,7 @@ def test_a_jump_is_no_motion_until_it_has_lasted() -> None:
     assert subject.update(flows_at(TWIST, flows)).measured
     beyond = np.array((5.0, 0.0))
     jump = subject.update(flows_at(TWIST, flows, PERIOD_NS, left=beyond))
-    assert "jumps by 5 m/s within 10 ms" in jump.reason
+    assert "changes by 5 m/s within 10 ms" in jump.reason
     later = subject.update(flows_at(TWIST + 2.0, flows, 12 * PERIOD_NS))
     assert later.measured, later.reason
 

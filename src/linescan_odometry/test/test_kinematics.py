@@ -154,7 +154,7 @@ def test_covariance_is_the_scatter_where_the_axle_scatters_as_stated() -> None:
 @pytest.mark.parametrize(
     ("sensors", "words"),
     [
-        ({"left": sensor(0.1, 0.4)}, "two sensors are needed beside the axle.*these are 1: left"),
+        ({"left": sensor(0.1, 0.4)}, "two sensors are needed in addition.*these are 1: left"),
         (
             {"front": sensor(0.6, 0.0, 90.0), "back": sensor(-0.6, 0.0, -90.0)},
             "axes of front, back and of the axle at x = -0.5 m are parallel",

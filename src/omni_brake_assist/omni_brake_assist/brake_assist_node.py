@@ -88,7 +88,7 @@ class TimingConfiguration(Configuration):
     )
     demand_timeout: float = parameter(
         0.1,
-        description="Real time: silence of the pedal after which all brakes are on",
+        description="Real time: time without a pedal message after which all brakes are on",
         unit="s",
         above=0.0,
         maximum=10.0,

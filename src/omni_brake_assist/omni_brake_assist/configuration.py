@@ -38,7 +38,7 @@ class BrakeAssistConfiguration(Configuration):
     weighting: str = parameter(
         "enhanced",
         description="Weighting psi of the parallel component: zero keeps the orientation best, "
-        "cosine stops shortest, enhanced lies between by k",
+        "cosine stops shortest, enhanced is between, by k",
         choices=WEIGHTINGS,
     )
     k: int = parameter(
@@ -74,8 +74,8 @@ class BrakeAssistConfiguration(Configuration):
     )
     minimum_dwell_time: float = parameter(
         0.0,
-        description="Shortest time between two switchings of a valve; not waited for where all "
-        "brakes must act",
+        description="Shortest time between two switchings of a valve; ignored where all brakes "
+        "must act",
         unit="s",
         minimum=0.0,
         maximum=1.0,
@@ -114,7 +114,8 @@ class BrakeAssistConfiguration(Configuration):
     )
     recovery_count: int = parameter(
         3,
-        description="Good feedbacks in a row before trust is given, at the start and after a fault",
+        description="Consecutive valid twists before brakes are released, at the start and after "
+        "a fault",
         minimum=1,
         maximum=1000,
     )
@@ -160,8 +161,8 @@ class BrakeAssistConfiguration(Configuration):
     )
     second_opinion: bool = parameter(
         True,
-        description="Whether the twist is checked against IMU and wheel speeds and made up for "
-        "by them where it is missing, and whether the effect of braking is watched",
+        description="Fault detection: whether the twist is compared with IMU and wheel speeds and "
+        "replaced by them where it is missing, and whether the effect of braking is monitored",
     )
     imu_x: float = parameter(
         0.0, description="Mounting of the IMU, forward of the platform center", unit="m"
@@ -171,7 +172,7 @@ class BrakeAssistConfiguration(Configuration):
     )
     feedback_delay: float = parameter(
         0.0,
-        description="By how much the feedback is older than its stamp; made up for by the IMU",
+        description="Age of the feedback beyond its stamp; compensated with the IMU",
         unit="s",
         minimum=0.0,
         maximum=0.2,

@@ -79,7 +79,7 @@ class MessageDecoder:
         try:
             found = get_types_from_msg(channel.definition, channel.type_name)
         except Exception:
-            return f"the definition of its type {channel.type_name} makes no sense"
+            return f"the definition of its type {channel.type_name} is invalid"
         for name, (_, fields) in found.items():
             if not self.is_known(name) or fields != self.fields(name):
                 return f"its definition of {name} differs from that of ROS 2 Jazzy"

@@ -194,7 +194,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
     """Return the error of a file as one of the recording."""
     if isinstance(error, mcap.McapError):
-        hint = "; `omni bag recover` keeps what is whole" if error.unfinished else ""
+        hint = "; `omni bag recover` keeps the complete messages" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
 
@@ -237,7 +237,7 @@ def _from_metadata(folder: Path) -> Bag:
     def get(key: str, kind: type, default: Any) -> Any:
         value = information.get(key, default)
         if not isinstance(value, kind) or isinstance(value, bool):
-            raise BagError(folder, f"metadata.yaml: {key} is missing or makes no sense")
+            raise BagError(folder, f"metadata.yaml: {key} is missing or is invalid")
         return value
 
     version = get("version", int, None)
@@ -247,14 +247,14 @@ def _from_metadata(folder: Path) -> Bag:
     if storage != "mcap":
         raise BagError(
             folder,
-            f"metadata.yaml: the storage {storage[:40]!r} is not read here, only mcap; "
-            "`rosbags-convert` makes one of the other",
+            f"metadata.yaml: the storage {storage[:40]!r} is not supported, only mcap; "
+            f"`rosbags-convert` converts it",
         )
     if get("compression_mode", str, "").lower() not in ("", "none"):
         raise BagError(
             folder,
-            "metadata.yaml: whole files or messages are compressed, which is not read here; "
-            "`rosbags-convert` undoes it",
+            "metadata.yaml: whole files or messages are compressed, which is not supported; "
+            "`rosbags-convert` decompresses it",
         )
     names = get("relative_file_paths", list, None)
     if not names:
@@ -276,13 +276,13 @@ def _claimed_count(folder: Path, entry: Any) -> tuple[str, int]:
     except (TypeError, KeyError, IndexError):
         name, count = None, None
     if not isinstance(name, str) or not isinstance(count, int) or count < 0:
-        raise BagError(folder, "metadata.yaml: topics_with_message_count makes no sense")
+        raise BagError(folder, "metadata.yaml: topics_with_message_count is invalid")
     return name, count
 
 
 def _file_within(folder: Path, name: Any, version: int) -> Path:
     if not isinstance(name, str) or not name or "\0" in name:
-        raise BagError(folder, "metadata.yaml: relative_file_paths makes no sense")
+        raise BagError(folder, "metadata.yaml: relative_file_paths is invalid")
     inside = PurePosixPath(name)
     if version < 4 and not inside.is_absolute():
         inside = PurePosixPath(inside.name)  # these named the folder as well

@@ -259,7 +259,7 @@ class _Tables:
 
     def message(self, content: bytes) -> RecordedMessage:
         if len(content) < _MESSAGE_HEAD:
-            raise McapError("is damaged: a message is shorter than its head")
+            raise McapError("is damaged: a message is shorter than its header")
         number, sequence, log_ns, publish_ns = struct.unpack_from("<HIQQ", content)
         channel = self.channels.get(number)
         if channel is None:
@@ -357,7 +357,7 @@ def _parsed(kind: Any, content: bytes) -> Any:
         return kind.read(ReadDataStream(BytesIO(content)))
     except (EndOfFile, struct.error, OverflowError, ValueError) as error:
         raise McapError(
-            f"is damaged: a {kind.__name__.lower()} record makes no sense ({error or 'too short'})"
+            f"is damaged: a {kind.__name__.lower()} record is invalid ({error or 'too short'})"
         ) from None
 
 

@@ -38,7 +38,7 @@ class RecorderConfiguration(Configuration):
     )
     queue_depth: int = parameter(
         2000,
-        description="Messages of a topic that wait for a recorder that is held up",
+        description="Queue size of a topic",
         minimum=1,
         maximum=100_000,
     )
@@ -54,7 +54,7 @@ class RecorderConfiguration(Configuration):
     )
     flush_period: float = parameter(
         0.5,
-        description="Longest time for which a message waits in memory",
+        description="Longest time until a message is written to the file",
         unit="s",
         above=0.0,
         maximum=1.0,
@@ -77,7 +77,7 @@ class RecorderConfiguration(Configuration):
     strict: bool = parameter(
         True,
         description="End with an error once a topic has a second publisher or its stamps run back: "
-        "the recording may then hold what belongs to another run",
+        "the recording may then contain messages of another run",
     )
 
     def check_consistency(self) -> None:

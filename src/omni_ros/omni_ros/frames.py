@@ -14,8 +14,8 @@ class FrameConfiguration(Configuration):
 
     frame_prefix: str = parameter(
         "",
-        description="Put before every frame, such as robot1/, so that vehicles share one /tf; as "
-        "robot_state_publisher has it",
+        description="Prefix of every frame, such as robot1/, so that vehicles can share one /tf; "
+        "as in robot_state_publisher",
     )
 
 

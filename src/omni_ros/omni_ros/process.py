@@ -132,7 +132,7 @@ def _initialize_ros() -> None:
         raise ConfigurationError("--ros-args", words) from None
     if surplus:
         raise ConfigurationError(
-            "arguments", f"unknown: {' '.join(surplus)}; what is for ROS follows --ros-args"
+            "arguments", f"unknown: {' '.join(surplus)}; arguments for ROS follow --ros-args"
         )
 
 
@@ -207,8 +207,8 @@ def await_subscribers(
             if time.monotonic() > deadline:
                 raise MatchTimeoutError(
                     f"{publisher.topic_name} has {publisher.get_subscription_count()} of {count} "
-                    f"expected subscribers after {timeout:g} s; is the node that should listen "
-                    "running in the same ROS domain?"
+                    f"expected subscribers after {timeout:g} s; is the subscribing node running "
+                    f"in the same ROS domain?"
                 )
             time.sleep(0.005)
 

@@ -50,4 +50,4 @@ class PublisherGuard:
             f"{s.node_namespace.rstrip('/')}/{s.node_name}".replace(_NAMELESS, "one without a name")
             for s in publishers
         )
-        return f"{topic} has more than one publisher: {', '.join(names)}; it must have one alone"
+        return f"{topic} has more than one publisher: {', '.join(names)}; it must have only one"

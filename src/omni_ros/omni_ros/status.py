@@ -25,7 +25,7 @@ class StatusConfiguration(Configuration):
     diagnostics_period: float = parameter(
         0.5,
         description="Real time between two messages on /diagnostics, from the start on; 0: by the "
-        "stamps of the input alone, where a run must repeat bit for bit",
+        "stamps of the input only, for runs that repeat bit for bit",
         unit="s",
         minimum=0.0,
         maximum=60.0,

@@ -56,12 +56,12 @@ class SimulationConfiguration(Configuration):
     )
     settling_time: float = parameter(
         0.5,
-        description="Time that the vehicle must stand still before the run ends",
+        description="Time for which the vehicle must be at rest before the run ends",
         unit="s",
         minimum=0.0,
     )
     rest_speed: float = parameter(
-        0.05, description="Speed below which the vehicle stands still", unit="m/s", above=0.0
+        0.05, description="Speed below which the vehicle is at rest", unit="m/s", above=0.0
     )
     render_lines: bool = parameter(
         True,
@@ -111,7 +111,7 @@ class SimulatorConfiguration(Configuration):
         FlowConfiguration, description="Errors common to the flow sensors"
     )
     maneuver: ManeuverConfiguration = section(
-        ManeuverConfiguration, description="What the scripted driver does"
+        ManeuverConfiguration, description="Demands of the scripted driver"
     )
     velocity_sensor: VelocitySensorConfiguration = section(
         VelocitySensorConfiguration, description="Noisy sampled velocity sensor"

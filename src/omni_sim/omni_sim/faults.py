@@ -69,7 +69,7 @@ class FaultConfiguration(Configuration):
     kind: str = parameter(description="How it fails", choices=KINDS)
     axis: int = parameter(
         -1,
-        description="Which axis of it, or which wheel in their order; -1 for all",
+        description="Axis of the channel, or index of the wheel; -1 for all",
         minimum=-1,
         maximum=63,
     )

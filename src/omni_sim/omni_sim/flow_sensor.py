@@ -25,24 +25,24 @@ class FlowConfiguration(Configuration):
     """Errors of the flow sensors; defaults of a PMW3901 about 80 mm above the ground."""
 
     resolution: float = parameter(
-        0.0002, description="Way of the ground that is one count", unit="m", minimum=0.0
+        0.0002, description="Displacement of the ground per count", unit="m", minimum=0.0
     )
     noise: float = parameter(
         0.0002,
-        description="Standard deviation of the way of one measurement along each axis",
+        description="Standard deviation of the displacement of one measurement along each axis",
         unit="m",
         above=0.0,
     )
-    scale: float = parameter(0.005, description="Error of the scale of all of them", minimum=-0.9)
-    failing: str = parameter("", description="Name of one that fails; empty for none")
+    scale: float = parameter(0.005, description="Scale error of all sensors", minimum=-0.9)
+    failing: str = parameter("", description="Name of a failing sensor; empty for none")
     failure: str = parameter(
         "zero",
-        description="What it does then: reads zero, repeats its last reading (frozen), reads no "
-        "number (invalid) or twice the velocity (double)",
+        description="Failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) "
+        "or twice the velocity (double)",
         choices=("zero", "frozen", "invalid", "double"),
     )
     failure_start: float = parameter(
-        0.0, description="From when it fails, to the end", unit="s", minimum=0.0
+        0.0, description="Time from which it fails", unit="s", minimum=0.0
     )
 
 
@@ -59,7 +59,8 @@ def check_flow_sensors(
         if round(SECOND_NS / sensor.rate) % control_ns:
             raise ConfigurationError(
                 f"flow_sensors.{name}.rate",
-                f"{sensor.rate:g} 1/s must leave whole control periods of {control_period:g} s "
+                f"{sensor.rate:g} 1/s must give a period that is a multiple of the control period "
+                f"of {control_period:g} s "
                 "between two measurements",
             )
     if configuration.failing and configuration.failing not in sensors:

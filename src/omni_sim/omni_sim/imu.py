@@ -55,7 +55,7 @@ class ImuConfiguration(Configuration):
     scale: float = parameter(0.003, description="Error of the scale of both axes", minimum=-0.9)
     latency: float = parameter(
         0.0,
-        description="How late a reading is, rounded to control periods",
+        description="Latency of a reading, rounded to control periods",
         unit="s",
         minimum=0.0,
         maximum=0.2,

@@ -80,7 +80,7 @@ class LoopConfiguration(Configuration):
     )
     driver: str = parameter(
         "scripted",
-        description="Who drives until the node is stopped: the script of the maneuver; demands on "
+        description="Driver: the script of the maneuver; demands on "
         "driver/pedal and cmd_vel (topics); or cmd_vel alone while no pedal is published",
         choices=("scripted", "topics", "cmd_vel"),
     )

@@ -55,8 +55,7 @@ class VelocitySensorConfiguration(Configuration):
     )
     failure: str = parameter(
         "none",
-        description="What it does while it fails: 'frozen' holds the last reading, 'zero' reads 0, "
-        "'invalid' reads no number",
+        description="Failure: 'frozen' holds the last reading, 'zero' reads 0, 'invalid' reads NaN",
         choices=FAILURES,
     )
     failure_time: float = parameter(

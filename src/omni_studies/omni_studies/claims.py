@@ -1,9 +1,9 @@
 """Claims about the metrics of a study: a sentence, an expression and a comparison each.
 
-They stand in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
+They are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
 ``quantity`` all of its cases, and ``of(quantity, "pattern")`` those whose names match; ``min``,
-``max``, ``mean`` and ``abs`` are known. A claim about metrics that a run does not have, say of a
-ground that was not asked for, is left out.
+``max``, ``mean`` and ``abs`` are known. A claim about metrics that a run does not have, such as
+those of another ground, is omitted.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from omni_loop.metrics import Metric, results_entry
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A claim and what was found.
+    """A claim and its result.
 
     Attributes:
         sentence: what is claimed.
-        found: value of its expression, with the limits that it states.
+        found: value of its expression, with its limits.
     """
 
     sentence: str
@@ -44,7 +44,7 @@ class Claim:
         return f"{self.sentence}: {found.value:.3g}{unit}, {' and '.join(limits)}: {found.status}"
 
     def entry(self) -> dict[str, Any]:
-        """Return the claim as it stands in the document of a study."""
+        """Return the claim as an entry of the document of a study."""
         return {"claim": self.sentence} | results_entry(self.found)
 
 
@@ -69,14 +69,14 @@ _FUNCTIONS = {"of": _of, "min": min, "max": max, "abs": abs, "mean": statistics.
 
 
 def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
-    """Hold the claims of a study against its metrics.
+    """Evaluate the claims of a study with its metrics.
 
     Args:
         study: its name.
         metrics: by ``<quantity>.<case>``.
 
     Returns:
-        Those whose metrics there are.
+        The claims whose metrics exist.
     """
     text = (files(__package__) / "claims.yaml").read_text(encoding="utf-8")
     names: dict[str, Any] = {}

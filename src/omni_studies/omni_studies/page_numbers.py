@@ -1,4 +1,4 @@
-"""The measured numbers in the pages, filled in from the documents of the commands.
+"""Fills the measured numbers in the pages from the documents of the commands.
 
 A page holds a template in a comment, and the filled template below it::
 
@@ -9,8 +9,8 @@ A page holds a template in a comment, and the filled template below it::
     <!-- /numbers -->
 
 ``{study:metric.case:.1f}`` names a metric of another study, and ``run_EXPERIMENT`` a run over the
-graph. ``docs/numbers.json`` keeps the numbers that templates use. This program takes them from the
-``summary.json`` files that it is given and fills the pages::
+graph. ``docs/numbers.json`` keeps the numbers that templates use. This program takes them from
+given ``summary.json`` files and fills the pages::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json
 
@@ -40,10 +40,10 @@ _PAGES = ("README.md", "docs/*.md", "src/*/README.md")
 
 
 class Place(NamedTuple):
-    """A metric that a template names.
+    """A metric in a template.
 
     Attributes:
-        study: that measures it.
+        study: the study of the metric.
         metric: its name.
         form: format of the number, as of `format`.
     """
@@ -60,7 +60,7 @@ def places(template: str, study: str) -> Iterator[Place]:
 
 
 def filled(template: str, study: str, numbers: Numbers) -> str:
-    """Return a template with its numbers; one that is not known is a dash.
+    """Return a template with its numbers; an unknown one is a dash.
 
     Args:
         template: with places as in the module's docstring.
@@ -90,7 +90,7 @@ def page_with(text: str, numbers: Numbers) -> str:
 
 
 def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
-    """Return the numbers that the pages show."""
+    """Return the numbers in the pages."""
     text = (workspace / "docs/numbers.json").read_text(encoding="utf-8")
     numbers: dict[str, dict[str, float | None]] = json.loads(text)
     return numbers

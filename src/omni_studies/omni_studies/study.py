@@ -1,11 +1,11 @@
-"""The form of a study, and how one is found by its name.
+"""Interface of a study, and import by name.
 
-A study is a module of `omni_studies.studies`. It has a docstring that says what it shows, its
+A study is a module of `omni_studies.studies`. It has a docstring that describes it, its
 options as a `Configuration` called ``Options`` (they become ``--like-this``), and a function
 ``run(options, study) -> StudyResult``. A module with several studies names them in ``CASES``, a
 literal dictionary of name and sentence; ``study.case`` is the one that runs, and ``OPTIONS`` may
 hold other options for some of them. A study writes its figures and data into ``study.folder`` and
-knows nothing of the terminal; one that takes long calls ``study.report(share, words)``.
+does not print; a long one calls ``study.report(share, words)``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from omni_studies.claims import Claim, evaluate
 _STUDIES = "omni_studies.studies"
 
 Report = Callable[[float, str], None]
-"""Takes the share done, 0..1, and a few words about it."""
+"""Function that receives the completed share, 0..1, and a short text."""
 
 
 def _silent(share: float, words: str) -> None: ...
@@ -33,13 +33,13 @@ def _silent(share: float, words: str) -> None: ...
 
 @dataclasses.dataclass(frozen=True)
 class StudyRun:
-    """Where a study runs.
+    """Context of a study.
 
     Attributes:
         experiments: the configuration files by name.
         folder: for its figures and data.
-        report: called as the study goes on.
-        case: name of the study, where its module has several.
+        report: called with the progress.
+        case: name of the study if its module has several.
     """
 
     experiments: ExperimentLibrary
@@ -50,13 +50,13 @@ class StudyRun:
 
 @dataclasses.dataclass(frozen=True)
 class StudyResult:
-    """What a study found.
+    """Results of a study.
 
     Attributes:
         metrics: by ``<quantity>.<case>``.
         files: figures and data written.
-        findings: sentences about what the numbers say, for people.
-        claims: held against the metrics, by `run_study`.
+        findings: sentences about the results.
+        claims: evaluated with the metrics by `run_study`.
     """
 
     metrics: Mapping[str, Metric]
@@ -74,9 +74,9 @@ def claim(words: str, found: str, *, holds: bool) -> str:
     """Return the finding about a claim of the dissertation.
 
     Args:
-        words: what is claimed.
-        found: what the numbers are.
-        holds: whether they bear it out.
+        words: the claim.
+        found: the measured numbers.
+        holds: whether the claim holds.
     """
     return f"{words}: {found}; {'holds' if holds else 'does not hold'}"
 
@@ -88,7 +88,7 @@ class Study(Protocol):
     Options: type[configuration.Configuration]
 
     def run(self, options: Any, study: StudyRun) -> StudyResult:
-        """Compute, and write figures and data into the folder; `options` is its `Options`."""
+        """Run the study, and write figures and data into the folder; `options` is its `Options`."""
 
 
 class _Case:
@@ -122,15 +122,15 @@ def load_study(name: str) -> Study:
 
 
 def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, dict[str, Any]]:
-    """Run a study, hold its claims against its metrics and write ``summary.json``.
+    """Run a study, evaluate its claims and write ``summary.json``.
 
     Args:
         name: one of `study_names`.
         options: an instance of its `Options`.
-        study: where it runs.
+        study: its context.
 
     Returns:
-        What it found, and the document that was written.
+        Its results, and the written document.
     """
     result = load_study(name).run(options, study)
     result = dataclasses.replace(result, claims=evaluate(name, result.metrics))

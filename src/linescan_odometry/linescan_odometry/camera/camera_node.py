@@ -153,7 +153,7 @@ class CameraNode(Node):
         values = {
             "frames per second": f"{clock.rate:.4g} (configured {nominal:g})",
             "lines per second": f"{self._assembler.line_rate:g}",
-            "frames lost": f"{clock.lost}, and {self._overrun} for want of computing power",
+            "frames lost": f"{clock.lost}, and {self._overrun} for lack of computing time",
             "time began anew": str(clock.anew),
             "mean gray level": f"{frame.picture.mean():.1f}",
         }

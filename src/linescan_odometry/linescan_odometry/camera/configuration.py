@@ -22,13 +22,15 @@ class CameraConfiguration(Configuration):
         "video, or pictures in an array (.npy), played in real time"
     )
     frame_rate: float = parameter(
-        description="Frames per second; asked of a device", unit="1/s", above=0.0, maximum=1e5
+        description="Frames per second, requested from a device", unit="1/s", above=0.0, maximum=1e5
     )
     rows: str = parameter(
-        "", description="Rows of a frame that are taken, such as 240 or 236:244; empty for all"
+        "", description="Rows of a frame that are used, such as 240 or 236:244; empty for all"
     )
     band: bool = parameter(
-        True, description="Whether their mean is one line a frame; else every row is a line"
+        True,
+        description="Whether the mean of the rows is one line per frame; otherwise every row is a "
+        "line",
     )
     columns: bool = parameter(False, description="Whether the columns of a frame are its rows")
     row_time: float = parameter(
@@ -59,10 +61,18 @@ class CameraConfiguration(Configuration):
         maximum=1.0,
     )
     frame_width: int = parameter(
-        0, description="Asked of a device; 0 as it is", unit="px", minimum=0, maximum=16384
+        0,
+        description="Requested from a device; 0 to keep its setting",
+        unit="px",
+        minimum=0,
+        maximum=16384,
     )
     frame_height: int = parameter(
-        0, description="Asked of a device; 0 as it is", unit="px", minimum=0, maximum=16384
+        0,
+        description="Requested from a device; 0 to keep its setting",
+        unit="px",
+        minimum=0,
+        maximum=16384,
     )
     pixel_format: str = parameter(
         "",
@@ -71,7 +81,8 @@ class CameraConfiguration(Configuration):
     )
     exposure: float = parameter(
         0.0,
-        description="Asked of a device, which then does not choose by itself; 0 as it is",
+        description="Exposure requested from a device, which disables its automatic exposure; 0 "
+        "to keep its setting",
         unit="s",
         minimum=0.0,
         maximum=1.0,

@@ -53,9 +53,9 @@ class FlowMonitor:
             return "what it says is no number"
         smallest, largest = np.linalg.eigvalsh(covariance)
         if largest >= UNMEASURED_VARIANCE:
-            return "it says that it does not measure"
+            return "it reports no measurement"
         if smallest <= 0.0:
-            return "its covariance is that of no velocity: it must be positive definite"
+            return "its covariance must be positive definite"
         speed, limit = math.hypot(*velocity), self._sensor.maximum_speed
         if speed > limit > 0.0:
             return f"{speed:.3g} m/s is faster than the {limit:g} m/s that it can follow"
@@ -72,7 +72,7 @@ class FlowMonitor:
         # It widens with time, so that a last one that was itself wrong holds up for a while only.
         if change <= self._acceleration * elapsed + _DEVIATIONS * noise:
             return ""
-        return f"it jumps by {change:.3g} m/s within {1e3 * elapsed:.3g} ms"
+        return f"it changes by {change:.3g} m/s within {1e3 * elapsed:.3g} ms"
 
 
 def monitors(sensors: Mapping[str, FlowSensor], acceleration: float) -> dict[str, FlowMonitor]:

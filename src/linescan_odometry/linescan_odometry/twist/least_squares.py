@@ -253,7 +253,7 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
         )
     if axle is not None and len(matrix) < 3:
         return (
-            "two sensors are needed beside the axle that does not slip sideways, "
+            "two sensors are needed in addition to the axle that does not slip sideways, "
             f"these are {len(sensors)}: {names}"
         )
     position = np.array([[s.x, s.y] for s in sensors.values() for _ in s.directions])

@@ -120,7 +120,7 @@ def _yaml(found: Mapping[str, Calibration]) -> str:
     from omni_loop.commented_yaml import commented_yaml
     from omni_platform.configuration import to_mapping
 
-    lines = ["Line cameras as drives of known motion show them; standard errors:"]
+    lines = ["Line cameras calibrated from drives of known motion; standard errors:"]
     for name, one in found.items():
         error = one.error
         lines.append(

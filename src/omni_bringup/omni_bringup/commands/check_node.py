@@ -35,7 +35,7 @@ class Options(Configuration):
         positional=True,
         metavar="NODE",
         choices=("odometry", "simulator", "brake_assist"),
-        description="what the node is in place of: odometry, simulator or brake_assist",
+        description="role of the node: odometry, simulator or brake_assist",
     )
     recording: Path | None = option(
         None,
@@ -49,7 +49,11 @@ class Options(Configuration):
         "that of ROS_DOMAIN_ID)",
     )
     duration: float = parameter(
-        10.0, description="how long a simulator is listened to", unit="s", above=1.0, maximum=600.0
+        10.0,
+        description="time for which messages of a simulator are checked",
+        unit="s",
+        above=1.0,
+        maximum=600.0,
     )
     json: bool = json_option()
 

@@ -27,8 +27,8 @@ class Options(Configuration):
     recording: Path = option(
         positional=True,
         metavar="RECORDING",
-        description="rosbag2 folder with wheel_states, brake/pedal, and what is to be checked of "
-        "odometry/twist, imu and brake/enable",
+        description="rosbag2 folder with wheel_states, brake/pedal, and those of odometry/twist, "
+        "imu and brake/enable to be checked",
     )
     vehicle: str = option(
         metavar="NAME",

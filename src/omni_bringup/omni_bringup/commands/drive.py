@@ -39,7 +39,7 @@ class Options(Configuration):
     )
     experiment: str = parameter(
         "small_stop",
-        description="where ground, sensors and nodes come from, as its last variant has them",
+        description="experiment whose last variant gives ground, sensors and nodes",
     )
     ground: str | None = parameter(
         None, description="a file of config/grounds/ (default: the experiment's)"
@@ -55,8 +55,8 @@ class Options(Configuration):
     host: str = option(
         "127.0.0.1",
         metavar="ADDRESS",
-        description="address of this machine that serves the page, for example to a phone; who "
-        "knows the token in the page's address can drive",
+        description="address of this machine that serves the page, for example to a phone; "
+        "anybody with the token in the page's address can drive",
     )
     port: int = option(
         0,
@@ -134,7 +134,7 @@ def _is_local(host: str) -> bool:
     except ValueError:
         raise ConfigurationError("--host", f"{host!r} is no IP address") from None
     if address.is_unspecified:
-        raise ConfigurationError("--host", f"{host} is every address; name the one to serve at")
+        raise ConfigurationError("--host", f"{host} stands for every address; give a single one")
     return address.is_loopback
 
 

@@ -52,7 +52,7 @@ class Options(Configuration):
     )
     check: bool = parameter(
         False,
-        description="exit code 1 unless the results are those that were recorded, within "
+        description="exit code 1 if the results differ from the recorded ones by more than "
         "--tolerance",
     )
     tolerance: float = parameter(

@@ -26,7 +26,7 @@ class Options(Configuration):
     )
     out: Path = option(metavar="DIR", description="folder of the files; made if it is missing")
     force: bool = option(
-        False, description="write the files even where a roller angle seems to have a wrong sign"
+        False, description="write the files even if a roller angle seems to have a wrong sign"
     )
     json: bool = json_option()
 

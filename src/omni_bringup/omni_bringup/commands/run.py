@@ -60,17 +60,17 @@ class Options(LoopOptions):
     )
     real_time: bool = parameter(
         False,
-        description="pace the simulation to the wall clock instead of waiting for every reply",
+        description="pace the simulation by the wall clock instead of waiting for every reply",
     )
     compression: str = parameter(
         "none",
         choices=("none", "zstd", "lz4"),
-        description="of the recording; noisy lines shrink by about an eighth",
+        description="of the recording; reduces noisy lines by about an eighth",
     )
     fsync: bool = parameter(
         False,
-        description="wait for the disk at every flush, so that a power cut too loses at most a "
-        "second",
+        description="wait for the disk at every flush, so that a power cut loses at most a second "
+        "of data",
     )
     replace: tuple[str, ...] = option(
         (),

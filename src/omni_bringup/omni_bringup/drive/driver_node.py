@@ -61,9 +61,7 @@ class DriverConfiguration(Configuration):
     patches: Mapping[str, FrictionPatch] = section(
         dict, description="Patches of the ground to draw, by name"
     )
-    choices: Mapping[str, Choice] = section(
-        dict, description="What the page offers to drive instead, by kind"
-    )
+    choices: Mapping[str, Choice] = section(dict, description="Choices of the page by kind")
     assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
     max_speed: float = parameter(
         5.0, description="Speed that a full stick means", unit="m/s", above=0.0, maximum=50.0
@@ -73,15 +71,15 @@ class DriverConfiguration(Configuration):
     )
     page_timeout: float = parameter(
         0.3,
-        description="Silence of the open page after which the vehicle brakes fully",
+        description="Time without a message of the open page after which the vehicle brakes fully",
         unit="s",
         above=0.0,
         maximum=5.0,
     )
     command_timeout: float = parameter(
         1.0,
-        description="Silence of cmd_vel after which it no longer counts; longer than a keyboard "
-        "takes to repeat a key",
+        description="Time after which the last cmd_vel is ignored; longer than the repeat period "
+        "of a keyboard",
         unit="s",
         above=0.0,
         maximum=5.0,
@@ -93,9 +91,7 @@ class DriverConfiguration(Configuration):
     port: int = parameter(
         0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
     )
-    token: str = parameter(
-        "", description="Secret of the page's address; made anew where it is empty"
-    )
+    token: str = parameter("", description="Token of the page's address; a new one if empty")
 
 
 class DriverNode(Node):

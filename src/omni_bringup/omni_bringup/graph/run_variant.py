@@ -31,7 +31,7 @@ from omni_ros.environment import node_environment
 from omni_tools.limit.share import limit_share
 
 _POLL = 0.05  # [s]
-_HALTED = "{} was halted by a signal during the run, which counts no more"
+_HALTED = "{} was halted by a signal during the run, which makes the run invalid"
 _HALTED_PATIENCE = 5.0  # [s] for a simulator that a signal has halted
 _PATIENCE = 300.0  # [s] for any news of it; kernels may have to be compiled
 _LONGEST_SILENCE = 1.0  # [s] of a node in real time; a busy machine causes less
@@ -188,7 +188,7 @@ def _follow(
         running = running if simulator.is_halted else now
         halted = simulator.was_halted  # the end of a process takes what is known of it along
         if now - running > _HALTED_PATIENCE:
-            raise ProcessError("the simulator stands still: a signal has halted it")
+            raise ProcessError("the simulator was halted by a signal")
         if now - received > _PATIENCE:
             raise ProcessError(f"the simulator has made no step for {_PATIENCE:g} s")
     group.raise_if_ended(besides=simulator)

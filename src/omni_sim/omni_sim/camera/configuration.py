@@ -24,8 +24,8 @@ class CameraConfiguration(Configuration):
     )
     signal_to_noise_db: float = parameter(
         0.0,
-        description="Full scale over the standard deviation of white noise, in place of noise; 0 "
-        "for noise",
+        description="Full scale over the standard deviation of white noise, instead of noise; 0 "
+        "to use noise",
         unit="dB",
         minimum=0.0,
         maximum=200.0,
@@ -62,7 +62,7 @@ class CameraConfiguration(Configuration):
     )
     height_error: float = parameter(
         0.0,
-        description="How much higher than that the cameras are mounted",
+        description="Mounting height above that distance",
         unit="m",
         minimum=-10.0,
         maximum=10.0,
@@ -127,14 +127,14 @@ class CameraConfiguration(Configuration):
     )
     shadow: float = parameter(
         0.0,
-        description="Share of the light lost in the shadow of something else than the ground",
+        description="Share of the light lost in a shadow that does not move with the ground",
         minimum=0.0,
         maximum=1.0,
     )
     shadow_speed: float = parameter(
         0.0,
-        description="At which the shadow's edge runs to and fro along the line; 0 for an edge that "
-        "stands still in the view",
+        description="Frequency at which the shadow's edge oscillates along the line; 0 for an "
+        "edge fixed in the view",
         unit="m/s",
         minimum=0.0,
         maximum=100.0,

@@ -30,7 +30,7 @@ class ManualDriverConfiguration(Configuration):
     )
     driver_timeout: float = parameter(
         0.3,
-        description="Silence of the driver, in time of the wall clock, after which the vehicle "
+        description="Time without a message of the driver (wall clock) after which the vehicle "
         "brakes fully",
         unit="s",
         above=0.0,

@@ -118,7 +118,7 @@ class ManeuverConfiguration(Configuration):
         """
         if self.demands.time and self.hold_world_direction:
             raise ConfigurationError(
-                "hold_world_direction", "does not go with demands, which turn with the body"
+                "hold_world_direction", "cannot be combined with demands, which turn with the body"
             )
 
 

@@ -56,7 +56,7 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
     _blend(gray.T, period)
     gray = gray[:period, :period].copy()
     if float(np.std(gray[:: max(1, period // 1024)])) < _LEAST_CONTRAST:
-        raise ConfigurationError(_KEY, f"{path} is of one gray level, there is nothing to see")
+        raise ConfigurationError(_KEY, f"{path} has a single gray level")
     return GroundTexture(gray, period * dot)
 
 
@@ -97,7 +97,7 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
         raise ConfigurationError(_KEY, f"{size}, more than {_MOST_PIXELS} px in all")
     edge = min(width, height)
     if edge < _FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
-        remedy = "take a picture of more of the ground"
+        remedy = "take a picture of a larger area"
         if edge >= _FEWEST_TEXELS:
             remedy += (
                 f", or check its scale: up to {edge * INCH / _LEAST_SIZE:.0f} dpi it is enough"

@@ -133,7 +133,7 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
         ValueError: the configuration is that of a picture.
     """
     if configuration.kind == PICTURE:
-        raise ValueError("a picture is read, not generated")
+        raise ValueError("the kind picture has no generator")
     generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
     texels, size = configuration.extent
     layers = MATERIALS[configuration.kind](size, generator)

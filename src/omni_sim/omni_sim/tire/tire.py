@@ -70,7 +70,7 @@ class TireConfiguration(_ModelFields):
     )
     slip_speed: float = parameter(
         1.0e-6,
-        description="Speed v_num that keeps the slip of a standing wheel finite",
+        description="Speed v_num that keeps the slip of a locked wheel finite",
         unit="m/s",
         minimum=1.0e-9,
         maximum=0.1,

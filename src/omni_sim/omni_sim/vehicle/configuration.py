@@ -66,15 +66,15 @@ class WheelCondition(Configuration):
     )
     mounted: float = parameter(
         0.0,
-        description="By how much this wheel is mounted higher than the others; needs a suspension",
+        description="Mounting height of this wheel relative to the others; needs a suspension",
         unit="m",
         minimum=-0.1,
         maximum=0.1,
     )
     open_valve: float = parameter(
         0.0,
-        description="Share of the pedal's pressure that the valve of this brake lets pass whatever "
-        "is commanded, 1 for one that cannot release",
+        description="Smallest share of the pedal's pressure that the valve of this brake passes, "
+        "1 for one that cannot release",
         minimum=0.0,
         maximum=1.0,
     )
@@ -105,13 +105,13 @@ class VehicleConfiguration(Configuration):
     )
     chassis_length: float = parameter(
         1.6,
-        description="Length of the chassis; only pictures and places for sensors depend on it",
+        description="Length of the chassis; only figures and placements of sensors depend on it",
         unit="m",
         above=0.0,
     )
     chassis_width: float = parameter(
         1.2,
-        description="Width of the chassis; only pictures and places for sensors depend on it",
+        description="Width of the chassis; only figures and placements of sensors depend on it",
         unit="m",
         above=0.0,
     )
@@ -135,12 +135,12 @@ class VehicleConfiguration(Configuration):
     )
     rollers: RollerConfiguration = section(
         RollerConfiguration,
-        description="Rollers of every wheel; count where the wheel model or its contact has them",
+        description="Rollers of every wheel; used if the wheel model or its contact has rollers",
     )
     brake: BrakeConfiguration = section(BrakeConfiguration, description="Brake of every wheel")
     drive: DriveConfiguration = section(DriveConfiguration, description="Drive of every wheel")
     conditions: Mapping[str, WheelCondition] = section(
-        dict, description="Wheels, by name, whose tire or brake is not as those of the others"
+        dict, description="Wheels, by name, whose tire or brake differs from the others"
     )
     suspension: SuspensionConfiguration = section(
         SuspensionConfiguration, description="Springs of the chassis"
@@ -157,7 +157,7 @@ class VehicleConfiguration(Configuration):
     )
     load_transfer_time: float = parameter(
         0.02,
-        description="Time constant with which wheel loads follow the acceleration; stands for "
+        description="Time constant with which wheel loads follow the acceleration; represents "
         "pitch and roll on the tires",
         unit="s",
         minimum=0.0,
@@ -265,7 +265,7 @@ class VehicleConfiguration(Configuration):
             raise ConfigurationError(
                 "body",
                 f"the center of gravity at ({x:.3g}, {y:.3g}) m is not between the wheels, "
-                "so the vehicle falls over; move body, load or wheels",
+                "so the vehicle tips over; move body, load or wheels",
             )
         weight = masses.mass * loads.GRAVITY
         for name, mount in self.wheels.items():

@@ -130,8 +130,8 @@ class Vehicle:
         fastest = fastest_motion(plant, suspension)
         if fastest * self.physics_step > _COARSEST:
             raise VehicleInputError(
-                f"springs of {suspension.stiffness:g} N/m swing with "
-                f"{fastest:.3g} rad/s; softer ones or a physics step below "
+                f"springs of {suspension.stiffness:g} N/m oscillate at {fastest:.3g} rad/s; "
+                f"softer ones or a physics step below "
                 f"{_COARSEST / fastest:.2g} s are needed"
             )
         n = len(self.state.wheels)
@@ -228,7 +228,7 @@ class Vehicle:
         hold_world: bool,
     ) -> layout.Control:
         if n_steps < 0:
-            raise VehicleInputError(f"{n_steps} steps: time does not run backwards")
+            raise VehicleInputError(f"{n_steps} steps: the number must not be negative")
         shares = _finite("enable", enable, (len(self.state.wheels),))
         if not 0.0 <= pedal <= 1.0:
             raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")

@@ -34,8 +34,8 @@ class RollerConfiguration(Configuration):
     )
     stiffness: float = parameter(
         2.0e6,
-        description="Stiffness of a roller's tread against horizontal deflection; takes the place "
-        "of the tire's in the wheel model 'rollers'",
+        description="Stiffness of a roller's tread against horizontal deflection; replaces that "
+        "of the tire in the wheel model 'rollers'",
         unit="N/m",
         minimum=1.0e3,
         maximum=1.0e8,
@@ -83,16 +83,16 @@ def roller_geometries(
         if rollers.gap >= math.pi * mount.radius / rollers.count:
             raise ConfigurationError(
                 "rollers.gap",
-                f"{rollers.gap:g} m is more than half of what a roller of wheel {name} has of the "
-                f"rim, {2.0 * math.pi * mount.radius / rollers.count:.3g} m",
+                f"{rollers.gap:g} m is more than half of a roller's share of the rim of wheel "
+                f"{name}, {2.0 * math.pi * mount.radius / rollers.count:.3g} m",
             )
         distance = mount.radius - rollers.radius
         if distance <= 0.0 or mount.radius - distance / reach <= squeeze:
             least = mount.radius - (mount.radius - squeeze) * reach
             raise ConfigurationError(
                 "rollers.radius",
-                f"{rollers.radius:g} m leaves no room between the ground and the ends of the "
-                f"{rollers.count} rollers of wheel {name}; more than {least:.3g} m and less than "
+                f"{rollers.radius:g} m is too large for the ends of the {rollers.count} rollers "
+                f"of wheel {name}; more than {least:.3g} m and less than "
                 f"{mount.radius:g} m fit",
             )
         geometries.append(

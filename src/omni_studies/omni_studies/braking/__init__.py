@@ -1,1 +1,1 @@
-"""What the studies of section 3.6 share."""
+"""Functions shared by the studies of section 3.6."""

@@ -1,7 +1,7 @@
 """An assisted stop on the velocity sensor, and the same stop on the line-scan odometry.
 
-The dissertation takes the feedback of chapter 3 for given and treats the sensor of chapter 4 by
-itself; here the loop is closed over it.
+The dissertation assumes ideal feedback in chapter 3 and treats the sensor of chapter 4 separately;
+here the loop is closed with this sensor.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Comparison:
     """One variant of an experiment with either feedback.
 
     Attributes:
-        experiment: its name.
-        variant: likewise.
+        experiment: name of the experiment.
+        variant: name of its variant.
         sensor: the run on the velocity sensor as the experiment configures it.
         optical: the run on the line-scan odometry.
     """
@@ -47,17 +47,17 @@ class Comparison:
 
     @property
     def case(self) -> str:
-        """Experiment and variant in one word."""
+        """Experiment and variant in one name."""
         return f"{self.experiment}_{self.variant}"
 
     @property
     def sensor_metrics(self) -> dict[str, metrics.Metric]:
-        """How the run on the velocity sensor stopped."""
+        """Metrics of the run on the velocity sensor."""
         return metrics.run_metrics(self.sensor)
 
     @property
     def optical_metrics(self) -> dict[str, metrics.Metric]:
-        """How the run on the line-scan odometry stopped, and how exact that was."""
+        """Metrics of the run on the line-scan odometry."""
         return metrics.run_metrics(self.optical)
 
 
@@ -73,7 +73,7 @@ def compare(
         library: where the experiments are.
         experiments: their names.
         overrides: ``dotted.key=value`` texts, laid over every variant.
-        on_case: takes the share done, 0..1, and the case that is run next.
+        on_case: receives the completed share, 0..1, and the next case.
 
     Raises:
         ConfigurationError: a name, key or value does not fit.
@@ -111,10 +111,10 @@ def turned(history: RunHistory) -> FloatArray:
 
 
 def odometry_lag(history: RunHistory) -> float:
-    """Return by how much the odometry's velocity is late while braking [s].
+    """Return the lag of the odometry's velocity while braking [s].
 
-    A lag ``tau`` puts it off by ``-tau`` times the acceleration, for which ``tau`` is the best
-    fit; noise that knows nothing of the acceleration does not change it. NaN if the odometry never
+    A lag ``tau`` causes an error of ``-tau`` times the acceleration, to which ``tau`` is fitted;
+    noise that is independent of the acceleration does not affect it. NaN if the odometry never
     measured.
     """
     start = history.brake_start or 0

@@ -17,7 +17,7 @@ _COLUMNS = 4
 
 
 def stops(comparisons: Sequence[Comparison]) -> Figure:
-    """Draw how every case stops with either feedback, and the difference as a number."""
+    """Draw the stop of every case with either feedback, and the difference."""
     figure = Figure(
         figsize=(10.0, 1.6 + 0.45 * len(comparisons)),
         dpi=style.DOTS_PER_INCH,

@@ -30,7 +30,7 @@ def velocities_and_errors(history: RunHistory, title: str, *, errors: bool = Tru
     Args:
         history: the run.
         title: printed above.
-        errors: False leaves the lower part out, as Figure 44 does.
+        errors: False omits the lower part, as in Figure 44.
     """
     figure, panels = _rows(2 if errors else 1, title)
     colors = (style.BLUE, style.VERMILLION, style.GREEN)
@@ -55,7 +55,7 @@ def compare_velocities(runs: Mapping[str, tuple[RunHistory, FloatArray]], title:
     """Draw v_x, v_y and yaw rate in a row each, the runs over one another.
 
     Args:
-        runs: history and what to show of it, twists of shape (T, 3), by name; two of them.
+        runs: history and twists of shape (T, 3), by name; two of them.
         title: printed above.
     """
     figure, panels = _rows(3, title)
@@ -120,7 +120,7 @@ def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
 
 
 def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | None = None) -> None:
-    """Give all panels the same time, mark the start of braking and explain the lines."""
+    """Set a common time axis, mark the start of braking and add a legend."""
     low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
     high = max(float(run.braking_time[-1]) for run in runs)
     for place, axes in enumerate(panels):

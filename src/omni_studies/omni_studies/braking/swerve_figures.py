@@ -20,16 +20,19 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.vehicles.plausibility import plain
 
 _LONGEST = 0.55  # of the largest force of a wheel, in lengths of the chassis
-_TITLES = {"even": "load in the middle: they cancel", "uneven": "load where it is: they do not"}
+_TITLES = {
+    "even": "load in the middle: forces cancel",
+    "uneven": "configured load: forces do not cancel",
+}
 _LARGEST_DRIFT, _LARGEST_TURN = 1.0, 1.0  # [m/s], [rad/s] in the picture of the manifold
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LockedWheels:
-    """What the ground does to a vehicle on locked wheels.
+    """Forces of the ground on a vehicle with locked wheels.
 
     Attributes:
-        vehicle: that slides.
+        vehicle: the sliding vehicle.
         force: of each wheel along its active direction [N], shape (N,).
         load: of each wheel [N], shape (N,).
         center: of gravity in the body frame [m], shape (2,).
@@ -53,20 +56,20 @@ class LockedWheels:
 
     @property
     def total(self) -> FloatArray:
-        """Their sum [N], shape (2,)."""
+        """Sum of the forces [N], shape (2,)."""
         return np.asarray(self.vectors.sum(axis=0), dtype=np.float64)
 
     @property
     def moment(self) -> float:
-        """Their moment about the center of gravity, counter-clockwise [N m]."""
+        """Moment of the forces about the center of gravity, counter-clockwise [N m]."""
         return float(cross(self.geometry.position - self.center, self.vectors).sum())
 
 
 def draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
-    """Draw the vehicle from above with the force of each locked wheel and what they come to.
+    """Draw the vehicle from above with the force of each locked wheel and their sum.
 
     Args:
-        cases: by name, of `_TITLES`; the vehicle moves up.
+        cases: by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     style.draw_title(figure, "Locked wheels push along their rollers (the vehicle slides upwards)")
@@ -120,7 +123,7 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
 
 
 def draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Figure:
-    """Draw where the error of each wheel is zero, and how many wheels may brake.
+    """Draw the zero lines of each wheel's error, and the number of wheels that may brake.
 
     Args:
         manifolds: of the same vehicle by weighting; the line to keep is straight ahead.

@@ -1,1 +1,1 @@
-"""Many random brakings: what is drawn, how it is distributed, what is judged."""
+"""Campaigns of random stops: draws, limits and figures."""

@@ -1,7 +1,7 @@
-"""One random braking under every law, held against the bounds of what can be.
+"""A random stop under every law, compared with the lower bounds.
 
-Bounds cost far more than runs. So a run is compared with a sketch first, which the bound is not
-above, and with the bound itself only where it comes below that.
+Bounds take far longer to compute than runs. So a run is first compared with an upper estimate of
+the bound, and with the bound itself only if it is below this estimate.
 """
 
 from __future__ import annotations
@@ -31,28 +31,29 @@ LAWS: dict[str, tuple[str, ...]] = {
     "allocation_on_off": ("brake_assist.law=allocation",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""What is braked with: words of `RandomBraking` beside what it draws."""
+"""Overrides of `RandomBraking` by law."""
 
 
 class Held(NamedTuple):
-    """A braking under each of the `LAWS` and its bounds.
+    """A stop under each of the `LAWS`, and its bounds.
 
     Attributes:
         seed: of the braking.
         vehicle: name of its file.
-        any_heading: bound of the path of the center of gravity, or a sketch of it [m].
-        any_heading_slack: by how much a run may be below, NaN where the sketch was enough [m].
-        straight: bound of the distance of a stop that keeps heading and line, or a sketch of it;
-            NaN where there is none or no run has kept them [m].
-        straight_slack: likewise.
-        path_unassisted: of the center of gravity [m].
-        path_sliding_mode: likewise.
-        path_allocation_on_off: likewise.
-        path_allocation: likewise.
-        kept_unassisted: stopping distance, NaN if heading or line was left by half a degree [m].
-        kept_sliding_mode: likewise.
-        kept_allocation_on_off: likewise.
-        kept_allocation: likewise.
+        any_heading: bound of the path of the center of gravity, or its upper estimate [m].
+        any_heading_slack: tolerance of the bound, NaN if the estimate was sufficient [m].
+        straight: bound of the distance of a stop that keeps heading and line, or its upper
+            estimate; NaN if there is none or no run has kept them [m].
+        straight_slack: tolerance of `straight`, NaN if the estimate was sufficient [m].
+        path_unassisted: path of the center of gravity with all brakes on [m].
+        path_sliding_mode: path with `sliding_mode` [m].
+        path_allocation_on_off: path with `allocation` on on-off brakes [m].
+        path_allocation: path with `allocation` on proportional brakes [m].
+        kept_unassisted: stopping distance with all brakes on; NaN if heading or line deviated by
+            half a degree [m].
+        kept_sliding_mode: such a distance with `sliding_mode` [m].
+        kept_allocation_on_off: such a distance with `allocation` on on-off brakes [m].
+        kept_allocation: such a distance with `allocation` on proportional brakes [m].
     """
 
     seed: int
@@ -72,7 +73,7 @@ class Held(NamedTuple):
 
 
 class BesideLimit:
-    """Brakes a seed under every law; sent to the workers.
+    """Runs a seed under every law; sent to the workers.
 
     Args:
         library: where the vehicles are.
@@ -87,11 +88,11 @@ class BesideLimit:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of what is run."""
+        """Digest of the configuration of the runs."""
         return "-".join(braking.fingerprint[:8] for braking in self._brakings.values())
 
     def __call__(self, seed: int) -> Held:
-        """Brake a seed under every law and hold it against its bounds."""
+        """Run a seed under every law and compare it with its bounds."""
         drawn = draw(seed)
         tried = {law: one.configurations(drawn) for law, one in self._brakings.items()}
         first = tried["sliding_mode"]["unassisted"]
@@ -129,13 +130,13 @@ def _straight(
 
 
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
-    """Return the poses from the moment on at which the pedal begins to move, shape (T, 3)."""
+    """Return the poses from the start of braking on, shape (T, 3)."""
     ramp = experiment.maneuver.pedal_ramp_time > 0.0  # at whose start the pedal is still up
     return run.pose[run.brake_start - int(ramp) :]
 
 
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> Maneuver:
-    """Return the motion as the pedal begins to move; a rate that the drive leaves is none."""
+    """Return the motion at the start of braking; a residual yaw rate of the drive is set to 0."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
@@ -154,9 +155,9 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
 
 
 def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver) -> float:
-    """Return the stopping distance of a run that keeps heading and line all the way, else NaN [m].
+    """Return the stopping distance of a run that keeps heading and line throughout, else NaN [m].
 
-    Beside ice a vehicle may turn and leave its line, to grip where the line has none, and return.
+    A vehicle may leave its line to avoid low friction and return.
     """
     pose = _braking(run, experiment)
     path = pose[:, :2] - pose[0, :2]

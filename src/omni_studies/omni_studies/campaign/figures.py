@@ -1,4 +1,4 @@
-"""Figures of the robustness campaign: every run, and how the quantities are distributed."""
+"""Figures of the robustness campaign: every run, and distributions of the quantities."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
         results: of the campaign.
     """
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
-    figure.suptitle("Every run: above the line, a limit is broken")
+    figure.suptitle("Every run: above the line, a limit is violated")
     panels = figure.subplots(2, len(_TITLES), squeeze=False)
     limits: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "orientation": lambda x: x + ORIENTATION_LIMIT,
@@ -56,13 +56,13 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
 
 
 def draw_distributions(results: Sequence[Outcome]) -> Figure:
-    """Draw the share of runs that stay below a value.
+    """Draw cumulative distributions of the runs.
 
     Args:
         results: of the campaign.
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    figure.suptitle("Share of runs that stay below a value")
+    figure.suptitle("Cumulative share of runs")
     panels = figure.subplots(2, len(_TITLES), squeeze=False, sharey=True)
     for row, (quantity, label) in zip(panels, _QUANTITIES.items(), strict=True):
         for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):

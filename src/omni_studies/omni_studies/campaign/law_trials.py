@@ -1,7 +1,8 @@
 """Random stops that compare control laws in pairs, on proportional and on on-off brakes.
 
 A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, without
-sensor failures, and in addition what a law may not know: brake lag, nominal or unmodelled, and
+sensor failures, and in addition deviations that a law may not know: brake lag, nominal or
+    unmodeled, and
 errors of the nominal torque, mass and wheel inertia.
 """
 
@@ -60,7 +61,7 @@ class LawTrials:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of what is run."""
+        """Digest of the configuration of the runs."""
         return "-".join((self._braking.fingerprint, str(self._first), *map(str, self.cases)))
 
     def __call__(self, number: int) -> LawTrial:

@@ -1,9 +1,9 @@
-"""Random braking maneuvers: what one number, the seed of a run, makes of a vehicle and its day.
+"""Random braking maneuvers, determined by the seed of a run.
 
-Drawn are the vehicle (`VEHICLES`), its load with place and height, the friction of the ground with
-up to three patches on the way, the motion and the pedal, and the velocity sensor with its noise,
-offset and sampling, which in some runs fails. Every value is rounded to what a person would write,
-so that the experiment file of a run says exactly what was run.
+Drawn are the vehicle (`VEHICLES`), its load with position and height, the friction of the ground
+with up to three patches along the path, the motion and the pedal, and the velocity sensor with its
+noise, offset and sampling, which fails in some runs. Every value is rounded to a few digits, so
+that the experiment file of a run reproduces it exactly.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ _LAW = {"weighting": "enhanced", "k": 7}
 # What a change may not be of.
 _DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
           "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
-# An assistant that is told to put up with noise, as in config/experiments/ice_patch_noisy.yaml.
+# Limits of the assistant for a noisy sensor, as in config/experiments/ice_patch_noisy.yaml.
 _TOLERANT = {"maximum_speed_deviation": 1.0, "speed_noise": 3.0}
 
 Tree = dict[str, Any]
 
 
 class RandomBraking:
-    """Makes the runs of a campaign from their seeds.
+    """Draws and runs the stops of a campaign from their seeds.
 
     Args:
         library: where the vehicles are.
-        changes: ``dotted.key=value`` texts, laid over what is not drawn.
+        changes: ``dotted.key=value`` overrides of values that are not drawn.
 
     Raises:
-        ConfigurationError: a change does not fit, or is of what is drawn.
+        ConfigurationError: a change is invalid, or of a drawn value.
     """
 
     def __init__(self, library: experiment.ExperimentLibrary, changes: Sequence[str] = ()) -> None:
@@ -74,13 +74,13 @@ class RandomBraking:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of the vehicles and of how their days are drawn."""
+        """Digest of the vehicles and of the draws."""
         bases = [to_mapping(base) for base in self._bases.values()]
         samples = [draw(seed) for seed in range(20)]
         return hashlib.sha256(json.dumps([bases, samples]).encode()).hexdigest()[:16]
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
-        """Return the run that has been drawn without and with the assistant, by variant."""
+        """Return the drawn run without and with the assistant, by variant."""
         base = self._bases[drawn["vehicle"]]
         common = dataclasses.replace(
             base,
@@ -112,7 +112,7 @@ class RandomBraking:
 
         Args:
             seed: of the run.
-            words: why it is worth replaying.
+            words: description of the run.
         """
         drawn = draw(seed)
         ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
@@ -142,7 +142,7 @@ class RandomBraking:
 
 
 def draw(seed: int) -> Tree:
-    """Draw what a run differs in from ``straight_line``, as a tree of configuration values.
+    """Draw the differences of a run from ``straight_line`` as a tree of configuration values.
 
     Args:
         seed: of the run; one seed is always the same run.
@@ -190,7 +190,7 @@ def _maneuver(random: np.random.Generator, largest_speed: float) -> Tree:
 
 
 def _patches(random: np.random.Generator, direction_deg: float) -> Tree:
-    """Scatter patches along the way, in front of and beside the vehicle."""
+    """Place patches randomly along the path, in front of and beside the vehicle."""
     patches = {}
     for index in range(int(random.integers(0, 4))):
         along, across = random.uniform(0.0, 12.0), random.uniform(-2.0, 2.0)

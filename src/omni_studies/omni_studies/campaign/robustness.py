@@ -1,7 +1,7 @@
 """One run of the robustness campaign: the same braking unassisted and assisted, and its limits.
 
-A run that breaks a limit is run again with one adversity after the other taken away; the one
-without which the limit holds is its cause.
+A run that violates a limit is repeated with one adversity after the other removed; the one without
+which the limit holds is its cause.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from omni_loop import compiled, experiment
 from omni_studies.campaign.random_braking import RandomBraking, Tree, draw
 
 ORIENTATION_LIMIT = 5.0
-"""How much worse the orientation change may be than unassisted [deg]."""
+"""Allowed excess of the orientation change over the unassisted one [deg]."""
 
 DISTANCE_FACTOR = 2.0
 """How many times longer the stopping distance may be than unassisted [1]: the assistant may have to
 give up the friction of half of the wheels."""
 
 ENERGY_LIMIT = 1e-3
-"""Share of the energy at the start of braking that may come back while braking [1]."""
+"""Allowed rise of the energy while braking, relative to the start of braking [1]."""
 
 SHORTEST_DISTANCE = 0.2
-"""Stopping distances below this are compared as if they were this long [m]."""
+"""Lower limit of stopping distances in comparisons [m]."""
 
 CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
 """Why a limit is broken: the sensor fails; it is noisy, biased or slow; wheels meet patches; the
@@ -32,31 +32,30 @@ vehicle turns when it starts to brake; it does not move straight ahead; or none 
 leaves the control law itself."""
 
 LIMITS = ("energy", "orientation", "distance", "rest")
-"""What may be violated; the fields of `Outcome` that hold the causes."""
+"""Limits; the fields of `Outcome` with the causes of violations."""
 
 
 class Outcome(NamedTuple):
-    """What a run comes to.
+    """Result of a run.
 
     Attributes:
         seed: of the run.
         vehicle: name of its file.
-        orientation_unassisted: change of orientation while braking [deg].
-        orientation_assisted: likewise.
-        distance_unassisted: stopping distance [m].
-        distance_assisted: likewise.
-        energy_rise_unassisted: largest rise of the energy while braking, as a share [1].
-        energy_rise_assisted: likewise.
-        stopped_unassisted: whether the vehicle came to rest, 0 or 1.
-        stopped_assisted: likewise.
-        tipping: whether a vehicle would have tipped over with either, which the planar model only
-            reports, 0 or 1.
-        distrusted: share of the braking in which the assistant had all brakes on for want of
-            trust [1].
-        energy: what causes a violation of the limit of the energy, one of `CAUSES`, else empty.
-        orientation: likewise for the orientation.
-        distance: likewise for the stopping distance.
-        rest: likewise for coming to rest, if the vehicle does so unassisted.
+        orientation_unassisted: change of orientation without the assistant [deg].
+        orientation_assisted: change of orientation with the assistant [deg].
+        distance_unassisted: stopping distance without the assistant [m].
+        distance_assisted: stopping distance with the assistant [m].
+        energy_rise_unassisted: largest relative rise of the energy without the assistant [1].
+        energy_rise_assisted: largest relative rise of the energy with the assistant [1].
+        stopped_unassisted: whether the vehicle came to rest without the assistant, 0 or 1.
+        stopped_assisted: whether the vehicle came to rest with the assistant, 0 or 1.
+        tipping: whether the vehicle would have tipped over in either run, which the planar model
+            only reports, 0 or 1.
+        distrusted: share of the braking in which all brakes were on because of rejected inputs [1].
+        energy: cause of a violation of the limit of energy, one of `CAUSES`, else empty.
+        orientation: cause of a violation of the limit of orientation, else empty.
+        distance: cause of a violation of the limit of distance, else empty.
+        rest: cause of not coming to rest if the unassisted vehicle does, else empty.
     """
 
     seed: int
@@ -78,7 +77,7 @@ class Outcome(NamedTuple):
 
 
 def outcome(braking: RandomBraking, seed: int) -> Outcome:
-    """Run a seed without and with the assistant, and find the causes of what breaks a limit."""
+    """Run a seed without and with the assistant, and find the causes of violations."""
     drawn = draw(seed)
     result = compare(braking, drawn)
     open_limits = violations(result)
@@ -95,7 +94,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
 
 
 def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
-    """Run what has been drawn without and with the assistant."""
+    """Run a drawn stop without and with the assistant."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
         compiled.run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
@@ -118,7 +117,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
 
 
 def without(drawn: Tree, cause: str) -> Tree:
-    """Return what has been drawn without one of its adversities."""
+    """Return a drawn run without one of its adversities."""
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
         return drawn | {"velocity_sensor": kept}
@@ -133,8 +132,8 @@ def without(drawn: Tree, cause: str) -> Tree:
 def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
     """Return the largest rise of the energy from any stamp to a later one [1].
 
-    Kinetic and elastic energy on flat ground, from the moment on at which the pedal has opened the
-    clutch, as a share of the energy at that moment: brakes only take.
+    Kinetic and elastic energy on flat ground after the pedal has opened the clutch, relative to the
+    energy at that moment: brakes only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
     energy = run.record.energy[free]
@@ -143,7 +142,7 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
 
 
 def violations(result: Outcome) -> tuple[str, ...]:
-    """Return the limits that a run breaks: ``energy``, ``orientation``, ``distance``, ``rest``."""
+    """Return the limits that a run violates, some of `LIMITS`."""
     longest = DISTANCE_FACTOR * max(result.distance_unassisted, SHORTEST_DISTANCE)
     broken = {
         "energy": max(result.energy_rise_unassisted, result.energy_rise_assisted) > ENERGY_LIMIT,

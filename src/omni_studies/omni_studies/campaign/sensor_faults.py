@@ -1,4 +1,4 @@
-"""Stops with a fault of a sensor, of two sensors at once or of a brake: one number makes a stop.
+"""Stops with a fault of a sensor, of two sensors or of a brake, determined by a seed.
 
 The seed draws the law, whether there is an IMU, the vehicle with its braking (`CASES`) and the
 fault. A `single` fault takes one channel; a `pair` takes two with the same kind and onset, as a
@@ -41,10 +41,10 @@ LAWS: dict[str, tuple[str, ...]] = {
     "sliding_mode": ("brake_assist.law=sliding_mode",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""Settings of each law: `allocation` is made for brakes that follow any share of the pressure."""
+"""Settings of each law: `allocation` requires proportional brakes."""
 
 EXTENTS = ("single", "single", "pair", "brake")
-"""What fails; as often as it is listed."""
+"""Kinds of failures; repeated entries are drawn more often."""
 
 SEARCH_SHARE = 8
 SEARCH_STEPS = 10
@@ -153,7 +153,7 @@ class Stop(NamedTuple):
 
 
 class FaultyStops:
-    """Makes stops from their seeds.
+    """Draws and runs stops from their seeds.
 
     Args:
         library: of experiments and vehicles.
@@ -180,7 +180,7 @@ class FaultyStops:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of everything that the stops depend on besides their seeds."""
+        """Digest of everything that the stops depend on besides their seeds."""
         bases = [to_mapping(base) for base in self._bases.values()]
         text = json.dumps([bases, EXTENTS, SEARCH_SHARE, SEARCH_STEPS])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -297,9 +297,9 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 
 
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
-    """Return the faults of all channels: of two, with the same share of their ranges of size.
+    """Return the faults of all channels; two channels have the same share of their ranges.
 
-    All wheels share a fault that an encoder shares with another sensor. A pair on the axes of the
+    A fault that encoders share with another sensor affects all wheels. A pair on the axes of the
     twist has the same axis of the accelerometer, and the gyro only for the yaw rate or all.
     """
     channels = fault.channel.split("+")
@@ -331,7 +331,7 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
 
 
 def _badness(stop: Stop) -> float:
-    """Return how bad a stop is: 1 at the limits of distance or rotation."""
+    """Return the severity of a stop, 1 at the limits of distance or rotation [1]."""
     limit = limits(stop.extent, imu=bool(stop.imu))
     far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)
     turned = stop.rotation / limit.rotation if limit.rotation else 0.0
@@ -347,12 +347,12 @@ def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: 
 
 
 class Limits(NamedTuple):
-    """Limits of a kind of fault; None where there is none.
+    """Limits of a kind of fault; None without a limit.
 
     Attributes:
         distance: ratio to the reference [1].
         rotation: excess over the reference [deg].
-        assisting: share of stops that go on assisting [%].
+        assisting: share of stops with continued assistance [%].
     """
 
     distance: float | None
@@ -361,7 +361,7 @@ class Limits(NamedTuple):
 
 
 def limits(extent: str, *, imu: bool) -> Limits:
-    """Return the limits that hold for both laws."""
+    """Return the limits for both laws."""
     if extent == "brake":
         return Limits(1.2, 5.0, None)
     if extent == "pair":
@@ -373,7 +373,7 @@ def loss_of_twist(stops: FaultyStops, onset: float) -> float:
     """Return the change of orientation [deg] on ``straight_line`` if the twist is lost for good.
 
     Args:
-        stops: makes the stop.
+        stops: runs the stop.
         onset: time from the pedal on [s].
     """
     setting = Setting(stops._laws[0], True, "straight_line")

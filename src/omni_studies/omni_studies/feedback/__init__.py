@@ -1,1 +1,1 @@
-"""Sources of the body twist that people own, as error models for the loop."""
+"""Error models of sources of the body twist."""

@@ -1,9 +1,9 @@
 """Error models of the sources of a body twist.
 
-A model draws white noise and a constant scale error, delays and samples the true twist, and
-measures nothing beyond the largest speed or where a sample is lost. The basis of the numbers stands
-beside them. Wheel odometry and dead reckoning are no error models: they use the simulated encoders
-and IMU.
+A model adds white noise and a constant scale error, delays and samples the true twist, and has no
+measurement above its largest speed or for a lost sample. The basis of the numbers is given with
+them. Wheel odometry and dead reckoning are no error models: they use the simulated encoders and
+IMU.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Source:
 
     Attributes:
         label: for tables.
-        basis: where the numbers come from.
+        basis: source of the numbers.
         kind: error model, wheel odometry, or wheel odometry before braking and none after.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
@@ -38,7 +38,7 @@ class Source:
         period: of the samples [s].
         latency: from the measurement to the message [s].
         lost: share of samples without a measurement [1].
-        maximum_speed: beyond which nothing is measured [m/s].
+        maximum_speed: largest measurable speed [m/s].
     """
 
     label: str
@@ -59,7 +59,7 @@ _LEVER = 0.4  # [m] half of the distance between two sensors under a small vehic
 
 
 def _pair(label: str, basis: str, sensors: int, linear: float, **changes: float) -> Source:
-    """Return some flow sensors at a lever of 0.4 m: their mean, and the difference as yaw rate."""
+    """Return flow sensors at a lever of 0.4 m, combined to mean velocity and yaw rate."""
     shared = linear / math.sqrt(sensors)
     return Source(label, basis, linear=shared, turning=shared / _LEVER, **changes)  # type: ignore[arg-type]
 
@@ -119,7 +119,7 @@ SOURCES = {
 
 
 class SourceEstimator:
-    """Gives the controller what a source would measure.
+    """Estimator with the measurements of a source.
 
     Args:
         source: the error model.
@@ -137,7 +137,7 @@ class SourceEstimator:
         self._sampled_ns = -(10**18)
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the newest measurement that has arrived; one that measured nothing at first."""
+        """Return the latest received measurement; an unmeasured one at first."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
             self._sampled_ns = now_ns

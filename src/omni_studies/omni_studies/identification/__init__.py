@@ -1,1 +1,1 @@
-"""Which vehicle gives Table 2, and how much each number depends on it."""
+"""Identification of the vehicle of Table 2, and sensitivities."""

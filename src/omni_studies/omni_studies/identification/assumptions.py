@@ -1,4 +1,4 @@
-"""How much Table 2 depends on what was not sought: tire, wheels and the shape of the ground."""
+"""Dependence of Table 2 on assumptions: tire, wheels and shape of the patch."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ EXPERIMENT = "turn_while_translate"
 
 
 class Assumption(NamedTuple):
-    """Something changed that the search holds.
+    """A changed assumption.
 
     Attributes:
         name: of the change.
         overrides: of the experiment.
-        sought: parameters of the search that take the value of another.
+        sought: parameters of the search that are set to the value of another.
         patch_width: of the slippery patch, over its own [1].
     """
 

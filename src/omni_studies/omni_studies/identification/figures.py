@@ -1,4 +1,4 @@
-"""Table 2 as a trade-off, and how sensitive it is to what was identified."""
+"""Figures of Table 2: trade-off and sensitivities."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LABELS = {
 
 
 def weighting_functions() -> Figure:
-    """Draw how much the parallel component of a wheel counts over its angle, Figure 28."""
+    """Draw the weight of the parallel component over the angle of a wheel, Figure 28."""
     figure = Figure(figsize=(8.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     angle = np.linspace(0.0, 90.0, 181)
@@ -38,14 +38,14 @@ def weighting_functions() -> Figure:
         axes.plot(angle, weights, color=style.wheel_color(row), linewidth=1.8, label=label)
     axes.set_xlabel(r"angle $\delta$ between active direction and velocity [deg]")
     axes.set_ylabel(r"weight $\psi$ [1]")
-    axes.set_title("A wheel that cannot brake counts for nothing", loc="left")
+    axes.set_title("Weight of a wheel over its angle", loc="left")
     axes.set_xticks(range(0, 91, 15))
     axes.legend()
     return figure
 
 
 def trade_off(measured: Mapping[str, float]) -> Figure:
-    """Draw orientation change against stopping distance, beside the dissertation's.
+    """Draw orientation change against stopping distance, with the dissertation's values.
 
     Args:
         measured: all of `table_2.REFERENCES` in their units.

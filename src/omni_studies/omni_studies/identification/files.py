@@ -17,11 +17,11 @@ _SOURCE = "found by ./omni study table2 --identify; see docs/identification.md."
 
 
 def write_files(configuration: ExperimentConfiguration, folder: Path) -> tuple[Path, Path]:
-    """Write vehicle and experiment of a candidate, as they go to ``config/``.
+    """Write vehicle and experiment of a candidate in the form of ``config/``.
 
     Args:
         configuration: any variant of the candidate.
-        folder: where the two files go.
+        folder: for both files.
 
     Returns:
         Vehicle file and experiment file.

@@ -1,10 +1,10 @@
-"""Which vehicle gives Table 2? The dissertation does not print its parameters, so they are sought.
+"""Identification of the vehicle of Table 2, whose parameters the dissertation does not state.
 
-A candidate is a vector of the `QUANTITIES`: what the vehicle weighs and where, how far apart its
-wheels are, how hard it brakes, how it moves when the pedal goes down, and what it stands on. The
-rest, such as the tire of Table 1, is assumed. `evaluate` runs the five cases of Table 2 with it
-in the fast loop; the cost is the sum of the squared deviations in tolerances, so that a cost
-below 1 means that all ten numbers are within their tolerance.
+A candidate is a vector of the `QUANTITIES`: masses and their positions, distances of the wheels,
+brake torque, motion at the start of braking, and friction. Other values, such as the tire of Table
+1, are assumed. `evaluate` runs the five cases of Table 2 with it in the fast loop; the cost is the
+sum of the squared deviations in tolerances, so that a cost below 1 means that all ten numbers are
+within their tolerance.
 
 The vehicle moves along the world's y axis, up the page as in Figure 43, and braking starts with
 `base_link` at the origin.
@@ -31,15 +31,15 @@ from omni_studies.identification import table_2
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """One parameter that is sought.
+    """A parameter of the search.
 
     Attributes:
         name: of the parameter.
         unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
         low: smallest value.
         high: largest value.
-        step: of the sensitivities; a change of practical size.
-        decimals: to which it is rounded, as a configuration file gives it.
+        step: of the sensitivities.
+        decimals: of the rounded value in a configuration file.
         description: one line.
     """
 
@@ -72,13 +72,13 @@ QUANTITIES = (
     Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2, "of the patch along the motion"),
     Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2, "of the patch across the motion"),
 )
-"""The parameters that are sought, and the box that is searched."""
+"""Parameters of the search and their ranges."""
 
 Parameters = Mapping[str, float]
 
 
 def rounded(vector: Sequence[float] | quantities.FloatArray) -> dict[str, float]:
-    """Return a candidate by name, rounded as a configuration file gives it.
+    """Return a candidate by name, rounded as in a configuration file.
 
     Args:
         vector: values in the order of `QUANTITIES`.
@@ -93,11 +93,11 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     """Return an experiment with the vehicle, ground and motion of a candidate.
 
     Args:
-        base: one variant of ``turn_while_translate``; what is not sought comes from it.
+        base: a variant of ``turn_while_translate``, with all other values.
         parameters: by the names of `QUANTITIES`.
 
     Raises:
-        ConfigurationError: such a vehicle cannot stand.
+        ConfigurationError: the vehicle would tip over at rest.
     """
     p = parameters
     wheels = {
@@ -151,7 +151,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
 
 def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
-    """Return the parameters that `configure` would make this experiment of."""
+    """Return the parameters with which `configure` gives this experiment."""
     vehicle, maneuver = configuration.vehicle, configuration.maneuver
     ground = configuration.ground
     mount = next(iter(vehicle.wheels.values()))
@@ -199,10 +199,10 @@ _HOPELESS = 25.0  # mean cost of the cases before it from which on it is not
 
 
 def unsound(vehicle: VehicleConfiguration) -> float:
-    """Return how far a vehicle is from standing soundly [1], 0 if it does.
+    """Return a measure of the violation of two conditions [1], 0 if both hold.
 
-    Sound is a load over the area between the wheels, and no wheel that carries more at rest than
-    the tire is known for.
+    The load must be between the wheels, and no wheel may exceed the load range of its tire at
+    rest.
     """
     position = kinematics.PlatformKinematics(vehicle.wheels).geometry.position
     masses = MassProperties.of(vehicle.body, vehicle.load)
@@ -221,13 +221,13 @@ def cost(
 ) -> float:
     """Return the sum of powers of the deviations from Table 2 in tolerances [1].
 
-    Cases after one that is far off are not run; they cost more than any that is.
+    Cases after one with a very large deviation are not run, and get a higher cost.
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
         parameters: by the names of `QUANTITIES`.
-        exponent: even; the larger, the more the worst deviation counts.
-        sound: whether vehicles that are `unsound` cost more than any that is not.
+        exponent: even; a larger one gives more weight to the largest deviation.
+        sound: whether vehicles that are `unsound` get a higher cost than all others.
     """
     total = 0.0
     if sound:
@@ -255,7 +255,7 @@ def cost(
 
 
 GENERATIONS = 250
-"""Generations of a search at most."""
+"""Largest number of generations of a search."""
 
 _REFINEMENT = 60  # generations of the refinement at most
 _NEIGHBORHOOD = 0.1  # half its box, as a share of the whole one
@@ -272,20 +272,20 @@ def search(
     sound: bool = False,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
-    """Seek the parameters that give Table 2, by differential evolution in one process.
+    """Search the parameters of Table 2 by differential evolution in one process.
 
-    The first search, over the whole box, makes the sum of the squares small; a second one about
-    its result makes the largest deviation small, by the sum of the fourth powers. The same seed
+    The first search, over the whole range, minimizes the sum of squares; a second one near its
+    result minimizes the sum of fourth powers, which reduces the largest deviation. The same seed
     gives the same result, with the same versions of the libraries.
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
         seed: of every random draw.
-        generations: of the first search at most, which ends when its cost is below 1; the second
-            takes no more than these either, and ends when no deviation is above 0.7 tolerances.
-        sound: whether only vehicles are sought that are not `unsound`.
-        on_generation: called after each with its number, counted anew in the second search, and
-            the lowest cost so far.
+        generations: largest number for each search; the first ends when its cost is below 1, the
+            second when no deviation is above 0.7 tolerances.
+        sound: whether to exclude vehicles that are `unsound`.
+        on_generation: called after each generation with its number in the current search and the
+            lowest cost so far.
 
     Returns:
         The best candidate found, by the names of `QUANTITIES`.
@@ -308,7 +308,7 @@ def refine(
     sound: bool = False,
     on_generation: OnGeneration = lambda _generation, _cost: None,
 ) -> dict[str, float]:
-    """Make the largest deviation small in the neighborhood of a candidate; see `search`."""
+    """Reduce the largest deviation in the neighborhood of a candidate; see `search`."""
     box = []
     for quantity in QUANTITIES:
         reach = _NEIGHBORHOOD * (quantity.high - quantity.low)

@@ -1,8 +1,8 @@
-"""How much each number of Table 2 depends on each identified parameter.
+"""Sensitivity of each number of Table 2 to each identified parameter.
 
-Every parameter is varied by a few steps to either side, the others held, and a straight line is
-fitted to each number. Its slope is the sensitivity. What scatters about the line is the switching
-of the brakes, and wheels that just touch the patch or just do not.
+Every parameter is varied by a few steps to either side, with the others fixed, and a straight line
+is fitted to each number. Its slope is the sensitivity. The scatter about the line is due to the
+switching of the brakes and to wheels at the edge of the patch.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Sensitivity:
     Attributes:
         numbers: names of the rows, those of `table_2.REFERENCES`.
         parameters: names of the columns, those of `identification.QUANTITIES`.
-        slope: change for one step of a parameter [deg] or [m], shape (10, P); NaN where the
-            vehicle does not stand or stop.
+        slope: change for one step of a parameter [deg] or [m], shape (10, P); NaN if the
+            vehicle tips over or does not stop.
         scatter: standard deviation about the straight line [deg] or [m], shape (10, P).
     """
 
@@ -46,7 +46,7 @@ class Sensitivity:
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return one row per number and parameter, for a file."""
+        """Return one row per number and parameter."""
         rows = [
             (number, quantity.name, quantity.step, quantity.unit, i, j)
             for i, number in enumerate(self.numbers)
@@ -91,7 +91,7 @@ def sensitivities(
 
 
 def _numbers(bases: Mapping[str, ExperimentConfiguration], parameters: Parameters) -> list[float]:
-    """Return the ten numbers of a candidate, NaN where it does not stand or stop."""
+    """Return the ten numbers of a candidate, NaN if it tips over or does not stop."""
     try:
         measured = measure({case: configure(base, parameters) for case, base in bases.items()})
     except configuration.ConfigurationError:

@@ -1,4 +1,4 @@
-"""Table 2 of the dissertation: what braking out of a turn comes to under each control law."""
+"""Table 2 of the dissertation: results of braking out of a turn under each control law."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ CASES = ("unassisted", "zero", "cosine", "k1", "k7")
 """Variants of the experiment ``turn_while_translate`` in the order of the table's columns."""
 
 TWIST_ALONE = "brake_assist.second_opinion=false"
-"""Change of the experiment: the text's assistant uses the twist alone."""
+"""Override of the experiment: the dissertation's assistant uses the twist alone."""
 
 ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))
 """[deg], from the start of braking to the final position."""
@@ -26,7 +26,7 @@ REFERENCES: dict[str, float] = {
 
 
 def tolerance(name: str) -> float:
-    """Return by how much a number may deviate, in its unit.
+    """Return the tolerance of a number in its unit.
 
     An orientation change by 5 % or 2 deg, whichever is larger; a stopping distance by 3 %.
 
@@ -45,7 +45,7 @@ def unit(name: str) -> str:
 
 
 def deviations(measured: Mapping[str, float]) -> dict[str, float]:
-    """Return what was measured less the dissertation's figure, in tolerances [1].
+    """Return the deviations from the dissertation's numbers, in tolerances [1].
 
     Args:
         measured: all of `REFERENCES` in their units.
@@ -57,7 +57,7 @@ def deviations(measured: Mapping[str, float]) -> dict[str, float]:
 
 
 def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
-    """Return the ten numbers and how far they are from the dissertation's.
+    """Return the ten numbers and their deviations from the dissertation's.
 
     Args:
         measured: all of `REFERENCES` in their units.

@@ -43,7 +43,7 @@ def draw_error_maps(
     levels: Sequence[float] = (0.4, 0.6, 0.8),
     grounds: Mapping[str, GroundTexture] | None = None,
 ) -> Figure:
-    """Draw mean errors over two parameters with lines of equal overlap; white is no error.
+    """Draw mean errors over two parameters with lines of equal overlap; white means no error.
 
     Args:
         title: of the figure.
@@ -51,7 +51,7 @@ def draw_error_maps(
         overlap: of consecutive lines, same shape, 0..1.
         scales: along x and y; by default those of `view_grid`.
         levels: of the lines of equal overlap.
-        grounds: a picture for the beginning of each row, by its title.
+        grounds: picture at the beginning of each row, by title.
     """
     if scales is None:
         shapes = Scale("width over length [%]", [100.0 * shape for shape in view_grid.SHAPES])

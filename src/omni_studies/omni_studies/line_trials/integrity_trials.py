@@ -1,7 +1,7 @@
 """Drives over grounds with faulty line cameras, and the errors of every camera and batch.
 
-A drive is rendered once and developed by every faulty camera, then given to a fresh odometry, so
-that what it learns of a camera it learns within the drive.
+A drive is rendered once, converted to lines by every faulty camera, and processed by a new
+odometry, so that the odometry estimates properties of a camera only within the drive.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ SENSORS: Mapping[str, LineSensor] = {
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A circle or a straight line at a speed that changes evenly.
+    """A circle or a straight line with a linearly changing speed.
 
     Attributes:
         twist: at the start (v_x, v_y [m/s], yaw rate [rad/s]).
-        growth: of all of it, relative to the start [1/s].
+        growth: rate of change of the twist, relative to the start [1/s].
     """
 
     twist: tuple[float, float, float]
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time that the start's twist would take for the way at a time [s]."""
+        """Return the time for the path until a time [s] at the initial twist [s]."""
         path: FloatArray = time + 0.5 * self.growth * time**2
         return path
 
@@ -81,12 +81,12 @@ class Fault:
     """A fault of the cameras, or of their data.
 
     Attributes:
-        camera: their optics and pixels.
-        rate: configured line rate over the true one.
-        lost: every how many lines one is missing; 0 for none.
-        swapped: every how many batches two are delivered in the wrong order; 0 for none.
-        repeated: every how many batches one takes the place of the next; 0 for none.
-        repeats: whether the ground repeats itself within the field of view.
+        camera: optics and pixels of the cameras.
+        rate: configured line rate over the true one [1].
+        lost: period of missing lines [lines]; 0 for none.
+        swapped: period of batches delivered in the wrong order [batches]; 0 for none.
+        repeated: period of batches that replace the next one [batches]; 0 for none.
+        repeats: whether the ground is periodic within the field of view.
     """
 
     camera: CameraConfiguration = dataclasses.field(default_factory=CameraConfiguration)
@@ -122,7 +122,7 @@ OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """A ground and how it lies.
+    """A ground and its orientation.
 
     Attributes:
         kind: of `omni_sim.texture.texture.KINDS`, or a picture's file.
@@ -139,7 +139,7 @@ class Ground:
     texels: int = _TEXELS
 
     def texture(self) -> GroundTexture:
-        """Return how it looks."""
+        """Return its texture configuration."""
         if self.dpi > 0.0:
             return read_picture(self.kind, self.dpi)
         configuration = TextureConfiguration(
@@ -156,7 +156,7 @@ class Tally:
         ratio: error of the velocity along the axis over its stated deviation, NaN where it was
             not measured, shape (m,).
         error: of that velocity [m/s], shape (m,).
-        reasons: why the others were not measured, and remarks on those that were.
+        reasons: reasons of unmeasured batches, and remarks on measured ones.
     """
 
     ratio: FloatArray
@@ -165,7 +165,7 @@ class Tally:
 
     @property
     def undetected(self) -> NDArray[np.bool_]:
-        """Batches with an error that their stated deviation does not cover."""
+        """Batches with an undetected error."""
         wrong: NDArray[np.bool_] = (abs(self.ratio) > DEVIATIONS) & (abs(self.error) > LEAST_ERROR)
         return wrong
 
@@ -188,13 +188,12 @@ def drive_over(
     """Drive over a ground with every fault.
 
     Args:
-        ground: which.
+        ground: the ground.
         faults: by name.
-        drives: their numbers; each has a random place of its own, and they take the motions in
-            turn.
+        drives: numbers of the drives; each has a random start, and the motions are used in turn.
         batches: of each camera in a drive.
-        seed: of places, headings and noise.
-        motions: to take.
+        seed: of positions, headings and noise.
+        motions: the motions.
         sensors: the line cameras.
         **settings: of the odometry.
     """
@@ -239,7 +238,7 @@ def drive_over(
 
 
 class _Views(NamedTuple):
-    """What is laid out once for all drives: which ground is seen by which cameras."""
+    """Rigs shared by all drives, by ground and cameras."""
 
     ground: Ground
     sensors: tuple[tuple[str, LineSensor], ...]
@@ -278,7 +277,7 @@ def _measure(
     motion: Motion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
-    """Give a drive to a fresh odometry; return error over deviation, error and reason."""
+    """Process a drive with a new odometry; return normalized error, error and reason."""
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in sensors.items()
     }

@@ -19,7 +19,7 @@ _DPI = 1200.0
 
 
 def kinds_option(*kinds: str) -> Any:
-    """Declare the kinds of ground to look at; `kinds` is the default."""
+    """Declare the option for the kinds of ground; `kinds` is the default."""
     return option(kinds, metavar="KIND", choices=KINDS, description="kind of ground")
 
 
@@ -55,19 +55,19 @@ class LineOptions(Configuration):
 
 
 def grounds_option(*grounds: str) -> Any:
-    """Declare the grounds to look at; `grounds` is the default."""
+    """Declare the option for the grounds; `grounds` is the default."""
     words = "a file of config/grounds/, or your own scan or photo with --dpi"
     return option(grounds, metavar="NAME|PICTURE", description=words)
 
 
 def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
-    """Declare the number of random places; `run` describes what is measured from each."""
+    """Declare the number of random positions; `run` describes the measurement at each."""
     return parameter(runs, description=f"random places {run}", minimum=1, maximum=1000)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextureOptions(Configuration):
-    """Grounds, their resolution, random places and the seed."""
+    """Grounds, their resolution, random positions and the seed."""
 
     ground: tuple[str, ...] = grounds_option("cork")
     dpi: float | None = parameter(

@@ -1,4 +1,4 @@
-"""Trials of the sideslip meter: a wheel that rolls straight on at an angle over rendered ground."""
+"""Trials of the sideslip meter: a wheel with constant sideslip over rendered ground."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Angles:
         speed: of the wheel over ground [m/s].
         overlap: of consecutive lines across the camera's axis at angle 0, 0..1.
         truth: sideslip angles [rad], shape (A,).
-        angle: that were measured, NaN where there is none [rad], shape (A, batches).
-        deviation: that the meter states, NaN where there is none [rad], shape (A, batches).
-        sideways: velocity that was measured, NaN where there is none [m/s], shape (A, batches).
+        angle: measured angles, NaN if unmeasured [rad], shape (A, batches).
+        deviation: stated standard deviations, NaN if unmeasured [rad], shape (A, batches).
+        sideways: measured sideways velocities, NaN if unmeasured [m/s], shape (A, batches).
     """
 
     speed: float
@@ -63,7 +63,7 @@ class Angles:
 
 
 def root_mean_square(values: FloatArray) -> float:
-    """Return the RMS of the values that are finite, NaN if there are none."""
+    """Return the RMS of the finite values, NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
 
@@ -73,10 +73,10 @@ def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
 
     Args:
         name: of the camera.
-        sensor: what it sees; its place and heading are replaced.
+        sensor: the camera; its position and heading are replaced.
 
     Raises:
-        ConfigurationError: its lines are too short or too rare to measure anything.
+        ConfigurationError: its lines are too short or its rate is too low.
     """
     return SideslipConfiguration(
         sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},
@@ -91,7 +91,7 @@ class RollingWheel:
         """Place the camera.
 
         Args:
-            sensor: what it sees; its place and heading are the wheel's.
+            sensor: the camera; its position and heading are those of the wheel.
             texture: the ground.
             noise: standard deviation [gray levels].
             seed: of the noise.
@@ -109,14 +109,14 @@ class RollingWheel:
         batches: int,
         generator: np.random.Generator,
     ) -> Angles:
-        """Roll at every angle from random places; the forward velocity is the true one.
+        """Roll at every angle from random positions, with the true forward velocity.
 
         Args:
             speed: of the wheel over ground [m/s].
             angles: of sideslip [rad], shape (A,).
-            places: random ones for each angle.
+            places: number of random positions for each angle.
             batches: of 10 ms from each.
-            generator: draws the places.
+            generator: draws the positions.
         """
         found = np.full((3, len(angles), places * batches), math.nan)
         for i, angle in enumerate(angles):

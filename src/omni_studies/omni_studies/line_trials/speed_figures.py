@@ -23,7 +23,7 @@ def draw_speed_limits(
         computed: speed at 60 % overlap by sensor [m/s].
         speeds: tried, by sensor [m/s].
         right: share at each of them, by sensor and ground.
-        needed: share that counts as measured.
+        needed: required share.
     """
     figure, grid = panels(
         "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)",

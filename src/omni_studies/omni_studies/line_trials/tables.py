@@ -23,8 +23,8 @@ def write_matches(
 
     Args:
         path: of the file.
-        names: headers of the words of a case.
-        motions: that were tried.
+        names: column names of the parts of a case.
+        motions: the motions.
         cases: the matches of each motion, by case.
     """
     header = (

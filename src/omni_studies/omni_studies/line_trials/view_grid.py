@@ -8,7 +8,7 @@ from omni_platform.quantities import FloatArray
 from omni_tools.line_trials import rig, trials
 
 LENGTHS = tuple(0.01 * i for i in range(1, 8))
-"""Of the field of view [m]."""
+"""Lengths of the field of view [m]."""
 
 SHAPES = tuple(0.1 * i for i in range(1, 11))
 """Widths over lengths [1]."""
@@ -17,10 +17,10 @@ GROUP = 10
 """n of the median filter over consecutive displacements (section 4.6)."""
 
 SPEED = 12.0
-"""Of the sideways motion [m/s]."""
+"""Speed of the sideways motion [m/s]."""
 
 ANGLE = math.radians(89.0)
-"""Of the sideways motion from the axis [rad]."""
+"""Angle of the sideways motion from the axis [rad]."""
 
 
 def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
@@ -33,15 +33,15 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the overlap from which on every view is right in at least a share of its pairs.
+    """Return the smallest overlap above which every view has at least a share of right pairs.
 
     Args:
         overlap: of each view.
         right: share of its pairs that are right.
-        share: that is asked for.
+        share: required share.
 
     Returns:
-        The smallest overlap above that of all views that are not; NaN if there is none.
+        The overlap, NaN if there is none.
     """
     failing = overlap[right < share]
     passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]

@@ -1,1 +1,1 @@
-"""The studies, a module each, found by their names; see `omni_studies.study`."""
+"""The studies, one module each; see `omni_studies.study`."""

@@ -1,8 +1,8 @@
 """Accuracy of refined displacements over noise, resolution and ground, against the physical limit.
 
 Pairs of lines are rendered at random displacements along the axis and matched. Their errors are
-judged by the Cramer-Rao bound of each pair, which no unbiased estimator beats, and by the pull
-towards whole pixels ("locking"), which is the part of the error that depends on the fraction.
+compared with the Cramer-Rao bound of each pair, the smallest variance of an unbiased estimator, and
+the bias towards whole pixels ("locking") is fitted as a function of the fraction.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Case:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """What is measured, and how often."""
+    """Cases and their numbers."""
 
     metric: str = parameter("pearson", choices=tuple(METRICS), description="distance between lines")
     peak_recovery: int = option(
@@ -156,8 +156,8 @@ def trial(
         kind: of ground.
         metric: name of the distance.
         pairs: how many.
-        seed: of places, displacements and noise.
-        recovery: distance within which a peak that noise has moved is looked for again [px].
+        seed: of positions, displacements and noise.
+        recovery: distance within which a peak displaced by noise is searched again [px].
     """
     view = _VIEWS[pixels]
     generator = np.random.default_rng([seed, pixels, noise])
@@ -185,7 +185,7 @@ def trial(
 
 
 def locking(fraction: FloatArray, error: FloatArray) -> float:
-    """Return how far displacements are pulled towards whole pixels [px].
+    """Return the largest bias of displacements towards whole pixels [px].
 
     Args:
         fraction: of the true displacements [px], evenly spread, shape (m,).
@@ -198,7 +198,7 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
 
 def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return fractions and the fitted pull at each [px]."""
+    """Return fractions and the fitted bias at each [px]."""
     # By symmetry the pull vanishes at whole and half pixels and is odd in the fraction.
     place = np.linspace(0.0, 1.0, 201)
     curve = np.zeros_like(place)

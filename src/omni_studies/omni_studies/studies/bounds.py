@@ -1,4 +1,4 @@
-"""Hold random stops under every law against the bounds that no stop is below.
+"""Compare random stops under every law with the lower bounds.
 
 The path of the center of gravity is compared with the bound over all headings, and the distance of
 a stop that keeps heading and line within half a degree with the bound of such stops.
@@ -26,7 +26,7 @@ _COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
-    """How many brakings are run, and where."""
+    """Number of stops, and workers."""
 
     runs: int = parameter(
         10_000, description="number of runs; four laws share a braking", minimum=4, maximum=10**7
@@ -35,7 +35,7 @@ class Options(CampaignOptions):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Brake, and count what is below a bound by more than its tolerance."""
+    """Run the stops, and count those below a bound by more than its tolerance."""
     work = BesideLimit(study.experiments)
     seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
     path = study.folder / "stops.csv"
@@ -57,7 +57,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:
-    """Return what the runs take over a bound, NaN where it does not hold for them, (R, laws)."""
+    """Return the ratio of the runs to a bound, NaN if it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in held])
     shares: FloatArray = taken / np.array([[getattr(one, bound)] for one in held])
@@ -65,10 +65,10 @@ def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:
 
 
 def below(held: Sequence[Held], bound: str) -> int:
-    """Return how many runs are below a bound by more than its tolerance.
+    """Return the number of runs below a bound by more than its tolerance.
 
     Args:
-        held: what was run.
+        held: the runs.
         bound: ``any_heading`` or ``straight``.
     """
     slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in held])
@@ -76,7 +76,7 @@ def below(held: Sequence[Held], bound: str) -> int:
 
 
 def _draw(held: Sequence[Held]) -> Figure:
-    """Draw how many of the runs come how near to their bounds, by law."""
+    """Draw the distribution of the ratio to the bounds, by law."""
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     style.draw_title(figure, "No stop is below its bound")
     panels = figure.subplots(1, 2, sharey=True)

@@ -1,9 +1,9 @@
 """The experiments of section 3.6, every variant run in one process: Figures 30 to 48.
 
-A figure of the dissertation comes as ``figure_<number>.png`` with ``figure_<number>.csv`` beside
-it, which holds what the figure shows. The assistant of the text knows the twist alone; ours also
-checks it against IMU and wheel speeds. Where an experiment uses both, the assisted variant is run
-once more without them, as ``<variant>_twist_alone``.
+A figure of the dissertation is written as ``figure_<number>.png`` with its data in
+``figure_<number>.csv``. The dissertation's assistant uses the twist alone; ours also compares it
+with IMU and wheel speeds. If an experiment uses these, the assisted variant is repeated without
+them, as ``<variant>_twist_alone``.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ExperimentRuns:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """How every variant stopped and its largest error, by ``<quantity>.<variant>``."""
+        """Metrics of every variant with its largest error, by ``<quantity>.<variant>``."""
         by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
         metrics = {
             f"{quantity}.{name}": by_variant[name][quantity]
@@ -125,9 +125,9 @@ def run_experiment(
 
 
 def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
-    """Return what makes the file ``straight_line`` the dissertation's experiment.
+    """Return the overrides that turn ``straight_line`` into the dissertation's experiment.
 
-    That is the identified vehicle on the ground that was identified with it, and a velocity sensor.
+    They set the identified vehicle and ground, and a velocity sensor.
 
     Args:
         library: where the experiments are.
@@ -142,7 +142,7 @@ Options = LoopOptions
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _StraightLine(LoopOptions):
-    """The vehicle, and what is changed of the experiment."""
+    """The vehicle, and overrides of the experiment."""
 
     vehicle: str = parameter(VEHICLE, description="a file of config/vehicles/")
 
@@ -221,7 +221,7 @@ def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
 def _stacked(
     histories: Mapping[str, RunHistory], columns: Callable[[RunHistory], Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return columns of several runs below one another."""
+    """Return the columns of several runs, concatenated."""
     tables = [{data_table.TIME: run.braking_time, **columns(run)} for run in histories.values()]
     names = [name for name, run in histories.items() for _ in run.stamp_ns]
     return {"variant": names} | {

@@ -1,7 +1,7 @@
 """Contrast and correlation over the width of the field of view (Figure 69).
 
-20 m/s at 45 deg, 2500 lines/s, 50 mm long: a wider view averages the texture away and shares more
-of it from line to line.
+20 m/s at 45 deg, 2500 lines/s, 50 mm long: a wider view averages the texture and has a larger
+overlap from line to line.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ENOUGH = 0.6  # overlap
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What one width gives.
+    """Results of one width.
 
     Attributes:
         shape: width over length.
@@ -61,7 +61,7 @@ class Options(LineOptions):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Look at the grounds through all widths; write figure, data and metrics."""
+    """Render the grounds with all widths; write figure, data and metrics."""
     found = {kind: _trials(kind, options) for kind in options.kinds}
     metrics: dict[str, Metric] = {}
     for kind, trials in found.items():

@@ -1,7 +1,7 @@
 """Distance over shift on three grounds (Figure 68).
 
 20 m/s at 45 deg, 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5 gray levels. The distances are
-evaluated with `scipy.spatial.distance` at every shift, apart from the search of the odometry.
+evaluated with `scipy.spatial.distance` at every shift, independent of the search of the odometry.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ class Curve:
 
     @property
     def minima(self) -> int:
-        """Number of minima that stand out by a tenth of the curve's range."""
+        """Number of minima with a depth of at least a tenth of the curve's range."""
         prominence = _PROMINENCE * float(np.ptp(self.distance))
         padded = np.pad(-self.distance, 1, mode="minimum")  # the ends may be minima, too
         return len(find_peaks(padded, prominence=prominence)[0])
 
     @property
     def width(self) -> float:
-        """Width of the deepest minimum half way up to the mean distance [px]."""
+        """Width of the deepest minimum at half the depth below the mean distance [px]."""
         lowest = int(np.argmin(self.distance))
         half = 0.5 * (float(self.distance[lowest]) + float(self.distance.mean()))
         above = np.flatnonzero(self.distance > half)
@@ -128,7 +128,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
-    """Return the distance of two lines over all shifts, over their overlap.
+    """Return the distance of two lines per overlapping pixel at all shifts.
 
     Args:
         old: a line, shape (n,).

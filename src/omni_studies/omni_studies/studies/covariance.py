@@ -1,12 +1,12 @@
-"""Whether the twist is as accurate as the odometry says, over grounds, line cameras and motions.
+"""Consistency of the twist's error with its covariance, over grounds, line cameras and motions.
 
-Three line cameras on a circle, along its tangents. The error squared of the twist, over what its
-covariance lets expect, has the mean 1 where the covariance is right. Speeds are shares of the
-largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are tried alike.
+Three line cameras on a circle, along its tangents. The error squared of the twist, divided by its
+expectation from the covariance, has the mean 1 for a correct covariance. Speeds are shares of the
+largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are comparable.
 
-Does that hold on a ground that nobody has seen? A factor for matches of pairs of lines and one for
-matches of all lines of a batch are fitted on all grounds but one, and judged on that one. The
-odometry itself has none for the latter.
+Cross-validation over grounds: a variance factor for pair matches and one for whole-batch estimates
+are fitted on all grounds but one, and evaluated on that one. The odometry itself has no factor for
+the latter.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Case:
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     def squares_of(self, *, together: bool) -> NDArray[np.float64]:
-        """Errors squared of single cameras over their variances, where lines were matched so."""
+        """Errors squared of single cameras over their variances, for one kind of match."""
         return np.concatenate(
             [trial.ratio[trial.together == together] ** 2 for trial in self.trials]
         )
@@ -99,7 +99,7 @@ class Case:
 
     @property
     def standard_error(self) -> float:
-        """Of the mean, from one start to the other: batches from one start are not independent."""
+        """Standard error of the mean by starts, as batches from one start are not independent."""
         squares = [trial.normalized_error_squared for trial in self.trials]
         means = [s.mean() for s in squares if len(s)]
         return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
@@ -112,7 +112,7 @@ class Case:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """How much is driven, and with how much noise."""
+    """Extent of the drives, and noise."""
 
     starts: int = parameter(
         12,
@@ -157,13 +157,13 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 class LeftOut(NamedTuple):
-    """What a ground says of variances that were fitted on all others.
+    """Evaluation of variance factors from all other grounds on one ground.
 
     Attributes:
-        pairs: factor of the variances of matches of pairs, from the other grounds.
-        together: the same of matches of all lines.
-        squared: error squared of single cameras over these variances, on this ground.
-        coverage: of them within 1.96 standard deviations [%].
+        pairs: factor on the variances of pair matches from the other grounds [1].
+        together: factor on the variances of whole-batch estimates from the other grounds [1].
+        squared: mean error squared of single cameras over these variances on this ground [1].
+        coverage: share of errors within 1.96 standard deviations [%].
     """
 
     pairs: float
@@ -173,7 +173,7 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Fit the factors of the variances on all grounds but one each, and judge them on that one."""
+    """Fit the variance factors on all grounds but one, and evaluate them on that one, for each."""
     found: dict[str, list[NDArray[np.float64]]] = {}
     for kind in dict.fromkeys(case.ground for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]
@@ -194,7 +194,7 @@ def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
 
 
 def _fitted(squares: list[NDArray[np.float64]]) -> float:
-    """Return the factor of the variances by which the mean over the grounds is 1."""
+    """Return the variance factor with which the mean over the grounds is 1."""
     means = [float(own.mean()) for own in squares if len(own)]
     return float(np.mean(means)) if means else 1.0
 
@@ -258,7 +258,7 @@ def _draw(cases: list[Case]) -> Figure:
     panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
     style.draw_title(
         figure,
-        "Error squared of the twist over what its covariance lets expect; bars: standard error",
+        "Error squared of the twist over its expectation; bars: standard error",
     )
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):

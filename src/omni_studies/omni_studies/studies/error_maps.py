@@ -2,9 +2,9 @@
 
 Every motion is uniform, with 2500 lines/s; sideways motion is 12 m/s at 89 deg to the axis.
 ``overlap`` also draws how far a vehicle moves from one line to the next at any line rate, and
-``texture_direction`` also counts what the odometry measures with the camera of the standard
-experiment. Parallel to the fibers of wood the axis sees a bar code that hardly changes; across them
-it sees next to nothing, and that changes from line to line.
+``texture_direction`` also counts the batches that the odometry measures with the camera of the
+standard experiment. Along the fibers of wood the lines hardly change; across them the contrast
+along the axis is low and the lines change quickly.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class _Medians(LineOptions):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Directions(TextureOptions):
-    """Grounds, their resolution, random places and seed."""
+    """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("wood")
     noise: float = line_options.noise_option()
@@ -91,7 +91,7 @@ class _Directions(TextureOptions):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Difficult(TextureOptions):
-    """Grounds, their resolution, random places and seed."""
+    """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("metal", "plastic")
 
@@ -106,7 +106,7 @@ OPTIONS = {
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """What is changed besides the ground: title of its maps, axis [rad] and noise."""
+    """Condition besides the ground: title of its maps, axis [rad] and noise."""
 
     title: str = ""
     axis: float = 0.0
@@ -115,14 +115,14 @@ class _Condition:
 
 @dataclasses.dataclass(frozen=True)
 class _Case:
-    """How a case is measured and drawn.
+    """Measurement and figure of a case.
 
     Attributes:
         figure: number in the dissertation.
         title: of the figure.
-        metrics: of a case's name and its motions with their matches.
-        conditions: tried on every ground, by name.
-        columns: maps in a row; as many as grounds if None.
+        metrics: function of a case's name and its motions with their matches.
+        conditions: conditions on every ground, by name.
+        columns: number of maps in a row, that of the grounds if None.
     """
 
     figure: int
@@ -230,7 +230,7 @@ def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
 
 
 def _line_rates() -> tuple[Figure, dict[str, Metric]]:
-    """Draw how far a vehicle moves from one line to the next; return some of these distances."""
+    """Draw the displacement of a vehicle between two lines; return some of these distances."""
     rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
     figure, grid = style.panels(
         "From one line to the next, over the line rate (Figure 54)",
@@ -323,7 +323,7 @@ def _odometry(
     library: ExperimentLibrary,
     key: tuple[str, ...],
 ) -> dict[str, Metric]:
-    """Return how often the odometry measures, and how often wrongly."""
+    """Return the shares of measured and of wrong batches of the odometry."""
     variant = library.variants("straight_line")[0]
     configuration = library.load("straight_line", variant).odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()

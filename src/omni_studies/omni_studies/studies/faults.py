@@ -1,4 +1,4 @@
-"""Stops with faults of sensors and brakes: whether the vehicle stops, how far, how much it turns.
+"""Stops with faults of sensors and brakes: rest, stopping distance and rotation.
 
 Both laws, with and without an IMU, on several vehicles: single sensor faults, faults that two
 sensors share, and brakes that fail before or during the stop; every eighth stop is the worst of a
@@ -28,7 +28,7 @@ _WORST = 20  # stops in the table of the worst
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
-    """How many stops are run, and where."""
+    """Number of stops, and workers."""
 
     runs: int = parameter(4000, description="number of stops", minimum=1, maximum=10_000_000)
     seed: int = parameter(0, description="seed of the first; the others follow", minimum=0)
@@ -85,7 +85,7 @@ def _finding(stops: Sequence[Stop]) -> str:
 
 
 def _write_worst(stops: Sequence[Stop], path: Path) -> Path:
-    """Write the stops that went farthest and those that turned most."""
+    """Write the stops with the largest distances and rotations."""
     chosen = sorted(stops, key=lambda stop: -stop.distance)[:_WORST]
     chosen += sorted(stops, key=lambda stop: -stop.rotation)[:_WORST]
     lines = [",".join(Stop._fields)] + [",".join(str(value) for value in stop) for stop in chosen]

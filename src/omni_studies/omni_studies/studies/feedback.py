@@ -1,8 +1,8 @@
-"""How much a stop costs with each source of the body twist that people own.
+"""Cost in distance and rotation of a stop with each source of the body twist.
 
 The same random stops are braked without the assistant, and with both laws and each source: ideal,
-line cameras, optical-flow chips, wheel odometry, dead reckoning, late and slow ones. The table says
-where assistance does more harm than good.
+line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and slow ones. The table
+shows where assistance does more harm than good.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Cases:
         return len(self.bases) * self.runs * len(self._each)
 
     def run(self, number: int) -> Stop:
-        """Brake a case."""
+        """Run a case."""
         rest, case = divmod(number, len(self._each))
         place, stop = divmod(rest, self.runs)
         vehicle, (law, source) = list(self.bases)[place], self._each[case]
@@ -143,7 +143,7 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Brake all cases, and write table and picture."""
+    """Run all cases, and write table and figure."""
     cases = Cases(_bases(study.experiments, options), options.source, options.runs, options.speed)
     rows = run_campaign(
         partial(Cases.run, cases),
@@ -188,7 +188,7 @@ def _bases(library: ExperimentLibrary, options: Options) -> dict[str, Experiment
 def _judged(
     rows: Sequence[Stop], vehicle: str, law: str, source: str
 ) -> dict[str, tuple[float, str]]:
-    """Return distance and rotation beside those of the same stops without assistant."""
+    """Return distance and rotation, with those of the same stops without assistant."""
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
         (row, own[row.stop])
@@ -212,7 +212,7 @@ def _judged(
 
 
 def _harms(found: dict[str, tuple[float, str]]) -> bool:
-    """Return whether a stop is longer without turning less, or far longer in the worst cases."""
+    """Return whether stops are longer without less rotation, or far longer in the worst cases."""
     ratio, worst = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
     turned, free = found["rotation_p95"][0], found["rotation_unassisted_p95"][0]
     return turned > free + _TURN or worst > _WORST or (ratio > _LONGER and turned > free)
@@ -236,7 +236,7 @@ def _figure(
     vehicle: str,
     sources: Sequence[str],
 ) -> Figure:
-    """Draw for each source how long and how far turned the 95th of 100 stops is."""
+    """Draw the 95th percentile of distance and rotation for each source."""
     figure, grid = style.panels(
         f"{vehicle}: 95 of 100 stops are better than the end of the bar",
         1,

@@ -1,7 +1,7 @@
-"""All grounds side by side, with their spectra and what a wide view leaves (Figures 59, 67).
+"""All grounds with their spectra and the contrast of a wide view (Figures 59, 67).
 
-100 x 100 mm of each ground, and for the generic camera (50 x 20 mm, 1024 px): the contrast of
-its lines, which average 20 mm across, and the frequency below which half of it is.
+Shown are 100 x 100 mm of each ground, and for the generic camera (50 x 20 mm, 1024 px) the contrast
+of its lines, which average 20 mm across, and the frequency below which half of the power is.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _COLUMNS = 6
 _LINES = 200
 _DECADES = (0.02, 10.0)  # cycles per millimeter that are drawn
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
-"""Contrast after a box of 20 mm of photographs of asphalt [gray levels]."""
+"""Contrast of photographs of asphalt after averaging over 20 mm [gray levels]."""
 
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",
@@ -37,22 +37,22 @@ _GROUNDS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Options(TextureOptions):
-    """Grounds, their resolution and the seed of the places."""
+    """Grounds, their resolution and the seed of the positions."""
 
     ground: tuple[str, ...] = grounds_option(*_GROUNDS)
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a ground looks like.
+    """Appearance of a ground.
 
     Attributes:
-        patch: gray levels of the piece that is shown, shape (k, k).
+        patch: gray levels of the shown section, shape (k, k).
         contrast: mean standard deviation along lines of the camera [gray levels].
         frequency: of the spectrum [cycles per mm], shape (f,).
         spectrum: mean power density of the lines [gray levels^2 mm], shape (f,).
-        median_frequency: below which half of the power is [cycles per mm].
-        texels_per_pixel: texels of the ground to a pixel of the camera.
+        median_frequency: frequency below which half of the power is [cycles per mm].
+        texels_per_pixel: texels of the ground per pixel of the camera.
     """
 
     patch: quantities.FloatArray
@@ -64,7 +64,7 @@ class Look:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Look at the grounds; write plate, spectra and table."""
+    """Render the grounds; write plate, spectra and table."""
     looks = {
         name: _look(g, options.seed) for name, g in grounds_of(options, study.experiments).items()
     }

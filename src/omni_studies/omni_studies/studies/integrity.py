@@ -3,10 +3,10 @@
 An undetected error is a batch of one camera that is reported as measured although its velocity
 along its axis is off by more than 4 of its stated standard deviations and by more than 0.05 m/s.
 `availability` is the share of batches that are measured at all, and `normalized_error` the mean of
-error squared over stated variance. Every drive begins with an odometry that knows nothing of its
+error squared over stated variance. Every drive begins with a new odometry without estimates of its
 cameras.
 
-A run of the campaign is one drive: it is rendered once, and its lines are given every fault.
+A run of the campaign is one drive: it is rendered once, and every fault is applied to its lines.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Drive(NamedTuple):
     """One drive over one ground.
 
     Attributes:
-        seed: number of the drive among all.
+        seed: number of the drive.
         ground: by name.
         counts: for each fault its name and the fields of `Counts`, such as ``mud 144 2 ...``.
     """
@@ -104,12 +104,12 @@ class Counts(NamedTuple):
     """Statistics of some batches.
 
     Attributes:
-        batches: of all cameras.
-        undetected: with an undetected error.
-        measured: that were measured.
-        squares: sum of their errors squared over their variances.
-        covered: of them within 1.96 standard deviations.
-        energy: sum of their errors squared [m^2/s^2].
+        batches: number of batches of all cameras.
+        undetected: number of batches with an undetected error.
+        measured: number of measured batches.
+        squares: sum of errors squared over variances of measured batches [1].
+        covered: number of errors within 1.96 standard deviations.
+        energy: sum of errors squared [m^2/s^2].
     """
 
     batches: int = 0
@@ -134,12 +134,12 @@ class Counts(NamedTuple):
         )
 
     def __str__(self) -> str:
-        """Return the numbers as a row of a table holds them."""
+        """Return the numbers as a text in a table."""
         return " ".join(str(value) for value in self)
 
     @classmethod
     def read(cls, words: Sequence[str]) -> Counts:
-        """Read what `__str__` wrote."""
+        """Read the text of `__str__`."""
         batches, undetected, measured, squares, covered, energy = words
         return cls(
             int(batches), int(undetected), int(measured), float(squares), int(covered),
@@ -147,7 +147,7 @@ class Counts(NamedTuple):
         )  # fmt: skip
 
     def plus(self, other: Counts) -> Counts:
-        """Return the counts of both."""
+        """Return the sum of both counts."""
         return Counts(
             self.batches + other.batches,
             self.undetected + other.undetected,
@@ -160,7 +160,7 @@ class Counts(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Makes the drives of a campaign by their number: one ground after the other."""
+    """Runs the drives of a campaign by number, one ground after the other."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -170,7 +170,7 @@ class _Drives:
     method: str
 
     def __call__(self, number: int) -> Drive:
-        """Drive once."""
+        """Run one drive."""
         index, motion = divmod(number, len(MOTIONS))
         name = self.grounds[index]
         chosen = {fault: FAULTS[fault] for fault in self.faults_over(name)}
@@ -182,7 +182,7 @@ class _Drives:
         return Drive(number, name, counts)
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
-        """Return the faults that are tried over a ground, all of them if they were chosen."""
+        """Return the faults for a ground, all of them if they were chosen as options."""
         if self.chosen:
             return self.faults
         if ground in _ORIENTED:
@@ -192,8 +192,8 @@ class _Drives:
     @property
     def fingerprint(self) -> str:
         """Digest of everything that the drives depend on."""
-        told = f"{self!r}{inspect.getsource(integrity_trials)}{GROUNDS!r}"
-        return hashlib.sha256(told.encode()).hexdigest()[:16]
+        described = f"{self!r}{inspect.getsource(integrity_trials)}{GROUNDS!r}"
+        return hashlib.sha256(described.encode()).hexdigest()[:16]
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -241,7 +241,7 @@ def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
 
 
 def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names that an option lists, all of them if it is empty."""
+    """Return the names in an option, all names if it is empty."""
     chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
     for word in chosen:
         if word not in names:
@@ -250,7 +250,7 @@ def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _numbers(counts: Counts) -> tuple[float, ...]:
-    """Return the columns of integrity.csv behind ground and fault."""
+    """Return the columns of integrity.csv after ground and fault."""
     measured = counts.measured or math.nan
     return (
         counts.batches,

@@ -1,6 +1,6 @@
-"""The control laws side by side: chapter 3, every direction of travel, and what is unknown.
+"""Comparison of the control laws: chapter 3, directions of travel, and unknown conditions.
 
-Feedback is ideal but where the case says otherwise. A case is ``<experiment>_<law>_<brakes>``.
+Feedback is ideal unless the case states otherwise. A case is ``<experiment>_<law>_<brakes>``.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _VARIANTS = {
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
 _NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
-# What is changed in the world; the assistant is told of the brakes' lag, and of nothing else.
+# Changes of the vehicle and ground; the assistant is configured only with the lag of the brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -102,7 +102,7 @@ _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
-    """What is run, and where."""
+    """Runs, and workers."""
 
     without_optical: bool = parameter(
         False, description="leave out the stop on the line cameras, which takes longest"
@@ -121,7 +121,7 @@ class Options(CampaignOptions):
 
 
 class _Case(NamedTuple):
-    """A run: which experiment and variant, and what is changed; or a bound of such runs."""
+    """A run with experiment, variant and overrides, or a bound of such runs."""
 
     experiment: str
     variant: str
@@ -130,13 +130,13 @@ class _Case(NamedTuple):
 
 
 class LawStop(NamedTuple):
-    """What a case comes to.
+    """Result of a case.
 
     Attributes:
         seed: number of the case.
         case: its name.
         distance: stopping distance, or its bound [m].
-        rotation: change of orientation [deg], NaN of a bound.
+        rotation: change of orientation [deg], NaN for a bound.
         note: why a number is missing.
     """
 
@@ -199,11 +199,11 @@ class LawStops:
     """Runs one case after the other; sent to the workers."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[tuple[str, _Case]]) -> None:
-        """Keep what is run.
+        """Store the cases.
 
         Args:
             library: where the experiments are.
-            cases: by name; the number of a case is its place among them.
+            cases: by name; the number of a case is its index.
         """
         self._library = library
         self._cases = tuple(cases)
@@ -213,7 +213,7 @@ class LawStops:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of the cases and of the experiments that they change."""
+        """Digest of the cases and of their experiments."""
         used = sorted({(case.experiment, case.variant) for _, case in self._cases})
         bases = [to_mapping(self._library.load(*names)) for names in used]
         return hashlib.sha256(json.dumps([self._cases, bases]).encode()).hexdigest()[:16]
@@ -234,7 +234,7 @@ class LawStops:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Run every case, hold the numbers against targets and bounds, and draw them."""
+    """Run every case, compare the numbers with targets and bounds, and draw them."""
     for law in options.law:  # refused before anything runs
         changes = (f"brake_assist.law={law}",)
         study.experiments.load("straight_line", "assisted", changes).check_drivable()

@@ -1,9 +1,9 @@
-"""The forklift in another engine: swerve and stopping distance in MuJoCo beside ours.
+"""Rotation and stopping distance of the forklift in MuJoCo and in the simulator.
 
 The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
-and in MuJoCo (`omni_sim.vehicle.mujoco_vehicle` says what is modeled how), unassisted and with
-the brake assistant itself in the loop. MuJoCo is optional; without it the study says how to install
-it. Beside the cases it shows why the wheels of that model are sprung.
+and in MuJoCo (`omni_sim.vehicle.mujoco_vehicle` describes the model), unassisted and with the brake
+assistant in the loop. MuJoCo is optional; without it the study prints how to install it. The study
+also shows why the wheels of that model are sprung.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ _VARIANTS = ("unassisted", "assisted")
 _MISMOUNTED = 0.001  # [m]
 
 Stops = Mapping[tuple[str, str, str], Stop]
-"""By case, variant and engine."""
+"""Stops by case, variant and engine."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """Which vehicle brakes, and from which speed."""
+    """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift", description="vehicle in config/vehicles")
     speed: float = parameter(
@@ -107,7 +107,7 @@ def _metrics(stops: Stops) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Measure what a millimeter of height at the first wheel does to loads, theirs and ours."""
+    """Compute the load change by a millimeter of height at the first wheel in both engines."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = _MISMOUNTED
     metrics = {}
@@ -132,7 +132,7 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 
 def _draw(stops: Stops) -> Figure:
-    """Draw where the vehicle goes and how it turns, in every engine."""
+    """Draw path and rotation of the vehicle in every engine."""
     figure = Figure(figsize=(13.0, 9.0), layout="constrained")
     panels = figure.subplots(len(_CASES), 2, squeeze=False)
     style.draw_title(

@@ -1,6 +1,6 @@
-"""Chapter 3 with the loop closed over the line-scan odometry, beside the feedback taken for given.
+"""Chapter 3 with the line-scan odometry in the loop, compared with ideal feedback.
 
-The velocity sensor is ideal but for ``ice_patch_noisy``, where it is that of Eqs. (60), (61).
+The velocity sensor is ideal except in ``ice_patch_noisy``, which uses that of Eqs. (60), (61).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """What is compared."""
+    """Experiments to compare."""
 
     experiment: tuple[str, ...] = parameter(
         feedback_comparison.EXPERIMENTS, description="experiment to run"

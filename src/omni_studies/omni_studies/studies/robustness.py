@@ -1,7 +1,7 @@
 """Brake thousands of random vehicles in random conditions, unassisted and assisted.
 
-Writes a table of all runs, one of those that break a limit with the cause, and an experiment file
-for each of the worst, which ``./omni run`` replays over the graph.
+Write a table of all runs, a table of violations with their causes, and an experiment file for each
+of the worst runs, which ``./omni run`` replays over the graph.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _PERCENTILES = (50, 95, 100)
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
-    """What is run, and where."""
+    """Runs, and workers."""
 
     runs: int = parameter(1000, description="number of runs", minimum=1, maximum=10_000_000)
     seed: int = parameter(0, description="seed of the first run; the others follow", minimum=0)
@@ -114,7 +114,7 @@ def _write_violations(results: Sequence[robustness.Outcome], path: Path) -> Path
 def _write_worst(
     results: Sequence[robustness.Outcome], braking: random_braking.RandomBraking, folder: Path
 ) -> list[Path]:
-    """Write an experiment file for each of the worst cases, and remove those of another time."""
+    """Write an experiment file for each of the worst cases, and remove older ones."""
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
     files = []

@@ -4,7 +4,7 @@ Table 4 assumes 60 % overlap: ``v = 0.4 w f`` with the width w of the field of v
 rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed is
 measurable if the median of ten consecutive displacements (section 4.6) is within 1.5 px of the
 truth at 95 % of random places, at this speed and all lower ones. The highest speed is that at 60 %
-overlap as far as the simulation confirms it on every ground. On difficult grounds the study reports
+overlap if the simulation confirms it on every ground. On difficult grounds the study reports
 the share of right medians at that speed, and on all grounds the share of usable pairs.
 
 The whole odometry is then driven with three of the sensors at that speed, ahead and sideways.
@@ -54,7 +54,7 @@ _AVAILABLE, _LARGEST_ERROR = 95.0, 1.0  # %
 
 @dataclass(frozen=True, kw_only=True)
 class Options(TextureOptions):
-    """Grounds, their resolution, random places and seed."""
+    """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = grounds_option("cork", "asphalt", "walking_tile")
     hard: tuple[str, ...] = grounds_option("brick", "planks", "bark")
@@ -170,7 +170,7 @@ def _move(
 def _driven(
     case: str, sensor: LineSensor, speed: float, texture: GroundTexture, options: Options
 ) -> dict[str, Metric]:
-    """Drive three cameras of one kind at a speed [m/s]; return what the odometry measures."""
+    """Drive three cameras of one kind at a speed [m/s]; return availability and error."""
     configuration = OdometryConfiguration(
         sensors=tangential(_RADIUS, sensor), method=options.method
     )
@@ -204,7 +204,7 @@ def _preset(library: ExperimentLibrary, preset: str) -> LineSensor:
 
 
 def _highest(speeds: FloatArray, share: FloatArray) -> float:
-    """Return the highest speed up to which every share is large enough [m/s], else 0."""
+    """Return the highest speed up to which every share is sufficient [m/s], else 0."""
     failing = np.flatnonzero(share < _NEEDED)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0

@@ -1,8 +1,8 @@
 """Sideslip angle of a wheel from one line camera along its axis of rotation (section 4.6).
 
-A wheel rolls straight on at angles of sideslip from -15 to 15 deg and several speeds over two
-grounds. The camera measures the sideways velocity, the forward velocity is given: once the true
-one, and once that of a wheel whose omega R is 1 % too small, because it brakes a little.
+A wheel rolls at constant angles of sideslip from -15 to 15 deg and several speeds over two
+grounds. The camera measures the sideways velocity. The forward velocity is either the true one
+or omega R of a wheel with 1 % longitudinal slip.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Case = tuple[str, str]  # ground, sensor
 
 @dataclass(frozen=True, kw_only=True)
 class Options(TextureOptions):
-    """Grounds, their resolution, random places and seed."""
+    """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = grounds_option("cork", "asphalt")
     runs: int = runs_option(2, "of 40 ms for every angle")

@@ -2,9 +2,8 @@
 
 The validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal velocity
 along y and a constant yaw rate, turned into wheel speeds by Eqs. (34) and (35). The commands come
-from the reference alone, without any feedback of position or heading, so the tracking error is
-what the tires' slip adds up to. The vehicle starts in motion, rolling perfectly, and drives as it
-is configured: the forklift with its load at the front left.
+from the reference alone, without any feedback of position or heading, so the tracking error is the
+accumulated slip of the tires. The vehicle starts in motion without slip, with its configured load.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ class SpinTranslate:
 def track(
     configuration: VehicleConfiguration, maneuver: SpinTranslate, duration: float
 ) -> Tracking:
-    """Drive the maneuver by inverse kinematics and record how well it is followed.
+    """Drive the maneuver by inverse kinematics and record the tracking.
 
     Args:
         configuration: the vehicle.

@@ -1,8 +1,8 @@
-"""Why it swerves: the forces of locked wheels, and what the sliding manifold makes of them.
+"""Cause of the rotation: the forces of locked wheels, and the sliding manifold.
 
-The same vehicle slides straight ahead on locked wheels with its load in the middle and where it is;
-the forces are those of the simulation. Beside them the manifold of section 3.4: how the weighting
-counts a wheel (Figure 28), and which wheels may brake at a sideways velocity and a yaw rate.
+A vehicle slides straight ahead on locked wheels with its load in the middle and at its configured
+position; the forces are those of the simulation. The manifold of section 3.4 is drawn too: the
+weight of a wheel (Figure 28), and the wheels that may brake over sideways velocity and yaw rate.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _SETTLED = 0.15  # [s] after the pedal: locked, and the load has moved forward
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """Which vehicle, how fast."""
+    """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift", description="a file of config/vehicles/")
     speed: float = parameter(

@@ -1,7 +1,7 @@
 """Table 2: orientation change and stopping distance under every control law.
 
-Without options it runs the identified vehicle of ``config/``; ``--identify`` seeks it anew,
-``--assumptions`` changes what was not sought.
+Without options it runs the identified vehicle of ``config/``; ``--identify`` repeats the search,
+``--assumptions`` varies the assumptions.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from omni_studies.study import StudyResult, StudyRun
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """Whether the vehicle is sought."""
+    """Identification and assumptions."""
 
     identify: bool = parameter(
         False,
@@ -56,7 +56,7 @@ class Options(Configuration):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Measure the ten numbers and how they depend on what was identified."""
+    """Compute the ten numbers and their sensitivities."""
     bases = {
         case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
@@ -96,7 +96,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def _change_assumptions(
     study: StudyRun, parameters: Mapping[str, float], path: Path
 ) -> dict[str, Metric]:
-    """Write the ten numbers under every assumption, and return their ranges."""
+    """Write the ten numbers for every assumption, and return their ranges."""
     rows: list[dict[str, float]] = []
     for numbers in under(study.experiments, parameters):
         study.report(len(rows) / len(ASSUMPTIONS), ASSUMPTIONS[len(rows)].name)

@@ -1,4 +1,4 @@
-"""Draw the tire models (Figures 4 to 6) and check vehicles on them: convergence, rest, zero."""
+"""Draw the tire models (Figures 4 to 6) and check convergence, rest and zero slip of vehicles."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -
 
 
 def _characteristic_metrics(table: TMeasyConfiguration) -> dict[str, Metric]:
-    """Read Table 1 back from the computed curves."""
+    """Return the values of Table 1 from the computed curves."""
     model = _longitudinal(table)
     slips = np.linspace(0.0, 2.0, 20001)
     h = 1e-7

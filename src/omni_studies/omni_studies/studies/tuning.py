@@ -1,7 +1,7 @@
-"""Orientation kept against distance paid: which setting of the brake assistant suits a vehicle.
+"""Trade-off of rotation and distance: recommended settings of the brake assistant for a vehicle.
 
-Every weighting and k is tried with every dwell time, with the brakes that the vehicle has and with
-slower ones, and judged by the worst of several situations (`omni_studies.tuning.trials`).
+Every weighting and k is run with every dwell time, with the brakes of the vehicle and with slower
+ones, and evaluated by the worst of several situations (`omni_studies.tuning.trials`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Cost = tuple[BrakeLag, float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
-    """What is tried, and within which limits one is recommended."""
+    """Settings to try, and limits of the recommendation."""
 
     vehicle: str | None = configuration.parameter(
         None,
@@ -138,7 +138,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]:
-    """Return all settings, in each dwell time from the shortest stop to the least turn."""
+    """Return all settings, for each dwell time from the shortest stop to the smallest rotation."""
     return tuple(
         Setting(weighting, k, dwell)
         for dwell in sorted(set(dwells))
@@ -195,7 +195,7 @@ def _recommendation(
 
 
 def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
-    """Return for each lag and dwell time what its settings comes to; see `tuning_figures.cost`."""
+    """Return the results for each lag and dwell time; see `tuning.figures`."""
     rows: list[Cost] = []
     for lag, dwell in dict.fromkeys((trial.lag, trial.setting.dwell_time) for trial in trials):
         tried = [t for t in trials if t.lag == lag and t.setting.dwell_time == dwell]

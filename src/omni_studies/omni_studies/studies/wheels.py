@@ -1,9 +1,10 @@
 """The single-roller wheel against the wheel of individual rollers: forces, motion, cost.
 
-Both platforms drive, brake and are pushed sideways on the single-roller wheel (section 2.4.2), on
-the same with the contact of rollers (section 2.3.2), and on wheels of free rollers (section 2.4.1).
-Forces and motions of the last are compared with the first in the mean over the wheel angles. The
-study also refines the step, parks on a slope and after a stop, and measures what a wheel costs.
+Both platforms drive, brake and are pushed sideways with the single-roller wheel (section 2.4.2),
+with the single-roller wheel and the contact of rollers (section 2.3.2), and with individual rollers
+(section 2.4.1). Forces and motions of the last are compared with the first in the mean over the
+wheel angles. The study also refines the step, parks on a slope and after a stop, and measures what
+a wheel costs.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ Outcomes = dict[str, dict[str, dict[int, Outcome]]]
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """How much is averaged."""
+    """Extent of the averages."""
 
     starts: int = parameter(
         16, description="start angles of the wheels to average over", minimum=2, maximum=1000
@@ -99,7 +100,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 class Difference(NamedTuple):
-    """How far a wheel of individual rollers is from the single roller, as shares of the latter."""
+    """Relative differences between individual rollers and the single roller."""
 
     vehicle: str
     trial: str

@@ -109,7 +109,7 @@ def interpolation_curve(tire: TMeasyConfiguration, load: FloatArray) -> FloatArr
 
 
 def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
-    """Draw the load interpolation (3) of the slope as the parabola that it is (Figure 6).
+    """Draw the parabola (3) of the slope over the load (Figure 6).
 
     Args:
         tire: TMeasy; its longitudinal direction is drawn.
@@ -159,7 +159,7 @@ def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
 
 
 def model_figure(tires: Mapping[str, Tire], loads: tuple[float, ...]) -> Figure:
-    """Draw force over slip of several tires at the same loads, one panel a load.
+    """Draw force over slip of several tires at the same loads, one panel per load.
 
     Args:
         tires: by name.

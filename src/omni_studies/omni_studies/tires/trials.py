@@ -1,7 +1,7 @@
-"""What a vehicle must do on any tire: stop alike at any step, stand still, pass through zero.
+"""Checks of a vehicle with any tire: convergence in the step, rest, smooth zero crossing.
 
 Each trial runs in one process without sensors, on even ground, in several directions of motion,
-and returns the worst of them.
+and returns the worst result.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def stopping_distance(vehicle: VehicleConfiguration, direction: float, step: flo
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
-    """Return by which share halving the physics step changes a stopping distance [1]."""
+    """Return the relative change of a stopping distance by halving the physics step [1]."""
     changes = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         whole, half = (
@@ -57,7 +57,7 @@ def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, flo
         slope: rise over run [1].
 
     Returns:
-        By how much its tires give way at first [m], and how far it moves in the minute after [m].
+        Initial deflection of its tires [m], and its displacement in the following minute [m].
     """
     give, creep = [], []
     for direction in map(math.radians, _DIRECTIONS_DEG):
@@ -72,7 +72,7 @@ def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, flo
 
 
 def creep_after_stop(vehicle: VehicleConfiguration) -> float:
-    """Return how far a vehicle that has braked to a stop moves in the minute after [m]."""
+    """Return the displacement of a stopped vehicle in the following minute [m]."""
     creep = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.3)
@@ -83,7 +83,7 @@ def creep_after_stop(vehicle: VehicleConfiguration) -> float:
 
 
 def zero_crossing(vehicle: VehicleConfiguration, direction: FloatArray) -> FloatArray:
-    """Command a speed that falls evenly from 0.5 through zero to -0.5 m/s (or rad/s) in 2 s.
+    """Command a speed that decreases linearly from 0.5 to -0.5 m/s (or rad/s) in 2 s.
 
     Args:
         vehicle: the vehicle.
@@ -107,8 +107,8 @@ def zero_crossing(vehicle: VehicleConfiguration, direction: FloatArray) -> Float
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
     """Return the largest change of acceleration from one period to the next near zero [1].
 
-    As a share of the commanded acceleration, over the second around the change of sign, in any
-    direction: a speed that sticks at zero and breaks loose would change it by about 1.
+    Relative to the commanded acceleration, in the second around the change of sign, in any
+    direction: a speed that sticks at zero would change it by about 1.
     """
     worst = []
     for angle in map(math.radians, _DIRECTIONS_DEG):

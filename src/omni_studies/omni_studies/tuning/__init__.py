@@ -1,1 +1,1 @@
-"""Which setting of the brake assistant suits a vehicle."""
+"""Recommended settings of the brake assistant for a vehicle."""

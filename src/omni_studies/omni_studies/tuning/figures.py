@@ -1,4 +1,4 @@
-"""The trade-off of orientation against distance, and what slow valves cost in it."""
+"""Figures of the trade-off of rotation and distance, and of the effect of slow valves."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _panel(
 ) -> None:
     """Draw the settings with one lag: a line over the weightings for each dwell time.
 
-    `near` holds the labels that would overlap.
+    `near` collects labels that would overlap.
     """
     best = front(trials)
     axes.plot(
@@ -156,11 +156,11 @@ def _panel(
 
 
 def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
-    """Draw what dwell time and lag of the brakes cost.
+    """Draw the effect of dwell time and lag of the brakes.
 
     Args:
         rows: lag, dwell time [s], smallest rotation [deg], and distance at half the unassisted
-            rotation [m], NaN where nothing halves it.
+            rotation [m], NaN if no setting halves it.
     """
     figure = Figure(figsize=(9.6, 4.2), dpi=style.DOTS_PER_INCH, layout="constrained")
     left, right = figure.subplots(1, 2)

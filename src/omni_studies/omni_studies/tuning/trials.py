@@ -1,10 +1,10 @@
-"""Which setting of the brake assistant suits a vehicle: orientation kept against distance paid.
+"""Trials of settings of the brake assistant for a vehicle: trade-off of rotation and distance.
 
-A *setting* is what its owner may choose: the weighting with its k, Eqs. (58), (59), and the
-minimum dwell time of the valves. It is tried with the brakes that the vehicle has and with slower
-ones. Switching makes a single run sensitive to trifles, the more so the longer the valves
-dwell, so that each setting is judged by the worst of several *situations*: the maneuver and
-slight deviations from it, the same for all settings.
+A *setting* is the weighting with its k, Eqs. (58), (59), and the minimum dwell time of the valves.
+It is run with the brakes of the vehicle and with slower ones. Because of switching, a single run is
+sensitive to small deviations, the more so for long dwell times. So each setting is evaluated by the
+worst of several *situations*: the maneuver and slight deviations from it, the same for all
+settings.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _EQUAL = 0.01
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """What the owner of a vehicle may choose.
+    """A setting of the brake assistant.
 
     Attributes:
         weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
-        k: of the enhanced weighting, odd; counts for no other.
+        k: of the enhanced weighting, odd; not used by others.
         dwell_time: shortest time between two switchings of a valve [s].
     """
 
@@ -45,7 +45,7 @@ class Setting:
 
     @property
     def label(self) -> str:
-        """The weighting in one word."""
+        """Label of the weighting."""
         return f"k{self.k}" if self.weighting == "enhanced" else self.weighting
 
     @property
@@ -63,11 +63,11 @@ OFF = Setting("off")
 
 @dataclasses.dataclass(frozen=True)
 class BrakeLag:
-    """How late the pressure in a brake follows.
+    """Lag of the brake pressure.
 
     Attributes:
-        dead_time: until it begins to follow [s].
-        time_constant: with which it then builds up and falls [s].
+        dead_time: [s].
+        time_constant: of the first-order lag [s].
     """
 
     dead_time: float = 0.0
@@ -85,13 +85,13 @@ class BrakeLag:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trial:
-    """What one setting comes to in S situations.
+    """Results of one setting in S situations.
 
     Attributes:
         setting: as tried.
         lag: of the brakes.
         rotation: change of orientation [deg], infinite without a stop, shape (S,).
-        distance: of stopping [m], of the same shape.
+        distance: stopping distance [m], of the same shape.
         switchings: of all valves together [1], shape (S,).
     """
 
@@ -170,12 +170,12 @@ def configured(
 
 
 class Numbers(NamedTuple):
-    """What one setting comes to in one situation.
+    """Result of one setting in one situation.
 
     Attributes:
         seed: number of the run: situation by situation, setting by setting, lag by lag.
         rotation: change of orientation [deg], infinite without a stop.
-        distance: of stopping [m], of the same shape.
+        distance: stopping distance [m], of the same shape.
         switchings: of all valves together [1].
     """
 
@@ -191,8 +191,8 @@ class Trials:
 
     Attributes:
         bases: the situations, on the velocity sensor.
-        settings: to be tried.
-        lags: of the same trials.
+        settings: the settings.
+        lags: lags of the brakes.
     """
 
     bases: Sequence[ExperimentConfiguration]
@@ -201,7 +201,7 @@ class Trials:
 
     @property
     def pairs(self) -> list[tuple[Setting, BrakeLag]]:
-        """The settings for the first lag, then for the next."""
+        """Pairs of setting and lag: all settings for the first lag, then for the next."""
         return [(setting, lag) for lag in self.lags for setting in self.settings]
 
     @property
@@ -211,18 +211,18 @@ class Trials:
 
     @property
     def fingerprint(self) -> str:
-        """A digest of everything that is tried."""
+        """Digest of settings, lags and situations."""
         pairs = [[dataclasses.asdict(one) for one in pair] for pair in self.pairs]
         tried = [[to_mapping(base) for base in self.bases], pairs]
         return hashlib.sha256(json.dumps(tried).encode()).hexdigest()[:16]
 
     def run(self, number: int) -> Numbers:
-        """Make one of the runs."""
+        """Do one of the runs."""
         pair, situation = divmod(number, len(self.bases))
         return Numbers(number, *_outcome(configured(self.bases[situation], *self.pairs[pair])))
 
     def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
-        """Return the trials that all runs make, in the order of `pairs`."""
+        """Return the trials from all runs, in the order of `pairs`."""
         table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
         return tuple(
             Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
@@ -247,10 +247,10 @@ def _outcome(configuration: ExperimentConfiguration) -> tuple[float, float, floa
 
 
 def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
-    """Return the trials that none beats in both worst rotation and worst distance.
+    """Return the Pareto front of worst rotation and worst distance.
 
     Returns:
-        Sorted by distance, so that rotation falls; those that do not stop are left out.
+        Sorted by distance, so that rotation decreases; without trials that do not stop.
     """
     best: list[Trial] = []
     for trial in sorted(trials, key=lambda t: (t.worst_distance, t.worst_rotation)):
@@ -261,14 +261,14 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
 
 
 def distance_at(trials: Iterable[Trial], rotation: float) -> float:
-    """Return how far it takes to stop with at most some change of orientation.
+    """Return the stopping distance for an allowed change of orientation.
 
     Args:
         trials: whose front is interpolated linearly between its settings.
         rotation: [deg].
 
     Returns:
-        [m], NaN where every setting turns further.
+        [m], NaN if every setting rotates more.
     """
     best = front(trials)[::-1]
     if not best or best[0].worst_rotation > rotation:
@@ -282,8 +282,8 @@ def recommended(
 ) -> tuple[Trial | None, str]:
     """Choose a setting that keeps within limits in every situation.
 
-    With a limit of the rotation that is the one that stops shortest, otherwise the one that
-    turns least; of those within 1 % of it the one whose valves switch least.
+    With a limit of the rotation this is the setting with the shortest stop, otherwise the one with
+    the smallest rotation; of those within 1 % of it the one with the fewest switchings.
 
     Args:
         trials: to choose from, at least one.
@@ -327,7 +327,7 @@ def recommended(
 def _refusal(
     trials: Sequence[Trial], limits: str, max_rotation: float | None, max_distance: float | None
 ) -> str:
-    """Return the sentence that no setting meets the limits, and how near one comes."""
+    """Return the sentence that no setting meets the limits, with the nearest one."""
     stopping = front(trials)
     if not stopping:
         return f"No setting gives {limits}: the vehicle never stops."

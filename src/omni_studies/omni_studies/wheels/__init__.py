@@ -1,1 +1,1 @@
-"""Trials and figures that compare wheels, and what they cost."""
+"""Trials and figures that compare wheel models, and their computing time."""

@@ -1,8 +1,7 @@
-"""What simulating a vehicle costs: the one place of this package that reads a clock.
+"""CPU time of simulating a vehicle; the only module of this package that reads a clock.
 
-It reads that of the processor, not that of the wall: on a machine that others use too, elapsed time
-says how busy it is (ratios of 49 and 135 were seen where the processor needed 9 to 10 times as
-long). The vehicles take turns, so that what slows the processor down slows all of them.
+CPU time is used because elapsed time depends on the load of the machine. The vehicles are run in
+turns, so that a slow processor affects all of them.
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ DURATION = sum(trial.duration for trial in _TRIALS)
 def processor_times(
     configurations: Mapping[str, VehicleConfiguration], repeats: int
 ) -> dict[str, FloatArray]:
-    """Return how long each vehicle keeps the processor busy, driving a curve and braking.
+    """Return the CPU time of each vehicle, driving a curve and braking.
 
     Args:
         configurations: the vehicles by name.
         repeats: number of runs.
 
     Returns:
-        Processor time of each run [s], shape (repeats,), in the order in which they took turns.
+        CPU time of each run [s], shape (repeats,), in the order of the turns.
     """
     times: dict[str, list[float]] = {name: [] for name in configurations}
     for _ in range(repeats):

@@ -1,4 +1,4 @@
-"""Emergency braking of one vehicle in different engines, by the brake assistant itself."""
+"""Emergency braking of a vehicle in different engines with the brake assistant."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ PERIOD = 0.01
 
 _LONGEST = 10.0  # [s]
 _END = run_progress.run_end(SimulationConfiguration(duration_limit=_LONGEST))
-_BEFORE = 50  # control periods for which the assistant hears the vehicle before the pedal goes down
+_BEFORE = 50  # control periods with measurements before the pedal goes down
 _IMU = ImuConfiguration(
     misalignment_deg=0.0, gyro_bias=0.0, gyro_scale=0.0, bias_x=0.0, bias_y=0.0, scale=0.0
 )
 
 
 ENGINES = ("single", "rollers", "mujoco")
-"""Wheel models of a vehicle: our two, and MuJoCo's."""
+"""Wheel models of a vehicle: two of the simulator, and MuJoCo's."""
 
 
 def in_engine(configuration: VehicleConfiguration, engine: str, twist: ArrayLike) -> Vehicle:
@@ -63,21 +63,21 @@ class Stop:
 
 
 class _Informed:
-    """The brake assistant, told the truth by twist, encoders and an IMU without errors."""
+    """The brake assistant with twist, encoders and IMU without errors."""
 
     def __init__(self, assistant: BrakeAssistConfiguration) -> None:
         self._assist = BrakeAssist(assistant)
         self._imu = build_imu(_IMU, PERIOD)
-        self._told = 0  # stamps
+        self._stamps = 0
 
     def enable(
         self, pedal: float, pose: FloatArray, twist: FloatArray, wheel_speed: FloatArray
     ) -> FloatArray:
         """Return the shares of brake pressure at the next stamp, shape (N,)."""
-        stamp, felt = round(self._told * PERIOD * 1e9), np.empty(3)
+        stamp, felt = round(self._stamps * PERIOD * 1e9), np.empty(3)
         motion = np.concatenate([pose, twist])
-        read_imu(self._imu, self._told, PERIOD, motion, (0.0, 0.0), np.zeros(IMU_DRAWS), felt)
-        self._told += 1
+        read_imu(self._imu, self._stamps, PERIOD, motion, (0.0, 0.0), np.zeros(IMU_DRAWS), felt)
+        self._stamps += 1
         demand = BrakeDemand(
             stamp,
             pedal,
@@ -89,11 +89,11 @@ class _Informed:
 
 
 def brake_to_rest(vehicle: Vehicle, assistant: BrakeAssistConfiguration) -> Stop:
-    """Brake fully until the vehicle stands; the assistant is told the truth.
+    """Brake fully until the vehicle is at rest; the assistant receives true values.
 
     Args:
-        vehicle: at speed. Until the pedal goes down it rolls as if no force acted on it.
-        assistant: which may be switched off.
+        vehicle: in motion; before braking it rolls without forces.
+        assistant: the assistant, which may be switched off.
     """
     informed, rolling = _Informed(assistant), kinematics.PlatformKinematics.of(assistant.wheels)
     steps = round(PERIOD / vehicle.physics_step)

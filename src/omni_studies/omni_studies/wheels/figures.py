@@ -1,4 +1,4 @@
-"""Figures that compare the wheels: contact, forces over the wheel angle, motions, differences."""
+"""Figures that compare wheel models: contact, forces over the wheel angle, motions."""
 
 from __future__ import annotations
 
@@ -147,13 +147,13 @@ def draw_differences(
     differences: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]],
     limit: float,
 ) -> Figure:
-    """Draw how much the two wheels differ over the number of rollers.
+    """Draw the differences of the wheel models over the number of rollers.
 
     Args:
         counts: numbers of rollers.
         differences: by title of the vehicle, then ``motion`` and ``force``, then by trial; one
             share for each count [1].
-        limit: to be kept from 12 rollers on [1].
+        limit: upper limit from 12 rollers on [1].
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     panels = figure.subplots(2, len(differences), sharex=True, sharey=True, squeeze=False)

@@ -1,4 +1,4 @@
-"""Pictures of a tracked maneuver: snapshots from above, wheel speeds and errors over time."""
+"""Figures of a tracked maneuver: snapshots from above, wheel speeds and errors over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a vehicle follows a reference motion over time."""
+"""Tracking of a reference motion over time."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tracking:
-    """A driven maneuver beside its reference, T stamps and N wheels.
+    """A driven maneuver and its reference, T stamps and N wheels.
 
     Attributes:
         wheel_names: in the order of the columns.
         time: [s], shape (T,).
-        reference: x, y [m], yaw [rad] of `base_link` that are wanted, world frame, shape (T, 3).
-        pose: as `reference`, what was driven, shape (T, 3).
+        reference: desired x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
+        pose: driven x, y [m], yaw [rad] in the world frame, shape (T, 3).
         twist: of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
-        wheel_command: wheel speeds that inverse kinematics asks for [rad/s], shape (T, N).
-        wheel_speed: wheel speeds that there were [rad/s], shape (T, N).
+        wheel_command: wheel speeds by inverse kinematics [rad/s], shape (T, N).
+        wheel_speed: actual wheel speeds [rad/s], shape (T, N).
     """
 
     wheel_names: tuple[str, ...]

@@ -1,7 +1,7 @@
-"""Trials that two wheel models are compared in, and what is measured of them.
+"""Trials that compare two wheel models.
 
-The individual rollers of a wheel are met at any wheel angle, so every trial runs from several
-start angles of the wheels, drawn at random; forces and motions are compared in the mean over them.
+The forces of individual rollers depend on the wheel angle, so every trial runs from several random
+start angles; forces and motions are compared in the mean over them.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What a vehicle goes through.
+    """A trial of a vehicle.
 
     Attributes:
-        title: for people.
-        twist: at the start, rolling [m/s, m/s, rad/s].
+        title: for figures.
+        twist: initial body twist, without slip [m/s, m/s, rad/s].
         command: that the drive follows while the pedal is up [m/s, m/s, rad/s].
         pedal: 0..1.
-        released: whether the brakes let the wheels go.
+        released: whether the brakes are released.
         push: force at the center of gravity, in weights of the vehicle, body frame at the start.
         duration: [s].
     """
@@ -60,7 +60,7 @@ TRIALS = {
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How a trial went, one row for each start.
+    """Results of a trial, one row for each start.
 
     Attributes:
         time: of the samples [s], shape (T,).
@@ -78,7 +78,7 @@ class Outcome:
 def with_wheels(
     configuration: VehicleConfiguration, model: str, rollers: int
 ) -> VehicleConfiguration:
-    """Return a vehicle on other wheels.
+    """Return a vehicle with another wheel model.
 
     Args:
         configuration: the vehicle.
@@ -103,7 +103,7 @@ def start(
 
     Args:
         configuration: the vehicle.
-        trial: what it will go through.
+        trial: the trial.
         wheel_angle: [rad], a number or shape (N,).
         physics_step: [s].
     """
@@ -132,7 +132,7 @@ def outcome(
 
     Args:
         configuration: the vehicle.
-        trial: what it goes through.
+        trial: the trial.
         angles: start angles of the wheels [rad], shape (S, N).
         thinning: steps between two samples of the motion.
     """
@@ -165,13 +165,13 @@ def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
 
 
 def motion_difference(one: Outcome, other: Outcome) -> float:
-    """Return by how much the mean final positions differ, as a share of the way [1]."""
+    """Return the difference of the mean final positions relative to the path [1]."""
     a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
 def force_difference(one: Outcome, other: Outcome) -> float:
-    """Return by how much the mean forces differ, as a share of the larger of force and push [1]."""
+    """Return the difference of the mean forces relative to the larger of force and push [1]."""
     difference = one.force.mean(axis=0) - other.force.mean(axis=0)
     return float(np.linalg.norm(difference) / other.force_scale)
 
@@ -182,14 +182,14 @@ def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
 
 
 def stopping_distance(configuration: VehicleConfiguration, physics_step: float) -> float:
-    """Return how far a vehicle slides, fully braked from 5 m/s [m]."""
+    """Return the stopping distance with all brakes on from 5 m/s [m]."""
     trial = dataclasses.replace(TRIALS["brake"], duration=3.0)
     path = go(start(configuration, trial, 0.1, physics_step), trial, trial.duration)
     return float(np.linalg.norm(path[-1, :2]))
 
 
 def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
-    """Return how far a vehicle with its brakes on moves on a slope of 5 % in a minute [m]."""
+    """Return the displacement of a braked vehicle on a slope of 5 % in a minute [m]."""
     trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
     vehicle = start(configuration, trial, wheel_angle)
     go(vehicle, trial, 3.0)  # the tires give way a little
@@ -198,7 +198,7 @@ def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
 
 
 def movement_after_stop(configuration: VehicleConfiguration) -> float:
-    """Return how far a vehicle moves in the minute after it stopped [m]."""
+    """Return the displacement of a stopped vehicle in a minute [m]."""
     trial = TRIALS["brake"]
     vehicle = start(configuration, trial, 0.1)
     go(vehicle, trial, 4.0)
@@ -208,7 +208,7 @@ def movement_after_stop(configuration: VehicleConfiguration) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class ForceTrace:
-    """A wheel's force while it drives steadily against a push, over its wheel angle.
+    """Force of a wheel over its angle, driving steadily against a push.
 
     Attributes:
         angle: of the wheel [rad], shape (T,).

@@ -76,7 +76,8 @@ class MagicFormulaConfiguration(Configuration):
             if value + 2.0 * gradient * self.largest_load < 0.0:
                 raise ConfigurationError(
                     name,
-                    f"{gradient:g} 1/N lets the tire lose with more load below largest_load = "
+                    f"{gradient:g} 1/N makes the tire's force decrease with the load below "
+                    f"largest_load = "
                     f"{self.largest_load:g} N",
                 )
 
