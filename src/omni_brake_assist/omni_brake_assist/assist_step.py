@@ -35,6 +35,7 @@ from omni_brake_assist.conditions import (
     NO_EFFECT,
     SLOW,
     SPEED_STEP,
+    YAW_RATE_STEP,
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.fail_safe import Limits, distrust, judge, make_limits, new_trust, since
@@ -94,6 +95,7 @@ _STEP = np.dtype(
         ("reckoned", "?"),  # whether the motion is known without the twist
         ("contradicted", "?"),  # whether nobody knows it, or the effect is missing
         ("no_effect", "?"),
+        ("slides", "?"),  # whether all wheels contradict the twist
         ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault had all brakes on in the last step
         ("start_speed", "f8"),  # when the line was stored [m/s]
@@ -351,7 +353,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
             step.assisting = False
             step.line_doubted = not settled
             step.start_speed = math.hypot(v_x, v_y)
-    ready = braking and good and trusted
+    ready = braking and good and trusted and not step.slides
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
@@ -373,6 +375,7 @@ def _watch(
         heard[i] = inputs.wheels.speed[i]
     if not braking:
         step.dead = 0
+        step.slides = False
     if elapsed < 0.0:
         return
     dt = min(elapsed, constants.maximum_time_step)
@@ -381,7 +384,8 @@ def _watch(
     if step.dead == 0:
         dead = watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1 if dead != NO_WHEEL else 0
-    watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, heard)
+    slide = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, heard)
+    step.slides = step.slides or (slide and step.reckoned)
 
 
 @lean
@@ -413,11 +417,11 @@ def _ask_observer(
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
     pedal = inputs.pedal if braking else 0.0
-    jumped = memory.trust[0].cause == SPEED_STEP
+    jumped = memory.trust[0].cause in (SPEED_STEP, YAW_RATE_STEP)
     step.no_effect = watch_effect(
         constants.effect,
         memory.effect,
-        EffectStep(dt, pedal, released, jumped),
+        EffectStep(dt, pedal, released),
         speeds,
         inertial[1:],
     )
@@ -427,7 +431,7 @@ def _ask_observer(
             memory.observer,
             now_ns,
             Brakes(braking, memory.told),
-            PassedTwist(heard, feedback.stamp_ns, feedback.value, variance),
+            PassedTwist(heard, jumped, feedback.stamp_ns, feedback.value, variance),
             Sensed(inertial, speeds),
             memory.answer,
         )
@@ -517,7 +521,7 @@ def _first_fault(step: Any, cause: int, outside: int) -> int:
         fault = min(fault, NO_EFFECT)
     if step.dead != 0:
         fault = min(fault, DEAD_BRAKE)
-    return int(min(fault, CONTRADICTED) if step.contradicted else fault)
+    return int(min(fault, CONTRADICTED) if step.contradicted or step.slides else fault)
 
 
 @lean

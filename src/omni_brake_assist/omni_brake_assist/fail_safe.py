@@ -305,11 +305,12 @@ def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool, wei
     step = math.hypot(
         twist[0] - (c * trust.v_x + s * trust.v_y), twist[1] - (c * trust.v_y - s * trust.v_x)
     )
-    speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
-    yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
-    if weighed:  # what it says about its noise is heard; the one before had as much
-        speed_limit += _STEP_DEVIATIONS * math.sqrt(_worst_variance(sample.covariance))
-        yaw_limit += _STEP_DEVIATIONS * math.sqrt(sample.covariance[2, 2])
+    speed_noise, yaw_noise = limits.speed_noise, limits.yaw_rate_noise
+    if weighed:  # its own variance; the one before had the same
+        speed_noise = _STEP_DEVIATIONS * math.sqrt(2.0 * _worst_variance(sample.covariance))
+        yaw_noise = _STEP_DEVIATIONS * math.sqrt(2.0 * sample.covariance[2, 2])
+    speed_limit = speed_noise + limits.maximum_acceleration * dt
+    yaw_limit = yaw_noise + limits.maximum_yaw_acceleration * dt
     if not (
         _within(trust, SPEED_STEP, step, speed_limit, dt)
         and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)

@@ -22,7 +22,7 @@ START = 5.0
 UNKNOWN = np.full(2, np.nan)
 
 
-def watch(  # noqa: PLR0913 - a step, its sensors and whether the twist jumped
+def watch(  # noqa: PLR0913 - a step and its sensors
     constants: EffectConstants,
     ledger: NDArray[np.void],
     dt: float,
@@ -30,9 +30,8 @@ def watch(  # noqa: PLR0913 - a step, its sensors and whether the twist jumped
     released: bool,
     speeds: FloatArray,
     force: FloatArray,
-    jumped: bool = False,
 ) -> bool:
-    step = EffectStep(dt, pedal, released, jumped)
+    step = EffectStep(dt, pedal, released)
     return bool(watch_effect(constants, ledger, step, speeds, force))
 
 
@@ -210,19 +209,3 @@ def test_a_scale_error_of_all_encoders_does_not_hide_a_vehicle_that_rolls(
     ):
         speed, time = speed - 0.5 * DT, time + DT
         assert time <= within
-
-
-def test_rims_that_contradict_the_specific_force_after_a_jump_of_the_twist_end_assistance(
-    constants: EffectConstants,
-) -> None:
-    """Twist and encoders lose a third of their scale; the vehicle brakes well all the while."""
-    for jumps in (True, False):
-        ledger, speed, force = effect_memory(), START, np.array([-4.0, 0.0])
-        watch(constants, ledger, DT, 0.0, False, START / constants.roll, force)
-        tripped = []
-        for step in range(40):
-            speed -= 4.0 * DT
-            rims = 0.66 * speed / constants.roll
-            jumped = jumps and step == 0
-            tripped.append(watch(constants, ledger, DT, 1.0, True, rims, force, jumped))
-        assert any(tripped) == jumps

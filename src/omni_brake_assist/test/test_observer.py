@@ -120,7 +120,7 @@ class Drive:
                     self.memory,
                     step * PERIOD_NS,
                     Brakes(braking, enable),
-                    PassedTwist(heard, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
+                    PassedTwist(heard, False, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
                     Sensed(inertial, speeds),
                     answer,
                 )
@@ -295,7 +295,7 @@ def test_a_release_of_the_pedal_forgives(drive: Drive) -> None:
         drive.memory,
         120 * PERIOD_NS,
         Brakes(False, np.ones(4)),
-        PassedTwist(False, 0, np.zeros(3), np.zeros(3)),
+        PassedTwist(False, False, 0, np.zeros(3), np.zeros(3)),
         Sensed(inertial, speeds),
         answer,
     )

@@ -14,10 +14,6 @@ is measured twice, and the larger share counts: as the low-passed specific force
 difference of ``v`` and its low-pass. The possible deceleration ``c`` is the largest of this stop,
 in proportion to the pedal, and at least `floor`, which the least friction and the rollers allow.
 
-A twist that jumps by more than tires allow, and rims that stay slower than the integrated specific
-force afterwards, share a fault. A scale error that begins slowly is not told from an accelerometer
-that reads too little, and is bounded by ``M`` alone.
-
 Nor may brakes be released for longer than a stop with a modest deceleration lasts, or for `stall`
 at the end of a stop without much deceleration: two brakes may hold a vehicle on a course along
 which no roller is braked.
@@ -58,8 +54,6 @@ _LEDGER = np.dtype(
         ("force_pedal", "f8"),  # at which pedal [1]
         ("best_loss", "f8"),  # best one that wheels have shown [m/s^2]
         ("loss_pedal", "f8"),  # at which pedal [1]
-        ("jumped", "?"),  # whether the twist has jumped in this stop
-        ("apart", "f8"),  # for how long the rims have contradicted the specific force [s]
         ("stalled", "f8"),  # for how long little has been lost at the end of the stop [s]
     ]
 )
@@ -89,8 +83,6 @@ class EffectConstants(NamedTuple):
         wheel_time: over which the loss of speed is taken from the wheels [s].
         least: deceleration with which a stop must be over, on average [m/s^2].
         grace: time that it may take in any case [s].
-        apart_share: by which the fastest rim may be slower than the integrated specific force [1].
-        apart_time: for which it may be slower still after a jump of the twist [s].
         stall: time without much loss of speed at the end of a stop [s].
         empty: ledger, shape (1,).
     """
@@ -107,8 +99,6 @@ class EffectConstants(NamedTuple):
     wheel_time: float
     least: float
     grace: float
-    apart_share: float
-    apart_time: float
     stall: float
     empty: NDArray[np.void]
 
@@ -120,13 +110,11 @@ class EffectStep(NamedTuple):
         dt: length [s].
         pedal: the driver's demand, 0 while there is none [1].
         released: whether a brake was released.
-        jumped: whether the twist has changed by more than tires allow.
     """
 
     dt: float
     pedal: float
     released: bool
-    jumped: bool
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -144,8 +132,6 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
         wheel_time=0.6,
         least=1.0,
         grace=1.0,
-        apart_share=0.15,
-        apart_time=0.2,
         stall=0.2,
         empty=effect_memory(),
     )
@@ -173,7 +159,7 @@ def watch_effect(
         speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
         force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
-    dt, pedal, released, jumped = step
+    dt, pedal, released = step
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
@@ -191,9 +177,6 @@ def watch_effect(
     if felt:
         loss = min(math.hypot(force[0], force[1]) + constants.bias, _LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
-    ledger.jumped = ledger.jumped or jumped
-    apart = felt and ledger.jumped and top < (1.0 - constants.apart_share) * fallen
-    ledger.apart = ledger.apart + dt if apart else 0.0
     ledger.speed = max(top, fallen, 0.0)
     share = constants.blind_share
     achieved = _share_of_wheels(constants, ledger, dt, pedal, top >= fallen)
@@ -207,12 +190,7 @@ def watch_effect(
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
     due = constants.grace + ledger.start / constants.least
-    exceeded = (
-        ledger.demanded > due
-        or ledger.stalled > constants.stall
-        or ledger.missed > bound
-        or ledger.apart > constants.apart_time
-    )
+    exceeded = ledger.demanded > due or ledger.stalled > constants.stall or ledger.missed > bound
     if released and exceeded:
         ledger.tripped = True
     return bool(ledger.tripped)

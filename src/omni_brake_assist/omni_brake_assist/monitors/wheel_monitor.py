@@ -25,13 +25,17 @@ WATCH = np.dtype(
         ("free", "f8"),  # for how long it has not gained though it has been let go [s]
         ("rim", "f8"),  # speed of the rim as that began [m/s]
         ("doubted", "?"),
+        ("slides", "f8"),  # of the first: for how long no wheel has followed the ground [s]
     ]
 )
 """What is remembered of a wheel."""
 
 _SLOW = 0.5  # speed along the active direction below which nothing shows [m/s]
 _OFF, _OFF_SHARE = 0.3, 0.03  # by which a rim that rolls may be off for a while [m/s], [1]
+_FOLLOWS = 0.85  # share of its hub's speed at which a rim follows the ground [1]
+_SLIDES = 0.2  # time for which all may slide while a brake is released [s]
 _IMPOSSIBLE = 0.1  # for how long it may be farther off [s]
+_RELEASED = 0.5  # share of the pedal's demand below which a brake counts as released [1]
 _LET_GO = 0.05  # share of the pedal's demand that counts for none [1]
 _GAIN = 0.2  # of a rim that is dragged, on ice too, while a brake is let go and as long again [m/s]
 
@@ -50,7 +54,7 @@ def watch_wheels(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
     heard: FloatArray,
-) -> None:
+) -> bool:
     """Look at the wheels after a step of braking.
 
     Args:
@@ -61,7 +65,11 @@ def watch_wheels(
         wheels: after the step, told before it.
         twist: body twist now [m/s, m/s, rad/s].
         heard: speeds that a law may go by [rad/s], shape (N,); no number for one that it may not.
+
+    Returns:
+        Whether all wheels contradict the twist: none has followed the ground, with a brake released.
     """
+    follows, released, seen = False, False, False
     for i in range(heard.size):
         wheel = memory[i]
         if pedal <= 0.0:
@@ -75,6 +83,9 @@ def watch_wheels(
             rim, fast = (rim, hub) if hub >= 0.0 else (-rim, -hub)
             off = _OFF + _OFF_SHARE * fast
             shows = fast > _SLOW
+            seen = seen or shows
+            follows = follows or (shows and rim >= _FOLLOWS * fast)
+            released = released or wheels.told[i] < _RELEASED
             wrong = shows and (rim > fast + off or rim < -off)
             wheel.impossible = wheel.impossible + dt if wrong else max(wheel.impossible - dt, 0.0)
             behind = shows and wheels.told[i] <= _LET_GO and rim < fast - off
@@ -86,3 +97,6 @@ def watch_wheels(
                 wheel.doubted = True
         if wheel.doubted:
             heard[i] = math.nan
+    slides = pedal > 0.0 and seen and released and not follows
+    memory[0].slides = memory[0].slides + dt if slides else 0.0
+    return bool(memory[0].slides > _SLIDES)

@@ -56,13 +56,13 @@ def observe(
         return NOBODY
     taken, n = memory.kept[KEPT], memory.released.size
     wheels = KEPT_WHEELS + n
-    heard, stamp_ns, value, variance = passed
+    heard, jumped, stamp_ns, value, variance = passed
     chosen = observe_at(
         constants,
         memory,
         late_ns,
         Brakes(memory.kept[row, KEPT_PRESSED] != 0.0, memory.kept[row, wheels:]),
-        PassedTwist(heard, stamp_ns - int(constants.delay), value, variance),
+        PassedTwist(heard, jumped, stamp_ns - int(constants.delay), value, variance),
         Sensed(taken[KEPT_IMU:KEPT_WHEELS], taken[KEPT_WHEELS:wheels]),
         answer,
     )

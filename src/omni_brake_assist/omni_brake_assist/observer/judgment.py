@@ -9,12 +9,18 @@ from omni_brake_assist.observer.state import (
     ALL,
     ALONE,
     FILTERS,
+    GAIN_X,
+    GAIN_Y,
+    GYRO,
+    HEADING,
     HISTORY,
     NO_FORCE,
     NO_GYRO,
     NO_TWIST,
     NOBODY,
+    PATH,
     RATE,
+    READINGS,
     STATES,
     U_X,
     U_Y,
@@ -119,6 +125,7 @@ def _explains(constants: ObserverConstants, memory: ObserverMemory) -> bool:
 def acquit(memory: ObserverMemory) -> None:
     """Forget what wheels have said against the filters."""
     memory.score[:FILTERS] = 0.0
+    memory.score[READINGS] = 0.0
 
 
 @lean
@@ -142,6 +149,8 @@ def _verdict(
 ) -> tuple[int, bool]:
     """Return the filter that is right in a dispute, and whether that is proven."""
     score = memory.score
+    if memory.belief[0].since_jump < constants.parole:  # no vehicle moves like this
+        return NO_TWIST, True
     right, decided = _explain(constants, memory) if about_rate else _who_loses(constants, memory)
     if about_rate and decided:
         return right, True
@@ -181,6 +190,44 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
 
 
 @lean
+def start_path(memory: ObserverMemory, k: int) -> None:
+    """Start the path, the integrated specific force, at the velocity of a filter."""
+    course, path, state = memory.course[0], memory.state[PATH], memory.state[k]
+    c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
+    course.start_x = c * state[U_X] - s * state[U_Y] - path[GAIN_X]
+    course.start_y = s * state[U_X] + c * state[U_Y] - path[GAIN_Y]
+    course.start_variance = max(memory.covariance[k, U_X, U_X], memory.covariance[k, U_Y, U_Y])
+
+
+@lean
+def compare_path(
+    constants: ObserverConstants, memory: ObserverMemory, chosen: int, dt: float
+) -> int:
+    """Return the filter to use, NOBODY where the path since the pedal contradicts it.
+
+    A fault that twist and wheels share moves every filter that uses one of them; the specific
+    force integrated since the pedal went down uses none. Its error grows with that of the bias.
+    """
+    belief, course, path = memory.belief[0], memory.course[0], memory.state[PATH]
+    if chosen not in (ALL, NO_TWIST) or not math.isfinite(path[GYRO]):
+        belief.unexplained = 0.0
+        return chosen
+    state = memory.state[chosen]
+    c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
+    x = c * state[U_X] - s * state[U_Y] - path[GAIN_X] - course.start_x
+    y = s * state[U_X] + c * state[U_Y] - path[GAIN_Y] - course.start_y
+    drift = course.start_variance + (constants.bias * belief.braked) ** 2
+    gate = constants.velocity_gate + constants.scale * belief.top_speed + 3.0 * math.sqrt(drift)
+    belief.unexplained = belief.unexplained + dt if math.hypot(x, y) > gate else 0.0
+    if belief.unexplained < constants.patience:
+        return chosen
+    belief.out = NOBODY
+    belief.agreed = belief.unexplained = 0.0
+    belief.convictions += 1.0
+    return NOBODY
+
+
+@lean
 def judge_alone(memory: ObserverMemory, braking: bool) -> int:
     """Decide without an IMU: the twist must fit the wheels that roll."""
     belief = memory.belief[0]
@@ -202,7 +249,9 @@ def excuse_wheels(
     state = memory.state[ALL]
     doubt = driven_slip(memory, inertial) * math.hypot(state[U_X], state[U_Y])
     slides = (
-        _is_settled(memory) and doubt > constants.velocity_gate and _explains(constants, memory)
+        _is_settled(constants, memory)
+        and doubt > constants.velocity_gate
+        and _explains(constants, memory)
     )
     if slides or _is_slipping(constants, memory):
         copy(state, memory.state[NO_TWIST])
@@ -220,12 +269,13 @@ def _is_slipping(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     the wheels.
     """
     velocity, _ = differences(constants, memory, memory.stamps[memory.newest[0]])
-    return bool(_is_settled(memory) and velocity >= 1.0 and _explains(constants, memory))
+    return bool(_is_settled(constants, memory) and velocity >= 1.0 and _explains(constants, memory))
 
 
 @lean
-def _is_settled(memory: ObserverMemory) -> bool:
+def _is_settled(constants: ObserverConstants, memory: ObserverMemory) -> bool:
     """Return whether there is a twist that nobody has reason to doubt but for its velocity."""
     belief, course = memory.belief[0], memory.course[0]
     known = belief.out == ALL and course.marked != 0.0
-    return bool(known and belief.apart_rate < 1.0)
+    steady = belief.since_jump >= constants.parole and belief.apart_rate < 1.0
+    return bool(known and steady)

@@ -7,10 +7,12 @@ import math
 from omni_brake_assist.observer.filters import carry_on, of_then, remember
 from omni_brake_assist.observer.judgment import (
     acquit,
+    compare_path,
     differences,
     excuse_wheels,
     judge,
     judge_alone,
+    start_path,
 )
 from omni_brake_assist.observer.state import (
     ALL,
@@ -22,8 +24,10 @@ from omni_brake_assist.observer.state import (
     NOBODY,
     PATH,
     RATE,
+    READINGS,
     U_X,
     U_Y,
+    WHEEL_GATE,
     Brakes,
     ObserverConstants,
     ObserverMemory,
@@ -37,6 +41,7 @@ from omni_brake_assist.observer.wheels import hear_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
+_FEW = 4.0  # readings of rolling wheels that contradict no filter [1]
 _LOST = 0.1  # time without a twist after which it is the one that has failed [s]
 _LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
 
@@ -66,7 +71,7 @@ def observe_at(
         The filter whose answer it is, or NOBODY where none can be believed.
     """
     braking, inertial, belief = brakes.pressed, sensed.inertial, memory.belief[0]
-    heard, twist_ns, twist, variance = passed
+    heard, jumped, twist_ns, twist, variance = passed
     dt = (now_ns - belief.last_ns) * 1e-9
     belief.last_ns = now_ns
     if belief.begun == 0.0 or not 0.0 <= dt <= constants.longest:
@@ -85,6 +90,7 @@ def observe_at(
         course, state = memory.course[0], memory.state[believed]
         course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
         course.still_y = state[BIAS_Y]
+        start_path(memory, believed)
         belief.top_speed = math.hypot(state[U_X], state[U_Y])
     belief.pressed = 1.0 if braking else 0.0
     belief.braked = belief.braked + dt if braking else 0.0
@@ -104,9 +110,10 @@ def observe_at(
         _carry_ahead(constants, memory, twist_ns, told, ahead)
     hear_wheels(
         constants, memory, dt, brakes, sensed, disputed,
-        PassedTwist(fresh, twist_ns, ahead, variance),
+        PassedTwist(fresh, jumped, twist_ns, ahead, variance),
     )  # fmt: skip
     belief.twist_age = 0.0 if heard else belief.twist_age + dt
+    belief.since_jump = 0.0 if jumped else belief.since_jump + dt
     if fresh:
         belief.twist_ns = twist_ns
         hear_twist(constants, memory, twist_ns, told, variance)
@@ -118,7 +125,10 @@ def observe_at(
         return int(judge_alone(memory, braking))
     if not braking:
         excuse_wheels(constants, memory, inertial)
-    return int(_answer(constants, memory, judge(constants, memory, dt), answer))
+    chosen = judge(constants, memory, dt)
+    if braking:
+        chosen = compare_path(constants, memory, chosen, dt)
+    return int(_answer(constants, memory, chosen, answer))
 
 
 @lean
@@ -145,7 +155,11 @@ def _answer(
     """Write the answer of a filter; return NOBODY where it is not good enough."""
     if chosen == NOBODY:
         return NOBODY
-    state, covariance = memory.state[chosen], memory.covariance[chosen]
+    state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
+    alone = chosen != ALL or memory.belief[0].twist_age > _LOST
+    if alone and score[READINGS] > _FEW and score[chosen] > WHEEL_GATE * score[READINGS]:
+        memory.belief[0].out = NOBODY  # the wheels contradict the filter that is left
+        return NOBODY
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]

@@ -18,9 +18,13 @@ IntArray = NDArray[np.int64]
 Record = Any
 """One entry of a structured array, by reference."""
 
-# Entry of the scores behind those of the filters: the twist against the wheels by itself.
-ALONE = 4
-SCORES = 5
+# Entries of the scores behind those of the filters: the twist against the wheels by itself, and the
+# number of wheel readings in them.
+ALONE, READINGS = 4, 5
+SCORES = 6
+
+WHEEL_GATE = 12.0
+"""Gate of a squared normalized innovation: chi-square, 1 degree of freedom, 99.95 % [1]."""
 
 # The filters, by who is left out.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
@@ -50,12 +54,14 @@ KEPT_PRESSED, KEPT_IMU, KEPT_WHEELS = 0, 1, 4
 BELIEF = np.dtype(
     [
         ("out", np.float64),  # who is left out: a filter, or NOBODY
+        ("unexplained", np.float64),  # time for which the path has contradicted the estimate [s]
         ("disputed", np.float64),  # time that the dispute has lasted [s]
         ("agreed", np.float64),  # for how long the one left out has agreed again [s]
         ("convictions", np.float64),  # how often one has been convicted
         ("inertial", np.float64),  # whether there has been an IMU reading
         ("begun", np.float64),  # whether the filters have begun
         ("twist_age", np.float64),  # time since the last good twist [s]
+        ("since_jump", np.float64),  # time since the gate refused a step of the twist [s]
         ("since_ns", np.float64),  # time from which on they know the motion [ns]
         ("last_ns", np.float64),  # time of the last step [ns]
         ("twist_ns", np.float64),  # time of the newest twist used [ns]
@@ -84,6 +90,9 @@ COURSE = np.dtype(
         ("turn_x", np.float64),  # what they would have with their own yaw rate [m/s]
         ("turn_y", np.float64),  # likewise
         ("spread", np.float64),  # variance of both [m^2/s^2]
+        ("start_x", np.float64),  # velocity when the pedal went down, in the axes of the path [m/s]
+        ("start_y", np.float64),  # likewise
+        ("start_variance", np.float64),  # of it [m^2/s^2]
         ("still_rate", np.float64),  # biases when the pedal went down [rad/s]
         ("still_x", np.float64),  # likewise [m/s^2]
         ("still_y", np.float64),  # likewise [m/s^2]
@@ -117,12 +126,14 @@ class PassedTwist(NamedTuple):
 
     Attributes:
         heard: whether there is one that passed.
+        jumped: whether the gate has refused it for its step from the last one.
         stamp_ns: its stamp [ns].
         value: the twist [m/s, m/s, rad/s], shape (3,).
         variance: of its components, shape (3,).
     """
 
     heard: bool
+    jumped: bool
     stamp_ns: int
     value: FloatArray
     variance: FloatArray
@@ -259,7 +270,7 @@ class ObserverMemory(NamedTuple):
             up: a driven wheel that slips [m/s], shape (N,).
         off: by how much each has lately been faster than the twist says, pedal up [m/s],
             shape (N,).
-        score: how badly wheels fit the filters, see the head of the module [1], shape (5,).
+        score: how badly wheels fit the filters, see the head of the module [1], shape (6,).
         wheel_ratio: test ratio of each wheel, NaN while it is not used [1], shape (N,).
         course: what explains the change of the twist, `COURSE`, shape (1,).
         past: states of the last stamps, a ring, shape (32, 5, 6).
@@ -398,6 +409,7 @@ def begin(
     belief.begun = 1.0
     belief.since_ns = belief.last_ns = now_ns
     belief.twist_ns = -1.0
+    belief.since_jump = constants.parole
     memory.state[:] = 0.0
     memory.covariance[:] = 0.0
     for k in range(FILTERS):

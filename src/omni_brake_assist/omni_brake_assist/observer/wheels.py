@@ -18,8 +18,10 @@ from omni_brake_assist.observer.state import (
     NO_TWIST,
     PATH,
     RATE,
+    READINGS,
     U_X,
     U_Y,
+    WHEEL_GATE,
     Brakes,
     ObserverConstants,
     ObserverMemory,
@@ -29,7 +31,6 @@ from omni_brake_assist.observer.state import (
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_GATE = 12.0  # of a squared normalized innovation: chi-square, 1 degree of freedom, 99.95 % [1]
 _FADE = 0.96  # of evidence, per step
 _LARGEST_SCALE = 0.03  # error of wheel radii that is learned [1]
 _FASTEST_RIM = 200.0  # [m/s]
@@ -67,6 +68,7 @@ def hear_wheels(
     memory.wheel_ratio[:] = math.nan
     for k in range(FILTERS):
         memory.score[k] *= _FADE
+    memory.score[READINGS] *= _FADE
     slip = 0.0 if braking else _SLIP_SHARED * driven_slip(memory, sensed.inertial) ** 2
     _notice_slides(constants, memory, dt, braking, sensed, twist)
     inertial = memory.belief[0].inertial != 0.0  # without, wheels are all that contradicts a twist
@@ -95,21 +97,19 @@ def hear_wheels(
             fresh = min(constants.rebound_time / memory.released[i], 1.0)
             own += (constants.rebound * fresh) ** 2
             blind += (constants.blind_rebound * fresh) ** 2
-        fits = True
         for k in range(FILTERS):
             state = memory.state[k]
             predicted = h[0] * state[0] + h[1] * state[1] + h[2] * state[2]
             innovations[k] = rim - predicted
             spreads[k] = spread(memory.covariance[k], h) + own
-            misfit = innovations[k] ** 2 / spreads[k]
-            fits = fits and misfit <= _GATE
             memory.score[k] += min(innovations[k] ** 2 / own, 25.0)
-        memory.wheel_ratio[i] = innovations[ALL] ** 2 / (_GATE * spreads[ALL])
+        memory.score[READINGS] += 1.0
+        memory.wheel_ratio[i] = innovations[ALL] ** 2 / (WHEEL_GATE * spreads[ALL])
         if twist.heard:
             _compare_twist(constants, memory, braking, _RollingWheel(h, rim, blind), twist)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
-            if fits or (disputed and misfit <= _GATE):
+            if misfit <= WHEEL_GATE:
                 filtered = Filter(memory.state[k], memory.covariance[k])
                 correct(filtered, h, innovations[k], own, memory.desk.gain)
 
