@@ -22,7 +22,7 @@ START = 5.0
 UNKNOWN = np.full(2, np.nan)
 
 
-def watch(  # noqa: PLR0913 - a step and its sensors
+def watch(
     constants: EffectConstants,
     ledger: NDArray[np.void],
     dt: float,

@@ -67,7 +67,7 @@ def watch_wheels(
         heard: speeds that a law may go by [rad/s], shape (N,); no number for one that it may not.
 
     Returns:
-        Whether all wheels contradict the twist: none has followed the ground, with a brake released.
+        Whether all wheels contradict the twist: with a brake released, none follows the ground.
     """
     follows, released, seen = False, False, False
     for i in range(heard.size):

@@ -79,21 +79,7 @@ def observe_at(
             return NOBODY
         begin(constants, memory, now_ns, twist)
         dt = 0.0
-    if braking and belief.pressed == 0.0:
-        memory.released[:] = 0.0
-        memory.score[ALONE] = 0.0
-    if not braking and belief.pressed != 0.0:
-        belief.out = belief.disputed = belief.agreed = belief.convictions = 0.0
-        acquit(memory)
-    if not braking:
-        believed = int(belief.out) if belief.out < NOBODY else ALL
-        course, state = memory.course[0], memory.state[believed]
-        course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
-        course.still_y = state[BIAS_Y]
-        start_path(memory, believed)
-        belief.top_speed = math.hypot(state[U_X], state[U_Y])
-    belief.pressed = 1.0 if braking else 0.0
-    belief.braked = belief.braked + dt if braking else 0.0
+    _follow_pedal(memory, braking, dt)
     carry_on(constants, memory, now_ns, dt, inertial)
     lost = braking and belief.twist_age > _LOST  # who else contradicts everybody is right
     disputed = belief.disputed > 0.0 or belief.out != ALL or lost
@@ -109,9 +95,8 @@ def observe_at(
     if fresh:
         _carry_ahead(constants, memory, twist_ns, told, ahead)
     hear_wheels(
-        constants, memory, dt, brakes, sensed, disputed,
-        PassedTwist(fresh, jumped, twist_ns, ahead, variance),
-    )  # fmt: skip
+        constants, memory, dt, brakes, sensed, PassedTwist(fresh, jumped, twist_ns, ahead, variance)
+    )
     belief.twist_age = 0.0 if heard else belief.twist_age + dt
     belief.since_jump = 0.0 if jumped else belief.since_jump + dt
     if fresh:
@@ -129,6 +114,27 @@ def observe_at(
     if braking:
         chosen = compare_path(constants, memory, chosen, dt)
     return int(_answer(constants, memory, chosen, answer))
+
+
+@lean
+def _follow_pedal(memory: ObserverMemory, braking: bool, dt: float) -> None:
+    """Reset isolation as the pedal is released; store biases and motion until it goes down."""
+    belief = memory.belief[0]
+    if braking and belief.pressed == 0.0:
+        memory.released[:] = 0.0
+        memory.score[ALONE] = 0.0
+    if not braking and belief.pressed != 0.0:
+        belief.out = belief.disputed = belief.agreed = belief.convictions = 0.0
+        acquit(memory)
+    if not braking:
+        believed = int(belief.out) if belief.out < NOBODY else ALL
+        course, state = memory.course[0], memory.state[believed]
+        course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
+        course.still_y = state[BIAS_Y]
+        start_path(memory, believed)
+        belief.top_speed = math.hypot(state[U_X], state[U_Y])
+    belief.pressed = 1.0 if braking else 0.0
+    belief.braked = belief.braked + dt if braking else 0.0
 
 
 @lean

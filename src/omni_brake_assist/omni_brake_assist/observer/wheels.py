@@ -57,7 +57,6 @@ def hear_wheels(
     dt: float,
     brakes: Brakes,
     sensed: Sensed,
-    disputed: bool,
     twist: PassedTwist,
 ) -> None:
     """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
