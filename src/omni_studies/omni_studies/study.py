@@ -13,14 +13,18 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from matplotlib.figure import Figure
+
+from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric, results_entry
 from omni_platform import configuration, plugins
 from omni_studies.claims import Claim, evaluate
+from omni_tools.campaign.runner import CampaignOptions, Row, Work, run_campaign
 
 _STUDIES = "omni_studies.studies"
 
@@ -40,12 +44,50 @@ class StudyRun:
         folder: for its figures and data.
         report: called with the progress.
         case: name of the study if its module has several.
+        written: figures and data so far.
     """
 
     experiments: ExperimentLibrary
     folder: Path
     report: Report = _silent
     case: str = ""
+    written: list[Path] = dataclasses.field(default_factory=list)
+
+    def figure(self, name: str, figure: Figure) -> None:
+        """Write a figure under its name in the folder."""
+        self.written.append(style.save_figure(figure, self.folder / name))
+
+    def table(
+        self,
+        name: str,
+        header: Iterable[str],
+        rows: Iterable[Sequence[str | int | float]],
+        digits: int = 9,
+    ) -> None:
+        """Write a table; arguments as of `data_table.write_table`."""
+        self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
+
+    def columns(self, name: str, columns: Mapping[str, Any]) -> None:
+        """Write columns of equal length by ``name [unit]``."""
+        self.written.append(data_table.write_columns(self.folder / name, columns))
+
+    def campaign(
+        self,
+        work: Work[Row],
+        seeds: range,
+        row: type[Row],
+        options: CampaignOptions,
+        fingerprint: str,
+        name: str = "stops.csv",
+    ) -> list[Row]:
+        """Make many runs, whose table has a name; arguments as of `run_campaign`."""
+        path = self.folder / name
+        self.written.append(path)
+        return run_campaign(work, seeds, row, options, path, fingerprint, self.report)
+
+    def result(self, metrics: Mapping[str, Metric], *findings: str) -> StudyResult:
+        """Return the result with all that was written."""
+        return StudyResult(metrics, tuple(self.written), findings)
 
 
 @dataclasses.dataclass(frozen=True)

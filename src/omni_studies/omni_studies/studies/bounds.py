@@ -19,7 +19,7 @@ from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
 from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 
 _COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION), strict=True))
 
@@ -38,8 +38,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the stops, and count those below a bound by more than its tolerance."""
     work = BesideLimit(study.experiments)
     seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
-    path = study.folder / "stops.csv"
-    held = run_campaign(work, seeds, Held, options, path, work.fingerprint, study.report)
+    held = study.campaign(work, seeds, Held, options, work.fingerprint)
     metrics = {"runs.all": Metric(len(LAWS) * len(held), "1")}
     for bound in ("any_heading", "straight"):
         shares, lower = _over_bound(held, bound), below(held, bound)
@@ -52,8 +51,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
         if count:
             metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
-    figure = style.save_figure(_draw(held), study.folder / "bounds.png")
-    return StudyResult(metrics, (path, figure))
+    study.figure("bounds.png", _draw(held))
+    return study.result(metrics)
 
 
 def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import data_table
 from omni_figures.run_figures import scene_of
 from omni_figures.top_view import top_view
 from omni_loop import compiled, loop
@@ -156,12 +156,11 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
     if isinstance(options, _StraightLine):
         changes = [*table_2_vehicle(study.experiments, options.vehicle), *changes]
     runs = run_experiment(study.experiments, study.case, changes)
-    files = []
     for number, drawing in _FIGURES[study.case].items():
         figure, columns = drawing(runs)
-        files.append(style.save_figure(figure, study.folder / f"figure_{number}.png"))
-        files.append(data_table.write_columns(study.folder / f"figure_{number}.csv", columns))
-    return StudyResult(runs.metrics, tuple(files))
+        study.figure(f"figure_{number}.png", figure)
+        study.columns(f"figure_{number}.csv", columns)
+    return study.result(runs.metrics)
 
 
 Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 from omni_studies.line_trials.options import LineOptions, kinds_option, pairs_option
@@ -84,25 +84,21 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             "1",
             note="widest over narrowest view with 60 % overlap",
         )
-    files = (
-        style.save_figure(_draw(found, options), study.folder / "figure_69.png"),
-        data_table.write_table(
-            study.folder / "contrast.csv",
-            (
-                "ground", "width_mm", "width_over_length", "overlap", "contrast_gray_levels",
-                "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
-            ),
-            (
-                (
-                    kind, 1e3 * t.shape * _LENGTH, t.shape, t.overlap, t.contrast, t.correlation,
-                    t.right_share, t.rmse, *t.errors,
-                )
-                for kind, trials in found.items()
-                for t in trials
-            ),
-        ),
+    study.figure("figure_69.png", _draw(found, options))
+    header = (
+        "ground", "width_mm", "width_over_length", "overlap", "contrast_gray_levels",
+        "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
     )  # fmt: skip
-    return StudyResult(metrics, files)
+    rows = (
+        (
+            kind, 1e3 * t.shape * _LENGTH, t.shape, t.overlap, t.contrast, t.correlation,
+            t.right_share, t.rmse, *t.errors,
+        )
+        for kind, trials in found.items()
+        for t in trials
+    )  # fmt: skip
+    study.table("contrast.csv", header, rows)
+    return study.result(metrics)
 
 
 def _view(shape: float) -> View:

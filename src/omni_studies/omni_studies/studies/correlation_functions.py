@@ -16,7 +16,7 @@ from scipy.signal import find_peaks
 from scipy.spatial import distance
 from scipy.stats import rankdata
 
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 from omni_studies.line_trials.options import LineOptions, kinds_option, noise_option, pairs_option
@@ -112,19 +112,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
                 float(np.median([abs(c.error) for c in every])), "1", note="pixels"
             ),
         }
-    files = (
-        style.save_figure(_draw(curves, options.metric), study.folder / "figure_68.png"),
-        data_table.write_table(
-            study.folder / "correlation_functions.csv",
-            ("ground", "shift_px", "distance", "true_displacement_px"),
-            (
-                (kind, int(s), d, every[0].truth)
-                for kind, every in curves.items()
-                for s, d in zip(every[0].shift, every[0].distance, strict=True)
-            ),
-        ),
+    study.figure("figure_68.png", _draw(curves, options.metric))
+    rows = (
+        (kind, int(s), d, every[0].truth)
+        for kind, every in curves.items()
+        for s, d in zip(every[0].shift, every[0].distance, strict=True)
     )
-    return StudyResult(metrics, files)
+    header = ("ground", "shift_px", "distance", "true_displacement_px")
+    study.table("correlation_functions.csv", header, rows)
+    return study.result(metrics)
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor
@@ -136,24 +136,18 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for case in _drive(_JUDGED, kind, options)
     ]
     judged = _leave_one_out(cases)
-    files = (
-        style.save_figure(_draw(cases), study.folder / "covariance.png"),
-        data_table.write_table(
-            study.folder / "left_out.csv",
-            ("ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage"),
-            ((kind, *values) for kind, values in judged.items()),
-        ),
-        data_table.write_table(
-            study.folder / "covariance.csv",
-            (
-                "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
-                "normalized_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
-                "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
-            ),
-            (_row(case) for case in cases),
-        ),
+    study.figure("covariance.png", _draw(cases))
+    header: tuple[str, ...] = (
+        "ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage",
     )  # fmt: skip
-    return StudyResult(_metrics(cases, judged), files)
+    study.table("left_out.csv", header, ((kind, *values) for kind, values in judged.items()))
+    header = (
+        "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
+        "normalized_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
+        "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
+    )  # fmt: skip
+    study.table("covariance.csv", header, map(_row, cases))
+    return study.result(_metrics(cases, judged))
 
 
 class LeftOut(NamedTuple):

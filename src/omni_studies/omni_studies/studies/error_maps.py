@@ -180,15 +180,15 @@ def run(options: Any, study: StudyRun) -> StudyResult:
         **look,
     )
     headers = ("ground", "condition")[: len(next(iter(found)))]
-    files = [
-        style.save_figure(figure, study.folder / f"figure_{case.figure}.png"),
-        tables.write_matches(study.folder / f"{study.case}.csv", headers, motions, found),
-    ]
+    study.figure(f"figure_{case.figure}.png", figure)
+    study.written.append(
+        tables.write_matches(study.folder / f"{study.case}.csv", headers, motions, found)
+    )
     if study.case == "overlap":
         figure, displacements = _line_rates()
         metrics |= displacements
-        files.append(style.save_figure(figure, study.folder / "figure_54.png"))
-    return StudyResult(metrics, tuple(files))
+        study.figure("figure_54.png", figure)
+    return study.result(metrics)
 
 
 def _textures(options: Any, library: ExperimentLibrary) -> Mapping[str, GroundTexture]:

@@ -11,7 +11,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.feedback.sources import SOURCES, SourceEstimator
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 
 _LAWS = ("sliding_mode", "allocation")
 _UNASSISTED = "unassisted"
@@ -145,15 +144,8 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run all cases, and write table and figure."""
     cases = Cases(_bases(study.experiments, options), options.source, options.runs, options.speed)
-    rows = run_campaign(
-        partial(Cases.run, cases),
-        range(len(cases)),
-        Stop,
-        options,
-        study.folder / "stops.csv",
-        f"{sorted(cases.bases)} {options.source} {options.runs} {options.speed}",
-        study.report,
-    )
+    fingerprint = f"{sorted(cases.bases)} {options.source} {options.runs} {options.speed}"
+    rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
         (vehicle, law, source): _judged(rows, vehicle, law, source)
         for vehicle in cases.bases
@@ -164,12 +156,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for (vehicle, law, source), found in table.items():
         for quantity, (value, unit) in found.items():
             metrics[f"{quantity}.{vehicle}_{law}_{source}"] = Metric(value, unit)
-    files = [study.folder / "stops.csv"]
-    files += [
-        style.save_figure(_figure(table, vehicle, options.source), study.folder / f"{vehicle}.png")
-        for vehicle in cases.bases
-    ]
-    return StudyResult(metrics, tuple(files), tuple(_findings(table)))
+    for vehicle in cases.bases:
+        study.figure(f"{vehicle}.png", _figure(table, vehicle, options.source))
+    return study.result(metrics, *_findings(table))
 
 
 def _bases(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform import quantities, sensors
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
@@ -80,24 +80,19 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
     rows = (
         (
-            n,
-            k.contrast,
-            *_PHOTOGRAPHED.get(n, (math.nan, math.nan)),
-            k.median_frequency,
-            k.texels_per_pixel,
+            name, look.contrast, *_PHOTOGRAPHED.get(name, (math.nan, math.nan)),
+            look.median_frequency, look.texels_per_pixel,
         )
-        for n, k in looks.items()
-    )
+        for name, look in looks.items()
+    )  # fmt: skip
     header = (
         "ground", "contrast_gray_levels", "photographed_from", "photographed_to",
         "median_frequency_per_mm", "texels_per_pixel",
     )  # fmt: skip
-    files = (
-        style.save_figure(_plate(looks), study.folder / "grounds.png"),
-        style.save_figure(_spectra(looks), study.folder / "spectra.png"),
-        data_table.write_table(study.folder / "grounds.csv", header, rows),
-    )
-    return StudyResult(metrics, files)
+    study.figure("grounds.png", _plate(looks))
+    study.figure("spectra.png", _spectra(looks))
+    study.table("grounds.csv", header, rows)
+    return study.result(metrics)
 
 
 def _look(texture: GroundTexture, seed: int) -> Look:

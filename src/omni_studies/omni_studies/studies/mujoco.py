@@ -11,12 +11,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
@@ -67,11 +66,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             moving = in_engine(vehicle, engine, _twist(case, options.speed))
             stops[case, variant, engine] = brake_to_rest(moving, experiments[variant].brake_assist)
     metrics = _metrics(stops) | _mismounted(vehicle)
-    files = (
-        style.save_figure(_draw(stops), study.folder / "paths.png"),
-        _write(stops, study.folder / "stops.csv"),
-    )
-    return StudyResult(metrics, files)
+    study.figure("paths.png", _draw(stops))
+    header = ("case", "variant", "engine", "swerve_deg", "distance_m", "stopped")
+    rows = ((*key, stop.swerve, stop.distance, int(stop.stopped)) for key, stop in stops.items())
+    study.table("stops.csv", header, rows, digits=6)
+    return study.result(metrics)
 
 
 def _twist(case: str, speed: float) -> tuple[float, float, float]:
@@ -160,9 +159,3 @@ def _draw(stops: Stops) -> Figure:
                 panel.set_xlabel("way along the first velocity [m]")
     panels[0, 0].legend()
     return figure
-
-
-def _write(stops: Stops, path: Path) -> Path:
-    header = ("case", "variant", "engine", "swerve_deg", "distance_m", "stopped")
-    rows = ((*key, stop.swerve, stop.distance, int(stop.stopped)) for key, stop in stops.items())
-    return data_table.write_table(path, header, rows, digits=6)

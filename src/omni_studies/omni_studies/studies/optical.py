@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from omni_figures.data_table import write_columns
-from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.command_options import overrides_option
 from omni_platform.configuration import Configuration, parameter
@@ -43,13 +41,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     comparisons = feedback_comparison.compare(
         study.experiments, options.experiment, options.overrides, study.report
     )
-    files = (
-        write_columns(study.folder / "stops.csv", _columns(comparisons)),
-        write_columns(study.folder / "orientations.csv", _orientation_columns(comparisons)),
-        save_figure(feedback_figures.stops(comparisons), study.folder / "stops.png"),
-        save_figure(feedback_figures.orientations(comparisons), study.folder / "orientations.png"),
-    )
-    return StudyResult(_metrics(comparisons), files)
+    study.columns("stops.csv", _columns(comparisons))
+    study.columns("orientations.csv", _orientation_columns(comparisons))
+    study.figure("stops.png", feedback_figures.stops(comparisons))
+    study.figure("orientations.png", feedback_figures.orientations(comparisons))
+    return study.result(_metrics(comparisons))
 
 
 def _metrics(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Metric]:

@@ -11,16 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
 from omni_studies.campaign import figures, random_braking, robustness
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 
 _WORST = 3  # cases to replay, of orientation and of distance each
 _PERCENTILES = (50, 95, 100)
@@ -37,23 +37,16 @@ class Options(CampaignOptions, LoopOptions):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
     braking = random_braking.RandomBraking(study.experiments, options.changes)
-    results = run_campaign(
-        partial(robustness.outcome, braking),
-        range(options.seed, options.seed + options.runs),
-        robustness.Outcome,
-        options,
-        study.folder / "runs.csv",
-        braking.fingerprint,
-        study.report,
+    work = partial(robustness.outcome, braking)
+    seeds = range(options.seed, options.seed + options.runs)
+    results = study.campaign(
+        work, seeds, robustness.Outcome, options, braking.fingerprint, "runs.csv"
     )
-    files = [
-        study.folder / "runs.csv",
-        _write_violations(results, study.folder / "violations.csv"),
-        style.save_figure(figures.draw_runs(results), study.folder / "runs.png"),
-        style.save_figure(figures.draw_distributions(results), study.folder / "distributions.png"),
-        *_write_worst(results, braking, study.folder),
-    ]
-    return StudyResult(_metrics(results), tuple(files))
+    study.columns("violations.csv", _violations(results))
+    study.figure("runs.png", figures.draw_runs(results))
+    study.figure("distributions.png", figures.draw_distributions(results))
+    study.written.extend(_write_worst(results, braking, study.folder))
+    return study.result(_metrics(results))
 
 
 def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
@@ -89,14 +82,14 @@ def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
     return metrics
 
 
-def _write_violations(results: Sequence[robustness.Outcome], path: Path) -> Path:
+def _violations(results: Sequence[robustness.Outcome]) -> dict[str, list[Any]]:
     rows = [
         (result, limit)
         for result in results
         for limit in robustness.LIMITS
         if getattr(result, limit)
     ]
-    columns = {
+    return {
         "seed": [result.seed for result, _ in rows],
         "vehicle": [result.vehicle for result, _ in rows],
         "limit": [limit for _, limit in rows],
@@ -108,7 +101,6 @@ def _write_violations(results: Sequence[robustness.Outcome], path: Path) -> Path
         "distrusted [1]": [result.distrusted for result, _ in rows],
         "tipping [1]": [result.tipping for result, _ in rows],
     }
-    return data_table.write_columns(path, columns)
 
 
 def _write_worst(

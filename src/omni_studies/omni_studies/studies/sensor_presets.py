@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
-from omni_figures.style import save_figure
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
@@ -149,11 +148,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         {title: right[name] for title, name in titled.items()},
         _NEEDED,
     )
-    files = (
-        save_figure(figure, study.folder / "sensor_presets.png"),
-        *_write(sensors, speeds, found, study.folder),
-    )
-    return StudyResult(metrics, files)
+    study.figure("sensor_presets.png", figure)
+    study.written.extend(_write(sensors, speeds, found, study.folder))
+    return study.result(metrics)
 
 
 def _motions(sensor: LineSensor, speeds: FloatArray) -> list[Motion]:

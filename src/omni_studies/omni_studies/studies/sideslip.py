@@ -8,13 +8,11 @@ or omega R of a wheel with 1 % longitudinal slip.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
@@ -75,11 +73,19 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         )
         for name, camera in cameras.items()
     }
-    files = (
-        style.save_figure(figure, study.folder / "sideslip.png"),
-        _write(trials, study.folder / "sideslip.csv"),
+    study.figure("sideslip.png", figure)
+    header = (
+        "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
+        "rms_error_deg", "stated_deviation_deg", "measured_share",
+    )  # fmt: skip
+    rows = (
+        (ground, name, angles.speed, angles.overlap, *_row(*values))
+        for (ground, name), found in trials.items()
+        for angles in found
+        for values in zip(angles.truth, angles.error, angles.deviation, strict=True)
     )
-    return StudyResult(metrics, files)
+    study.table("sideslip.csv", header, rows, digits=6)
+    return study.result(metrics)
 
 
 def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
@@ -112,20 +118,6 @@ def _metrics(trials: Mapping[Case, Sequence[sideslip_trials.Angles]]) -> dict[st
                 f"measured_share.{case}": Metric(angles.measured_share, "1"),
             }
     return metrics
-
-
-def _write(trials: Mapping[Case, Sequence[sideslip_trials.Angles]], path: Path) -> Path:
-    header = (
-        "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
-        "rms_error_deg", "stated_deviation_deg", "measured_share",
-    )  # fmt: skip
-    rows: Iterator[tuple[str | float, ...]] = (
-        (ground, name, angles.speed, angles.overlap, *_row(*values))
-        for (ground, name), found in trials.items()
-        for angles in found
-        for values in zip(angles.truth, angles.error, angles.deviation, strict=True)
-    )
-    return data_table.write_table(path, header, rows, digits=6)
 
 
 def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float, ...]:

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 
-from omni_figures import data_table, style
 from omni_figures.run_figures import scene_of
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
@@ -137,30 +135,22 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         options.speed, options.amplitude, options.period, math.radians(options.yaw_rate_deg)
     )
     metrics: dict[str, Metric] = {}
-    files: list[Path] = []
     for name, vehicle in _PLATFORMS.items():
         experiment = study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"])
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
-        figure = draw_snapshots(
-            scene_of(experiment), tracking, f"{title}: spin while translating (as {snapshots})"
-        )
-        files.append(style.save_figure(figure, study.folder / f"snapshots_{name}.png"))
-        figure = draw_commands(
-            tracking, f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
-        )
-        files.append(style.save_figure(figure, study.folder / f"commands_{name}.png"))
-        files.append(_write(tracking, study.folder / f"{name}.csv"))
+        words = f"{title}: spin while translating (as {snapshots})"
+        study.figure(f"snapshots_{name}.png", draw_snapshots(scene_of(experiment), tracking, words))
+        words = f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
+        study.figure(f"commands_{name}.png", draw_commands(tracking, words))
+        study.table(f"{name}.csv", *_table(tracking))
         metrics |= _metrics(name, tracking)
-    return StudyResult(metrics, tuple(files))
+    return study.result(metrics)
 
 
 def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
-    distance, heading, speed = (
-        tracking.position_error,
-        np.degrees(tracking.heading_error),
-        tracking.wheel_error,
-    )
+    distance, speed = tracking.position_error, tracking.wheel_error
+    heading = np.degrees(tracking.heading_error)
     steps = np.diff(tracking.pose[:, :2], axis=0)
     return {
         f"position_rms.{name}": Metric(_rms(distance), "m", at_most=_POSITION_LIMIT),
@@ -176,19 +166,11 @@ def _rms(values: FloatArray) -> float:
     return math.sqrt(float(np.mean(values**2)))
 
 
-def _write(tracking: Tracking, path: Path) -> Path:
-    """Write one row per control stamp, angles in rad."""
+def _table(tracking: Tracking) -> tuple[list[str], list[list[float]]]:
+    """Return the header and one row per control stamp, angles in rad."""
     wheels = tracking.wheel_names
     header = ["time_s", "x_ref_m", "y_ref_m", "yaw_ref_rad", "x_m", "y_m", "yaw_rad"]
     header += [f"{wheel}_command_rad_s" for wheel in wheels]
     header += [f"{wheel}_speed_rad_s" for wheel in wheels]
-    table = np.column_stack(
-        (
-            tracking.time,
-            tracking.reference,
-            tracking.pose,
-            tracking.wheel_command,
-            tracking.wheel_speed,
-        )
-    )
-    return data_table.write_table(path, header, table.tolist())
+    reached = tracking.pose, tracking.wheel_command, tracking.wheel_speed
+    return header, np.column_stack((tracking.time, tracking.reference, *reached)).tolist()

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from omni_brake_assist import sliding_manifold, weighting
-from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import PlatformGeometry
@@ -59,14 +58,10 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ("enhanced, k = 1: distance counts more", "enhanced", 1),
         )
     }
-    return StudyResult(
-        metrics,
-        (
-            save_figure(draw_forces(wheels), study.folder / "forces.png"),
-            save_figure(weighting_functions(), study.folder / "weighting.png"),
-            save_figure(draw_manifold(manifolds, options.speed), study.folder / "manifold.png"),
-        ),
-    )
+    study.figure("forces.png", draw_forces(wheels))
+    study.figure("weighting.png", weighting_functions())
+    study.figure("manifold.png", draw_manifold(manifolds, options.speed))
+    return study.result(metrics)
 
 
 def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfiguration:

@@ -10,9 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_studies.identification import table_2
@@ -61,7 +59,6 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
     }
-    files: list[Path] = []
     if options.identify:
         done = 0
 
@@ -79,40 +76,36 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             on_generation=on_generation,
         )
         bases = {case: configure(base, found) for case, base in bases.items()}
-        files += write_files(bases[table_2.CASES[0]], study.folder)
+        study.written.extend(write_files(bases[table_2.CASES[0]], study.folder))
     measured = measure(bases)
     parameters = parameters_of(bases[table_2.CASES[0]])
     sensitivity = sensitivities(bases, parameters)
-    files += _write(measured, parameters, sensitivity, study.folder)
+    _write(measured, parameters, sensitivity, study)
     metrics = table_2.metrics(measured)
     if options.assumptions:
-        files.append(study.folder / "assumptions.csv")
-        metrics |= _change_assumptions(study, parameters, files[-1])
-    worst = max(map(_magnitude, table_2.deviations(measured).values()))
+        metrics |= _change_assumptions(study, parameters)
+    # Infinite for a vehicle that does not stop.
+    worst = max(
+        abs(d) if math.isfinite(d) else math.inf for d in table_2.deviations(measured).values()
+    )
     metrics["largest_deviation.all"] = Metric(worst, "1", at_most=1.0, note="in tolerances")
-    return StudyResult(metrics, tuple(files))
+    return study.result(metrics)
 
 
-def _change_assumptions(
-    study: StudyRun, parameters: Mapping[str, float], path: Path
-) -> dict[str, Metric]:
+def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
     """Write the ten numbers for every assumption, and return their ranges."""
     rows: list[dict[str, float]] = []
     for numbers in under(study.experiments, parameters):
         study.report(len(rows) / len(ASSUMPTIONS), ASSUMPTIONS[len(rows)].name)
         rows.append(numbers)
     columns = {name: [row[name] for row in rows] for name in table_2.REFERENCES}
-    data_table.write_columns(path, {"changed": [each.name for each in ASSUMPTIONS], **columns})
+    changed = [each.name for each in ASSUMPTIONS]
+    study.columns("assumptions.csv", {"changed": changed, **columns})
     return {
         f"{name.replace('.', f'_{end}.')}": Metric(pick(values), table_2.unit(name))
         for name, values in columns.items()
         for end, pick in (("low", min), ("high", max))
     }
-
-
-def _magnitude(deviation: float) -> float:
-    """Return the magnitude, infinite for a vehicle that does not stop."""
-    return abs(deviation) if math.isfinite(deviation) else math.inf
 
 
 def _finite(value: float) -> float | None:
@@ -123,8 +116,8 @@ def _write(
     measured: Mapping[str, float],
     parameters: Mapping[str, float],
     sensitivity: Sensitivity,
-    folder: Path,
-) -> list[Path]:
+    study: StudyRun,
+) -> None:
     names = list(table_2.REFERENCES)
     document = {
         "parameters": dict(parameters),
@@ -141,13 +134,10 @@ def _write(
         "deviation": [measured[name] - table_2.REFERENCES[name] for name in names],
         "tolerance": [table_2.tolerance(name) for name in names],
     }
-    identification = folder / "identification.json"
-    identification.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    return [
-        data_table.write_columns(folder / "table_2.csv", table),
-        data_table.write_columns(folder / "sensitivity.csv", sensitivity.columns()),
-        identification,
-        style.save_figure(trade_off(measured), folder / "trade_off.png"),
-        style.save_figure(weighting_functions(), folder / "weighting.png"),
-        style.save_figure(sensitivity_map(sensitivity), folder / "sensitivity.png"),
-    ]
+    study.written.append(study.folder / "identification.json")
+    study.written[-1].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    study.columns("table_2.csv", table)
+    study.columns("sensitivity.csv", sensitivity.columns())
+    study.figure("trade_off.png", trade_off(measured))
+    study.figure("weighting.png", weighting_functions())
+    study.figure("sensitivity.png", sensitivity_map(sensitivity))

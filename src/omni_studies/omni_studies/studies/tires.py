@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -50,7 +49,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             raise ConfigurationError("--tire", f"two of the tires are called {case!r}")
         vehicles[case] = _vehicle(study.experiments, options.vehicle, name)
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
-    files = [*_figures(table, tires, study.folder), *_data(table, tires, study.folder)]
+    _draw(table, tires, study)
+    _write(table, tires, study)
     metrics = _characteristic_metrics(table)
     for name, vehicle in vehicles.items():
         give, creep = tire_trials.slope_creep(vehicle, _SLOPE)
@@ -66,7 +66,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
                 tire_trials.zero_crossing_unevenness(vehicle), "1"
             ),
         }
-    return StudyResult(metrics, tuple(files))
+    return study.result(metrics)
 
 
 def _vehicle(library: ExperimentLibrary, vehicle: str, tire: str) -> VehicleConfiguration:
@@ -75,7 +75,7 @@ def _vehicle(library: ExperimentLibrary, vehicle: str, tire: str) -> VehicleConf
     return library.load(_EXPERIMENT, variant, overrides).vehicle
 
 
-def _figures(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -> list[Path]:
+def _draw(table: TMeasyConfiguration, tires: Mapping[str, Tire], study: StudyRun) -> None:
     loads = np.linspace(0.25, 1.0, 4) * table.nominal_load_2
     figures: dict[str, Figure] = {
         "figure_4": tire_figures.slip_figure(table, table.nominal_load_1),
@@ -86,49 +86,38 @@ def _figures(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path
         "combined_slip": tire_figures.combined_figure(table, table.nominal_load_1),
         "models": tire_figures.model_figure(tires, (table.nominal_load_1, table.nominal_load_2)),
     }
-    return [style.save_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
+    for name, figure in figures.items():
+        study.figure(f"{name}.png", figure)
 
 
 def _longitudinal(table: TMeasyConfiguration) -> Tire:
     return Tire(TireConfiguration(tmeasy=table))
 
 
-def _data(table: TMeasyConfiguration, tires: Mapping[str, Tire], folder: Path) -> list[Path]:
+def _write(table: TMeasyConfiguration, tires: Mapping[str, Tire], study: StudyRun) -> None:
     slips = np.linspace(0.0, 0.6, 121)
     loads = np.linspace(0.25, 1.0, 4) * table.nominal_load_2
     model = _longitudinal(table)
     overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
     parabola = tire_figures.interpolation_curve(table, overload)
-    return [
-        data_table.write_table(
-            folder / "figure_4.csv",
-            ("slip", "force_N"),
-            ((s, float(model.force(s, table.nominal_load_1))) for s in slips),
-        ),
-        data_table.write_table(
-            folder / "figure_5.csv",
-            ("load_N", "slip", "force_N"),
-            ((load, s, float(model.force(s, load))) for load in loads for s in slips),
-        ),
-        data_table.write_table(
-            folder / "figure_6.csv",
-            ("load_N", "parabola_N", "used_N", "overloaded"),
-            (
-                (load, value, model.curve(load).slope, int(model.overloaded(load)))
-                for load, value in zip(overload, parabola, strict=True)
-            ),
-        ),
-        data_table.write_table(
-            folder / "models.csv",
-            ("tire", "model", "load_N", "slip", "force_N"),
-            (
-                (name, tire.configuration.model, load, s, float(tire.force(s, load)))
-                for name, tire in tires.items()
-                for load in loads
-                for s in slips
-            ),
-        ),
-    ]
+    rows: Iterable[tuple[str | float, ...]] = (
+        (s, float(model.force(s, table.nominal_load_1))) for s in slips
+    )
+    study.table("figure_4.csv", ("slip", "force_N"), rows)
+    rows = ((load, s, float(model.force(s, load))) for load in loads for s in slips)
+    study.table("figure_5.csv", ("load_N", "slip", "force_N"), rows)
+    rows = (
+        (load, value, model.curve(load).slope, int(model.overloaded(load)))
+        for load, value in zip(overload, parabola, strict=True)
+    )
+    study.table("figure_6.csv", ("load_N", "parabola_N", "used_N", "overloaded"), rows)
+    rows = (
+        (name, tire.configuration.model, load, s, float(tire.force(s, load)))
+        for name, tire in tires.items()
+        for load in loads
+        for s in slips
+    )
+    study.table("models.csv", ("tire", "model", "load_N", "slip", "force_N"), rows)
 
 
 def _characteristic_metrics(table: TMeasyConfiguration) -> dict[str, Metric]:

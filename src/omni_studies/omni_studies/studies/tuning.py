@@ -10,10 +10,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from omni_figures import data_table, style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform import command_options, configuration
@@ -31,7 +31,7 @@ from omni_studies.tuning.trials import (
     recommended,
     situations,
 )
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 
 Cost = tuple[BrakeLag, float, float, float]
 
@@ -93,26 +93,20 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     settings = _settings(options.k, options.dwell)
     bases = situations(base, options.situations, options.seed)
     trials_of = Trials(bases, (OFF, *settings), lags)
-    table = study.folder / "trials.csv"
-    rows = run_campaign(
-        trials_of.run,
-        range(trials_of.count),
-        Numbers,
-        options,
-        table,
-        trials_of.fingerprint,
-        study.report,
+    numbers = range(trials_of.count)
+    rows = study.campaign(
+        trials_of.run, numbers, Numbers, options, trials_of.fingerprint, "trials.csv"
     )
     if len(rows) < trials_of.count:
         words = f"{len(rows)} of {trials_of.count} runs are done; --merge puts all pieces together"
-        return StudyResult({"runs.all": Metric(len(rows), "1")}, (table,), (words,))
+        return study.result({"runs.all": Metric(len(rows), "1")}, words)
     every = trials_of.collected(rows)
     unassisted = [trial for trial in every if trial.setting == OFF]
     trials = [trial for trial in every if trial.setting != OFF]
     mine = [trial for trial in trials if trial.lag == own]
     limits = options.max_rotation, options.max_distance
     choice: Trial | None = None
-    findings = [_spread(mine, unassisted[0], options.situations)]
+    findings = []
     metrics = _metrics(mine, unassisted[0])
     if any(limit is not None for limit in limits):
         choice, sentence = recommended(mine, *limits)
@@ -125,16 +119,12 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         metrics[f"distance_at_half_rotation.{case}"] = Metric(distance, "m")
     vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
     title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
-    files = (
-        _table(every, front(mine), study.folder / "settings.csv"),
-        _cost_table(costs, study.folder / "cost.csv"),
-        style.save_figure(
-            tuning_figures.trade_off(trials, unassisted, choice, *limits, title),
-            study.folder / "trade_off.png",
-        ),
-        style.save_figure(tuning_figures.cost(costs), study.folder / "cost.png"),
-    )
-    return StudyResult(metrics, files, tuple(findings))
+    study.columns("settings.csv", _settings_table(every, front(mine)))
+    study.columns("cost.csv", _cost_table(costs))
+    trade_off = tuning_figures.trade_off(trials, unassisted, choice, *limits, title)
+    study.figure("trade_off.png", trade_off)
+    study.figure("cost.png", tuning_figures.cost(costs))
+    return study.result(metrics, *findings)
 
 
 def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]:
@@ -147,19 +137,6 @@ def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]
             *(("enhanced", k) for k in sorted(set(ks))),
             ("zero", 7),
         )
-    )
-
-
-def _spread(trials: Sequence[Trial], unassisted: Trial, count: int) -> str:
-    best = front(trials)
-    if not best:
-        return "The vehicle does not stop with any setting."
-    first, last = best[0], best[-1]
-    return (
-        f"At worst of {count} situations the best settings go from "
-        f"{first.worst_rotation:.1f} deg and {first.worst_distance:.2f} m ({_case(first)}) to "
-        f"{last.worst_rotation:.1f} deg and {last.worst_distance:.2f} m ({_case(last)}); "
-        f"unassisted {unassisted.worst_rotation:.1f} deg and {unassisted.worst_distance:.2f} m."
     )
 
 
@@ -204,36 +181,30 @@ def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
     return rows
 
 
-def _cost_table(costs: Sequence[Cost], path: Path) -> Path:
-    return data_table.write_columns(
-        path,
-        {
-            "dead time [s]": [lag.dead_time for lag, *_ in costs],
-            "time constant [s]": [lag.time_constant for lag, *_ in costs],
-            "dwell time [s]": [dwell for _, dwell, _, _ in costs],
-            "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
-            "distance at half of the unassisted [m]": [distance for *_, distance in costs],
-        },
-    )
+def _cost_table(costs: Sequence[Cost]) -> dict[str, list[float]]:
+    return {
+        "dead time [s]": [lag.dead_time for lag, *_ in costs],
+        "time constant [s]": [lag.time_constant for lag, *_ in costs],
+        "dwell time [s]": [dwell for _, dwell, _, _ in costs],
+        "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
+        "distance at half of the unassisted [m]": [distance for *_, distance in costs],
+    }
 
 
-def _table(trials: Sequence[Trial], best: Sequence[Trial], path: Path) -> Path:
+def _settings_table(trials: Sequence[Trial], best: Sequence[Trial]) -> dict[str, list[Any]]:
     chosen = {id(trial) for trial in best}
-    return data_table.write_columns(
-        path,
-        {
-            "dead time [s]": [trial.lag.dead_time for trial in trials],
-            "time constant [s]": [trial.lag.time_constant for trial in trials],
-            "weighting": [trial.setting.label for trial in trials],
-            "dwell time [s]": [trial.setting.dwell_time for trial in trials],
-            "orientation change, worst [deg]": [trial.worst_rotation for trial in trials],
-            "stopping distance, worst [m]": [trial.worst_distance for trial in trials],
-            "orientation change, undisturbed [deg]": [float(t.rotation[0]) for t in trials],
-            "stopping distance, undisturbed [m]": [float(t.distance[0]) for t in trials],
-            "brake switchings, mean": [float(np.mean(trial.switchings)) for trial in trials],
-            "best of the vehicle's brakes": [int(id(trial) in chosen) for trial in trials],
-        },
-    )
+    return {
+        "dead time [s]": [trial.lag.dead_time for trial in trials],
+        "time constant [s]": [trial.lag.time_constant for trial in trials],
+        "weighting": [trial.setting.label for trial in trials],
+        "dwell time [s]": [trial.setting.dwell_time for trial in trials],
+        "orientation change, worst [deg]": [trial.worst_rotation for trial in trials],
+        "stopping distance, worst [m]": [trial.worst_distance for trial in trials],
+        "orientation change, undisturbed [deg]": [float(t.rotation[0]) for t in trials],
+        "stopping distance, undisturbed [m]": [float(t.distance[0]) for t in trials],
+        "brake switchings, mean": [float(np.mean(trial.switchings)) for trial in trials],
+        "best of the vehicle's brakes": [int(id(trial) in chosen) for trial in trials],
+    }
 
 
 def _lag(text: str) -> BrakeLag:

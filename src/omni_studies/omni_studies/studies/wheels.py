@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from omni_figures.data_table import write_records
-from omni_figures.style import save_figure
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -92,11 +90,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
     rows = _differences(singles, rollers)
     metrics = _agreement(rows) | _standing(vehicles) | _cost(vehicles["mecanum"])
-    files = [
-        *_draw(vehicles, singles, contacts, rollers, rows, study.folder),
-        write_records(study.folder / "differences.csv", rows),
-    ]
-    return StudyResult(metrics, tuple(files))
+    _draw(vehicles, singles, contacts, rollers, rows, study)
+    study.written.append(write_records(study.folder / "differences.csv", rows))
+    return study.result(metrics)
 
 
 class Difference(NamedTuple):
@@ -185,8 +181,8 @@ def _draw(
     contacts: dict[str, dict[str, Outcome]],
     rollers: Outcomes,
     rows: Sequence[Difference],
-    folder: Path,
-) -> list[Path]:
+    study: StudyRun,
+) -> None:
     geometries = [
         with_wheels(vehicles["mecanum"], ROLLERS, count).roller_geometries[0]
         for count in (_COSTED, _COMPARED)
@@ -226,9 +222,7 @@ def _draw(
         }
         for name, title in _TITLES.items()
     }
-    return [
-        save_figure(draw_contact(geometries), folder / "contact.png"),
-        save_figure(draw_forces(traces), folder / "forces.png"),
-        save_figure(draw_motions(motions), folder / "motions.png"),
-        save_figure(draw_differences(_COUNTS, differences, _AGREEMENT), folder / "differences.png"),
-    ]
+    study.figure("contact.png", draw_contact(geometries))
+    study.figure("forces.png", draw_forces(traces))
+    study.figure("motions.png", draw_motions(motions))
+    study.figure("differences.png", draw_differences(_COUNTS, differences, _AGREEMENT))
