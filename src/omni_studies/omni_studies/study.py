@@ -58,11 +58,7 @@ class StudyRun:
         self.written.append(style.save_figure(figure, self.folder / name))
 
     def table(
-        self,
-        name: str,
-        header: Iterable[str],
-        rows: Iterable[Sequence[str | int | float]],
-        digits: int = 9,
+        self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
         """Write a table; arguments as of `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))

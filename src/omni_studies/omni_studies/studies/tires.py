@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -100,7 +101,7 @@ def _write(table: TMeasyConfiguration, tires: Mapping[str, Tire], study: StudyRu
     model = _longitudinal(table)
     overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
     parabola = tire_figures.interpolation_curve(table, overload)
-    rows: Iterable[tuple[str | float, ...]] = (
+    rows: Iterable[tuple[Any, ...]] = (
         (s, float(model.force(s, table.nominal_load_1))) for s in slips
     )
     study.table("figure_4.csv", ("slip", "force_N"), rows)
