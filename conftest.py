@@ -1,4 +1,4 @@
-"""Marks the fast tests, for while one works (``./omni test -m fast -n auto``), and orders all.
+"""Marks the fast tests, for while one works (``./omni test -m fast``), and orders all by duration.
 
 Tests of the safety case carry ``safety(hazard, fault, caught_by, within=...)``, from which
 ``tests/safety_table.py`` makes the table of docs/safety.md.
@@ -6,41 +6,54 @@ Tests of the safety case carry ``safety(hazard, fault, caught_by, within=...)``,
 
 from __future__ import annotations
 
+import json
 import math
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
-SOURCES = Path(__file__).parent / "src"
-
-DEAR = frozenset(
-    """
-    allocation bag_command bag_reader bag_tools camera_faults camera_optics closed_loop
-    combined_slip design_sensors direct_search dissertation_claims experiment fail_safe
-    fast_loop figures fit_tire flat_field footprint_integral ground_texture integrity
-    identification lies limit line_camera line_studies mean_variance odometry_accuracy
-    optical_study passive_losses placement_search pose process process_group replay robustness
-    roller_vehicle rosbag2_writer sideslip_study spin_translate texture_studies tire_fit
-    tire_models tire_study tires_of_vehicles uneven_ground wheel wheels
-    """.split()  # noqa: SIM905
-)
-"""Files of tests below `src` that take more than two seconds of a quiet core each."""
+ROOT = Path(__file__).parent
+SOURCES = ROOT / "src"
+DURATIONS = ROOT / "tests" / "durations.json"
+"""Files that take a second or more: seconds, by ``./omni test --store-durations``."""
 
 
-FIRST = (
-    *("test_tutorial", "test_straight_line", "test_command_line", "test_studies", "test_extending"),
-    *("test_killed_nodes", "test_replay", "test_launcher", "test_real_time", "test_drive"),
-)
-"""Files of tests that take longest: were one begun last, all cores but one would wait for it."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option to measure the files of tests."""
+    words = f"write how long the files of tests take to {DURATIONS.relative_to(ROOT)}"
+    parser.addoption("--store-durations", action="store_true", help=words)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Measure the files where that is asked; with xdist in the process that gets all results."""
+    if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(_Stopwatch())
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark all tests below `src` but those of dear files; put those that start processes first."""
-    rank = {name: place for place, name in enumerate(FIRST)}
-    items.sort(key=lambda item: (rank.get(item.path.stem, len(rank)), SOURCES in item.path.parents))
+    """Mark the tests of short files below `src` as fast; put the longest files first."""
+    durations = json.loads(DURATIONS.read_text())
+    took = {item: durations.get(item.location[0], 0) for item in items}
+    # The longest first: were one begun last, all cores but one would wait for it.
+    items.sort(key=lambda item: -took[item])
     for item in items:
-        if SOURCES in item.path.parents and item.path.stem.removeprefix("test_") not in DEAR:
+        if SOURCES in item.path.parents and not took[item]:
             item.add_marker(pytest.mark.fast)
+
+
+class _Stopwatch:
+    def __init__(self) -> None:
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._seconds[report.location[0]] += report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        known = json.loads(DURATIONS.read_text())
+        known = {**known, **{file: int(seconds) for file, seconds in self._seconds.items()}}
+        slow = {file: known[file] for file in sorted(known) if known[file]}
+        DURATIONS.write_text(json.dumps(slow, indent=1) + "\n")
 
 
 @pytest.fixture

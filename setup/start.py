@@ -123,7 +123,9 @@ def hand_over(
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
             # All of them on all cores, file by file: a file's tests share its recorded runs. One
             # more at a time than there are cores, as a third of the time is waiting for processes.
-            if len(words) == 1:
+            # Not where the arguments name files, which are a few.
+            named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
+            if not named and not {"-n", "-k", "--pdb"} & set(words):
                 workers = str(len(os.sched_getaffinity(0)) + 1)
                 command += ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder"]
             command += pytest_arguments(words[1:], workspace.root)

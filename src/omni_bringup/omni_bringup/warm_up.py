@@ -11,8 +11,8 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 
@@ -67,19 +67,22 @@ _STAGES: tuple[tuple[Callable[[experiment.ExperimentConfiguration], None], ...],
 )
 
 
-def warm_up(folder: Path) -> None:
-    """Run a short part of the standard experiment and of each of its components.
-
-    Args:
-        folder: the workspace, with its `config`.
-    """
-    library = experiment.ExperimentLibrary(folder / "config")
+def _standard_run() -> experiment.ExperimentConfiguration:
+    library = experiment.ExperimentLibrary(workspace_folder() / "config")
     variant = library.variants(_EXPERIMENT)[-1]
-    configuration = library.load(
-        _EXPERIMENT,
-        variant,
-        (f"simulation.duration_limit={_DURATION}", f"maneuver.brake_time={_DURATION / 2}"),
-    )
+    short = (f"simulation.duration_limit={_DURATION}", f"maneuver.brake_time={_DURATION / 2}")
+    return library.load(_EXPERIMENT, variant, short)
+
+
+def every_task() -> list[Callable[[], None]]:
+    """Return what compiles the kernels, in an order in which it can be done."""
+    configuration = _standard_run()
+    return [partial(task, configuration) for stage in _STAGES for task in stage]
+
+
+def warm_up() -> None:
+    """Run a short part of the standard experiment and of each of its components."""
+    configuration = _standard_run()
     begin, done = time.monotonic(), 0
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         for stage in _STAGES:
@@ -94,5 +97,5 @@ def warm_up(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    warm_up(workspace_folder())
+    warm_up()
     sys.exit(0)

@@ -1,0 +1,75 @@
+"""CPU time of compiling every kernel from a cold cache, by module.
+
+A kernel's time excludes the kernels that it calls, which are compiled before it, but includes what
+LLVM inlines of them. Run with ``./omni exec python benchmarks/compile_kernels.py --json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from typing import Any
+
+_COLD = "OMNI_COLD_CACHE"  # set in the process whose cache is empty
+
+
+def compile_all() -> Counter[tuple[str, str]]:
+    """Compile every kernel, one after the other; return the CPU time of each [s]."""
+    from numba.core import event
+
+    from omni_bringup.warm_up import every_task
+
+    seconds: Counter[tuple[str, str]] = Counter()
+    callees = [0.0]  # of each compilation under way: CPU time of the compilations within it
+
+    class Stopwatch(event.Listener):
+        """Adds up the time of each compilation without those within it."""
+
+        def on_start(self, event: Any) -> None:
+            callees.append(0.0)
+            event.data["dispatcher"]._began = time.process_time()
+
+        def on_end(self, event: Any) -> None:
+            dispatcher = event.data["dispatcher"]
+            took = time.process_time() - dispatcher._began
+            kernel = dispatcher.py_func
+            seconds[kernel.__module__, kernel.__qualname__] += took - callees.pop()
+            callees[-1] += took
+
+    with event.install_listener("numba:compile", Stopwatch()):
+        for task in every_task():
+            task()
+    return seconds
+
+
+def main() -> None:
+    """Compile in a process with an empty cache and print the times."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--kernels", action="store_true", help="list kernels, not modules")
+    options = parser.parse_args()
+    if _COLD not in os.environ:
+        with tempfile.TemporaryDirectory() as cache:
+            environment = {**os.environ, "NUMBA_CACHE_DIR": cache, _COLD: "1"}
+            command = [sys.executable, *sys.argv]
+            sys.exit(subprocess.run(command, env=environment, check=False).returncode)
+    times: Counter[str] = Counter()
+    for (module, kernel), seconds in compile_all().items():
+        times["cpu_time." + (f"{module}.{kernel}" if options.kernels else module)] += seconds
+    total = times.total()
+    rounded = {name: round(seconds, 2) for name, seconds in times.most_common()}
+    rounded["cpu_time.all"] = round(total, 2)
+    if options.json:
+        print(json.dumps(rounded, indent=1))
+    else:
+        print("\n".join(f"{seconds:8.2f} s  {name}" for name, seconds in rounded.items()))
+
+
+if __name__ == "__main__":
+    main()
