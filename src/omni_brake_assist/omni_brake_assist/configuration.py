@@ -20,6 +20,84 @@ LAW_GROUP = "omni_brake_assist.laws"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class AllocationConfiguration(Configuration):
+    """Parameters of the law `allocation`; docs/allocation.md says where each of them acts."""
+
+    target_slip: float = parameter(
+        0.13,
+        description="Set-point of slip control: slip at which a tire transmits its largest force",
+        minimum=0.01,
+        maximum=1.0,
+    )
+    observer_time: float = parameter(
+        0.025,
+        description="Time constant of the friction observer; disturbances take twice as long, the "
+        "mass and the return of the heading four times",
+        unit="s",
+        minimum=0.001,
+        maximum=1.0,
+    )
+    growth_time: float = parameter(
+        0.5,
+        description="Time constant with which the estimated friction capacity of a wheel grows "
+        "while all of it is used without a slide (probing)",
+        unit="s",
+        minimum=0.01,
+        maximum=100.0,
+    )
+    slip_time: float = parameter(
+        0.015,
+        description="Time constant of slip control: of a wheel's speed on its way to the set-point",
+        unit="s",
+        minimum=0.001,
+        maximum=1.0,
+    )
+    relaxation_speed: float = parameter(
+        3.0,
+        description="Feed-forward of slip control: sliding speed beyond the set-point while a tire "
+        "has yet to deflect (relaxation)",
+        unit="m/s",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    return_share: float = parameter(
+        0.36,
+        description="Control barrier function of the heading: its time constants as a share of the "
+        "time that is left of the stop",
+        minimum=0.01,
+        maximum=10.0,
+    )
+    line_time: float = parameter(
+        0.4,
+        description="Control barrier function of the direction of motion: its time constant",
+        unit="s",
+        minimum=0.01,
+        maximum=100.0,
+    )
+    heading_weight: float = parameter(
+        60.0,
+        description="Control allocation: cost of a yaw acceleration beyond its bounds, against "
+        "1 of the deceleration",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    line_weight: float = parameter(
+        12.0,
+        description="Control allocation: cost of a lateral acceleration beyond its bounds, against "
+        "1 of the deceleration",
+        minimum=0.0,
+        maximum=1.0e6,
+    )
+    locked_share: float = parameter(
+        0.02,
+        description="Share of the fastest hub's speed along the active direction below which a "
+        "wheel is locked, as the motion does not drive it",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeAssistConfiguration(Configuration):
     """Everything that the brake assistant can be told."""
 
@@ -71,6 +149,9 @@ class BrakeAssistConfiguration(Configuration):
     )
     brake: BrakeConfiguration = section(
         BrakeConfiguration, description="Nominal brake of each wheel, for the law allocation"
+    )
+    allocation: AllocationConfiguration = section(
+        AllocationConfiguration, description="Parameters of the law allocation"
     )
     minimum_dwell_time: float = parameter(
         0.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws import allocation, sliding_mode
+from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
 from omni_brake_assist.laws.law import HELD, Motion, is_new
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
@@ -26,7 +26,7 @@ class LawConstants(NamedTuple):
 
     kind: int
     sliding_mode: Manifold
-    allocation: allocation.Constants
+    allocation: allocation_state.Constants
 
 
 class LawMemory(NamedTuple):
@@ -36,7 +36,7 @@ class LawMemory(NamedTuple):
         allocation: of that law.
     """
 
-    allocation: allocation.Memory
+    allocation: allocation_state.Memory
 
 
 def law_memory(wheels: int) -> LawMemory:

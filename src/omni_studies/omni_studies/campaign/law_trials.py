@@ -76,8 +76,10 @@ class LawTrials:
         Args:
             seed: of what is drawn.
             kind: of the brakes, `PROPORTIONAL` or `ON_OFF`.
-            law: its name, empty for all brakes on.
+            law: its name, empty for all brakes on; ``allocation@field=value`` has another value of
+                a parameter of `AllocationConfiguration`.
         """
+        law, _, change = law.partition("@")
         variant = "assisted" if law else "unassisted"
         base = self._braking.configurations(robustness.without(draw(seed), "failure"))[variant]
         random = np.random.default_rng([seed, 1])
@@ -89,8 +91,11 @@ class LawTrials:
         lagging = dataclasses.replace(brake, dead_time=dead_time, time_constant=time_constant)
         nominal = lagging if lag == "nominal" else brake
         assist = base.brake_assist
+        field, _, value = change.partition("=")
+        parameters = {field: float(value)} if change else {}
         assist = dataclasses.replace(
             assist,
+            allocation=dataclasses.replace(assist.allocation, **parameters),
             law=law or assist.law,
             brake=dataclasses.replace(nominal, max_torque=brake.max_torque * torque),
             nominal_mass=assist.nominal_mass * mass,
