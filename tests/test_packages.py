@@ -132,7 +132,7 @@ def test_all_packages_carry_one_version_and_a_license() -> None:
 
 def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
     # What colcon goes by; without it, it looks for unittest's tests and finds none.
-    shared = (WORKSPACE / "src/ament_package.py").read_text()
+    shared = (WORKSPACE / "src/omni_platform/ament_package.py").read_text()
     assert 'extras_require={"test": ["pytest"]}' in shared
     places = ["--base-paths", "src", "--build-base", str(tmp_path / "build")]
     places += ["--install-base", str(tmp_path / "install")]

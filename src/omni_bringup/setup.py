@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-sys.path.insert(0, "..")
+sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
 # The configuration of the workspace, so that launch files find it from anywhere.

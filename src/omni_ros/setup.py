@@ -2,7 +2,7 @@
 
 import sys
 
-sys.path.insert(0, "..")
+sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
 install(data=["*.xml"])
