@@ -104,10 +104,10 @@ class Vehicle(Bystander):
 def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
     """A vehicle with a real brake assistant process, in a ROS domain of its own."""
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
-        # There are no wheel speeds to have a second opinion from.
+        # There are no wheel speeds for fault detection.
         "straight_line",
         "assisted",
-        ["brake_assist.second_opinion=false"],
+        ["brake_assist.fault_detection=false"],
     )
     process = graph.brake_assist(configuration, tmp_path, lockstep=request.param)
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:

@@ -66,8 +66,8 @@ from omni_brake_assist.monitors.wheel_monitor import watch_wheels, wheel_memory
 from omni_brake_assist.observer.horizon import observe
 from omni_brake_assist.observer.state import (
     ALL,
+    NO_ESTIMATE,
     NO_TWIST,
-    NOBODY,
     Brakes,
     ObserverConstants,
     ObserverMemory,
@@ -93,7 +93,7 @@ _STEP = np.dtype(
         ("switched_ns", "i8"),  # stamp up to which the valves have been carried on [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
         ("reckoned", "?"),  # whether the motion is known without the twist
-        ("contradicted", "?"),  # whether nobody knows it, or the effect is missing
+        ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
         ("slides", "?"),  # whether all wheels contradict the twist
         ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
@@ -101,7 +101,7 @@ _STEP = np.dtype(
         ("start_speed", "f8"),  # when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # whether the law has been asked since the pedal went down
-        ("line_doubted", "?"),  # whether the line was stored while somebody was contradicted
+        ("line_uncertain", "?"),  # whether the line was stored during a dispute
         ("answer", "i8"),  # of the law when it was asked last
         ("dead", "i8"),  # number of the wheel whose brake has been found dead, from 1; 0: none
     ]
@@ -109,15 +109,15 @@ _STEP = np.dtype(
 
 
 class Constants(NamedTuple):
-    """What a step depends on, besides what it is told.
+    """What a step depends on besides its inputs.
 
     Attributes:
         limits: of a feedback that can be trusted.
         laws: constants of the control laws.
-        second_opinion: whether the observer and the monitor of the effect have a say.
+        fault_detection: whether the observer and the monitors are used.
         observer: their constants.
-        effect: likewise.
-        brakes: of the monitor of the brakes, which has its say with them.
+        effect: constants of the effect monitor.
+        brakes: of the monitor of the brakes.
         r_x: wheel positions [m], shape (N,).
         r_y: wheel positions in y [m], shape (N,).
         pedal_threshold: from which the driver brakes [1].
@@ -130,7 +130,7 @@ class Constants(NamedTuple):
 
     limits: Limits
     laws: LawConstants
-    second_opinion: bool
+    fault_detection: bool
     observer: ObserverConstants
     effect: EffectConstants
     brakes: BrakeConstants
@@ -157,11 +157,11 @@ class Memory(NamedTuple):
         effect: ledger of `effect_monitor`, shape (1,).
         brakes: of `brake_monitor`, shape (N + 1,).
         watch: of `wheel_monitor`, shape (N,).
-        heard: speeds of the wheels that a law may go by [rad/s], shape (N,).
-        told: enables of the last step, shape (N,).
+        law_speeds: of the wheels that a law may use [rad/s], NaN where it may not, shape (N,).
+        commanded: enables of the last step [1], shape (N,).
         answer: the motion of now as the observer sees it, shape (3,).
-        speeds: of the wheels that the observer is told [rad/s], shape (N,).
-        desk: what else it is told: reading of the IMU, variance of the twist, shape (2, 3).
+        speeds: of the wheels, NaN where not received [rad/s], shape (N,).
+        workspace: reading of the IMU and variance of the twist, shape (2, 3).
         held: error and enable that the law wrote last, shape (2, N).
     """
 
@@ -174,11 +174,11 @@ class Memory(NamedTuple):
     effect: NDArray[np.void]
     brakes: FloatArray
     watch: NDArray[np.void]
-    heard: FloatArray
-    told: FloatArray
+    law_speeds: FloatArray
+    commanded: FloatArray
     answer: FloatArray
     speeds: FloatArray
-    desk: FloatArray
+    workspace: FloatArray
     held: FloatArray
 
 
@@ -186,11 +186,11 @@ _Course = tuple[bool, float, float, float, float, float, float]
 
 
 class Inputs(NamedTuple):
-    """What the assistant is told at a step.
+    """Inputs of a step.
 
     Attributes:
         now_ns: stamp of the demand [ns].
-        pedal: the driver's brake demand, 0 to 1; 1 where nobody can read it.
+        pedal: the driver's brake demand, 0 to 1; 1 where it cannot be read.
         enabled: whether brakes may be released.
         outside: condition found outside the kernel, INVALID_DEMAND or UNKNOWN_WHEEL, else GOOD.
         feedback: latest twist.
@@ -229,7 +229,7 @@ def make_constants(
     return Constants(
         make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
         law_constants(configuration, geometry),
-        configuration.second_opinion,
+        configuration.fault_detection,
         observer_constants(configuration, geometry),
         effect_constants(geometry),
         brake_constants(configuration, geometry),
@@ -245,7 +245,7 @@ def make_constants(
 
 
 def new_memory(wheels: int) -> Memory:
-    """Return the memory of an assistant that has not been told anything, of N wheels."""
+    """Return the memory of an assistant of N wheels that has received nothing."""
     return Memory(
         new_trust(),
         np.zeros(1, _STEP),
@@ -274,7 +274,7 @@ def assist_step(
     Args:
         constants: of `make_constants`.
         memory: of `new_memory`, changed in place.
-        inputs: what the assistant is told.
+        inputs: of this step.
         error: receives ``s_i`` [m/s], shape (N,); zeros without braking or trust.
         enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
 
@@ -284,7 +284,7 @@ def assist_step(
     error[:] = 0.0
     ready, course = _listen(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
-    motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.heard)
+    motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.law_speeds)
     answer = NO_HELP
     if ready:
         answer = built_in.step(constants.laws, memory.laws, motion, error, enable)
@@ -298,14 +298,14 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     Args:
         constants: of `make_constants`.
         memory: changed in place.
-        inputs: what the assistant is told.
+        inputs: of this step.
 
     Returns:
         Whether to ask a law, and what to ask it with.
     """
     ready, course = _listen(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
-    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.heard)
+    return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.law_speeds)
 
 
 @lean_inline
@@ -313,23 +313,23 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     """Return whether to ask a law, and the motion but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
-    weighed = constants.second_opinion and _is_felt(constants, inputs)
+    weighed = constants.fault_detection and _is_felt(constants, inputs)
     good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
     trusted = memory.trust[0].cause == GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
     elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
-    if constants.second_opinion:
+    if constants.fault_detection:
         chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
-        step.contradicted = chosen == NOBODY
+        step.contradicted = chosen == NO_ESTIMATE
         alone = chosen == NO_TWIST or not (good and trusted) or memory.trust[0].unsure
-        step.reckoned = chosen != NOBODY and alone
-        if memory.observer.belief[0].inertial != 0.0:
-            good = trusted = chosen != NOBODY
+        step.reckoned = chosen != NO_ESTIMATE and alone
+        if memory.observer.isolation[0].inertial != 0.0:
+            good = trusted = chosen != NO_ESTIMATE
             stamp_ns, twist = inputs.now_ns, memory.answer
-        elif chosen == NOBODY:
+        elif chosen == NO_ESTIMATE:
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
-    watched = constants.second_opinion and (not braking or (good and trusted))
+    watched = constants.fault_detection and (not braking or (good and trusted))
     _watch(constants, memory, inputs, braking, elapsed if watched else -1.0, (v_x, v_y, yaw_rate))
     dt = 0.0
     if good:
@@ -338,20 +338,20 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         if not 0.0 <= dt <= constants.maximum_time_step:
             forget_line(line)  # the heading is not known across the gap
             dt = 0.0
-    belief = memory.observer.belief[0]
-    settled = belief.disputed == 0.0 or belief.out != ALL
+    isolation = memory.observer.isolation[0]
+    settled = isolation.disputed == 0.0 or isolation.out != ALL
     if not braking:
         forget_line(line)
         step.slow = False
     elif good:
-        if step.line_doubted and settled:
-            forget_line(line)  # it may be that of a sensor that lies
+        if step.line_uncertain and settled:
+            forget_line(line)  # it may be that of a faulty sensor
         if line.stored:
             advance_line(line, dt, yaw_rate)
         elif trusted:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
-            step.line_doubted = not settled
+            step.line_uncertain = not settled
             step.start_speed = math.hypot(v_x, v_y)
     ready = braking and good and trusted and not step.slides
     first = not step.assisting
@@ -370,9 +370,9 @@ def _watch(
     twist: tuple[float, float, float],
 ) -> None:
     """Ask the monitors of brakes and wheels, unless the time since the last step is negative."""
-    step, heard = memory.step[0], memory.heard
-    for i in range(heard.size):
-        heard[i] = inputs.wheels.speed[i]
+    step, law_speeds = memory.step[0], memory.law_speeds
+    for i in range(law_speeds.size):
+        law_speeds[i] = inputs.wheels.speed[i]
     if not braking:
         step.dead = 0
         step.slides = False
@@ -380,11 +380,11 @@ def _watch(
         return
     dt = min(elapsed, constants.maximum_time_step)
     pedal = inputs.pedal if braking else 0.0
-    wheels = BrakedWheels(memory.told, memory.speeds, memory.observer.belief[0].scale)
+    wheels = BrakedWheels(memory.commanded, memory.speeds, memory.observer.isolation[0].scale)
     if step.dead == 0:
         dead = watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1 if dead != NO_WHEEL else 0
-    slide = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, heard)
+    slide = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, law_speeds)
     step.slides = step.slides or (slide and step.reckoned)
 
 
@@ -397,23 +397,23 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
 
 @lean_inline
 def _ask_observer(
-    constants: Constants, memory: Memory, inputs: Inputs, heard: bool, braking: bool
+    constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
 ) -> int:
     """Ask the observer for the motion of now, and the monitor for the effect of the last step."""
     step, feedback = memory.step[0], inputs.feedback
     now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
-    speeds, inertial, variance = memory.speeds, memory.desk[0], memory.desk[1]
+    speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
     wheels, imu = inputs.wheels, inputs.imu
     known = wheels.validity == VALID and abs(since(now_ns, wheels.stamp_ns)) <= timeout
     released = False
     for i in range(speeds.size):
         speeds[i] = wheels.speed[i] if known else math.nan
-        released = released or memory.told[i] < 1.0
+        released = released or memory.commanded[i] < 1.0
     known = _is_felt(constants, inputs)
     for j in range(3):
         value = imu.yaw_rate if j == 0 else imu.acceleration[j - 1]
         inertial[j] = value if known else math.nan
-        variance[j] = feedback.covariance[j, j] if heard else 0.0
+        variance[j] = feedback.covariance[j, j] if received else 0.0
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
     pedal = inputs.pedal if braking else 0.0
@@ -430,8 +430,8 @@ def _ask_observer(
             constants.observer,
             memory.observer,
             now_ns,
-            Brakes(braking, memory.told),
-            PassedTwist(heard, jumped, feedback.stamp_ns, feedback.value, variance),
+            Brakes(braking, memory.commanded),
+            PassedTwist(received, jumped, feedback.stamp_ns, feedback.value, variance),
             Sensed(inertial, speeds),
             memory.answer,
         )
@@ -452,7 +452,7 @@ def act(
     Args:
         constants: of `make_constants`.
         memory: changed in place.
-        inputs: what the assistant is told.
+        inputs: of this step.
         asked: what a law has been asked, and its answer.
         error: what it has written [m/s], shape (N,).
         enable: what it has written; receives what the valves do [1], shape (N,).
@@ -471,7 +471,7 @@ def act(
         enable[:] = 1.0
         open_valves(memory.valves, constants.dwell, elapsed)
     for i in range(enable.size):
-        memory.told[i] = enable[i]
+        memory.commanded[i] = enable[i]
     return int(outcome)
 
 
@@ -559,7 +559,7 @@ def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
     limit = constants.speed_threshold
     if step.slow:
         limit += constants.speed_hysteresis
-    if step.reckoned and constants.second_opinion:
+    if step.reckoned and constants.fault_detection:
         limit += _RECKONED_SHARE * step.start_speed
     step.slow = limit > fastest_wheel(
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate

@@ -283,7 +283,7 @@ class BrakeAssist:
         distrust(memory.trust[0], check, 0.0, 0.0, 0.0)
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
-        memory.told[:] = 1.0
+        memory.commanded[:] = 1.0
         open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

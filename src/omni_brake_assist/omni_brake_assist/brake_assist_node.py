@@ -114,9 +114,9 @@ class BrakeAssistNode(Node):
         self._wheel_speeds: WheelSample | None = None
         self._imu: ImuSample | None = None
         self._imu_received = -math.inf
-        self._second_opinion = configuration.second_opinion
+        self._fault_detection = configuration.fault_detection
         self._pairing = StepPairing(
-            second_opinion=configuration.second_opinion,
+            fault_detection=configuration.fault_detection,
             imu=timing.await_imu,
             twist_period_ns=round(timing.twist_period * 1e9),
         )
@@ -198,7 +198,7 @@ class BrakeAssistNode(Node):
             self._answer_step()
 
     def _on_imu(self, message: Imu) -> None:
-        if not self._second_opinion:
+        if not self._fault_detection:
             return
         self._imu, self._imu_received = imu_reading_of(message), time.monotonic()
         if self._lockstep:

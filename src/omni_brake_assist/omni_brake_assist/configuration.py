@@ -99,7 +99,7 @@ class AllocationConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeAssistConfiguration(Configuration):
-    """Everything that the brake assistant can be told."""
+    """Configuration of the brake assistant."""
 
     wheels: Mapping[str, WheelMount] = parameter(
         description="Wheels of the platform by name; their order is that of the brake enables"
@@ -240,7 +240,7 @@ class BrakeAssistConfiguration(Configuration):
         unit="rad/s",
         minimum=0.0,
     )
-    second_opinion: bool = parameter(
+    fault_detection: bool = parameter(
         True,
         description="Fault detection: whether the twist is compared with IMU and wheel speeds and "
         "replaced by them where it is missing, and whether the effect of braking is monitored",

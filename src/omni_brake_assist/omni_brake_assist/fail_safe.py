@@ -122,7 +122,7 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
 
 
 def new_trust() -> NDArray[np.void]:
-    """Return the memory of who has not heard anything yet, shape (1,)."""
+    """Return the memory of a gate that has received nothing, shape (1,)."""
     trust = np.zeros(1, TRUST)
     trust["cause"] = NOTHING_YET
     return trust
@@ -246,7 +246,7 @@ def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
 
 @lean
 def _worst_variance(covariance: FloatArray) -> float:
-    """Return the variance of the velocity in its worst direction, whichever way the axes lie."""
+    """Return the largest variance of the velocity over all directions."""
     xx, yy = covariance[0, 0], covariance[1, 1]
     across = covariance[0, 1] / 2 + covariance[1, 0] / 2
     return float(xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from omni_brake_assist.assist_step import Memory
 from omni_brake_assist.conditions import CONDITIONS, GOOD
 from omni_brake_assist.observer.judgment import ALONE_GATE
-from omni_brake_assist.observer.state import ALONE, NO_FORCE, NO_GYRO, NO_TWIST, NOBODY
+from omni_brake_assist.observer.state import ALONE, NO_ESTIMATE, NO_FORCE, NO_GYRO, NO_TWIST
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = (
     "fused",
@@ -55,15 +55,15 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
         memory: of the assistant.
         wheels: names in the order of the configuration.
     """
-    belief, trust = memory.observer.belief[0], memory.trust[0]
-    out, known = int(belief["out"]), belief["inertial"] != 0.0
-    velocity, rate = float(belief["apart_velocity"]) ** 2, float(belief["apart_rate"]) ** 2
+    isolation, trust = memory.observer.isolation[0], memory.trust[0]
+    out, known = int(isolation["out"]), isolation["inertial"] != 0.0
+    velocity, rate = float(isolation["apart_velocity"]) ** 2, float(isolation["apart_rate"]) ** 2
     twist = max(velocity, rate) if known else float(memory.observer.score[ALONE]) / ALONE_GATE
-    found = [_judged("twist", twist, isolated=out in (NO_TWIST, NOBODY))]
+    found = [_judged("twist", twist, isolated=out in (NO_TWIST, NO_ESTIMATE))]
     if trust["cause"] != GOOD:
         state = CONDITIONS[int(trust["cause"])].state.value
         found[0] = Source("twist", twist, REJECTED, state)
-    gyro, force = memory.desk[0, 0], memory.desk[0, 1]
+    gyro, force = memory.workspace[0, 0], memory.workspace[0, 1]
     found.append(_judged("gyro", rate, isolated=out == NO_GYRO, missing=not math.isfinite(gyro)))
     found.append(
         _judged(
@@ -73,7 +73,7 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
     for i, name in enumerate(wheels):
         ratio = float(memory.observer.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
-        wheel = _judged(name, ratio, isolated=bool(memory.watch[i]["doubted"]), missing=missing)
+        wheel = _judged(name, ratio, isolated=bool(memory.watch[i]["rejected"]), missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
         found.append(wheel._replace(state=BRAKED) if braked else wheel)
     return tuple(found)

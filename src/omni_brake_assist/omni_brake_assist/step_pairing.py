@@ -15,16 +15,16 @@ class StepPairing:
     to all those of its sample.
 
     Args:
-        second_opinion: whether a demand waits for the wheel speeds of its step.
+        fault_detection: whether a demand waits for the wheel speeds of its step.
         imu: whether it waits for the IMU too.
         twist_period_ns: between two samples of the twist [ns], 0 where every step has its own.
     """
 
     def __init__(
-        self, *, second_opinion: bool = False, imu: bool = False, twist_period_ns: int = 0
+        self, *, fault_detection: bool = False, imu: bool = False, twist_period_ns: int = 0
     ) -> None:
         self._twist_period_ns = twist_period_ns
-        self._awaits_wheels, self._awaits_imu = second_opinion, second_opinion and imu
+        self._awaits_wheels, self._awaits_imu = fault_detection, fault_detection and imu
         self._wheels: WheelSample | None = None
         self._imu: ImuSample | None = None
         self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal

@@ -99,7 +99,7 @@ def test_line_stays_fixed_in_the_world_while_the_platform_turns(mecanum: Wheels)
         )
 
     # No wheel speeds are fed, and nothing slows it down.
-    drive = Drive(mecanum, twist(0.0), weighting="zero", speed_noise=1.0, second_opinion=False)
+    drive = Drive(mecanum, twist(0.0), weighting="zero", speed_noise=1.0, fault_detection=False)
     turned = 0.0
     for index in range(200):
         time = index * 0.01

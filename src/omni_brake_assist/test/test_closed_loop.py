@@ -107,7 +107,7 @@ def brake(
     """Brake until the vehicle stands, at the latest for 10 s."""
     vehicle = Vehicle(wheels, load, radius_of_gyration, np.array(velocity))
     # The vehicle has neither wheel speeds nor an IMU: the law and the gate alone are tried.
-    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, second_opinion=False, **settings))
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, fault_detection=False, **settings))
     along = np.array(velocity) / math.hypot(*velocity)
     gains, states, enables = [], set(), []
     start = vehicle.position

@@ -296,7 +296,7 @@ def test_twist_that_never_changes_while_braking_is_implausible(
 @pytest.mark.parametrize(
     ("pedal", "speed", "changes"),
     [
-        (1.0, 9.5, {"frozen_time": 0.0, "second_opinion": False}),  # switched off
+        (1.0, 9.5, {"frozen_time": 0.0, "fault_detection": False}),  # switched off
         (0.0, 9.5, {}),  # rolling steadily
         (1.0, 0.0, {}),  # standing
     ],

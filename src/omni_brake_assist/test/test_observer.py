@@ -1,4 +1,4 @@
-"""The second opinion on motions that are known in closed form."""
+"""The observer on motions that are known in closed form."""
 
 import math
 
@@ -9,10 +9,10 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.observer.horizon import observe
 from omni_brake_assist.observer.state import (
     ALL,
+    NO_ESTIMATE,
     NO_FORCE,
     NO_GYRO,
     NO_TWIST,
-    NOBODY,
     Brakes,
     ObserverConstants,
     PassedTwist,
@@ -25,7 +25,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 
 RELEASED = "brakes released when they should act"
-OPINION = "second opinion: it contradicts "
+ISOLATED = "fault isolation: it contradicts "
 PERIOD_NS = 10_000_000
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 
@@ -153,7 +153,7 @@ def test_honest_sensors_are_all_believed(drive: Drive) -> None:
 )
 def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> None:
     drive.run(180, "silence")
-    assert NOBODY not in drive.chosen
+    assert NO_ESTIMATE not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
@@ -175,14 +175,14 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
             "twist", 0.5, NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "velocity of the twist off by 0.5 m/s",
-                OPINION + "accelerometer and wheels", within=0.1,
+                ISOLATED + "accelerometer and wheels", within=0.1,
             ),
         ),
         pytest.param(
             "rate", 0.3, NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "yaw rate of the twist off by 0.3 rad/s",
-                OPINION + "the gyro, which explains how the velocity changes", within=0.1,
+                ISOLATED + "the gyro, which explains how the velocity changes", within=0.1,
             ),
         ),
         ("rate", -0.5, NO_TWIST),
@@ -190,14 +190,14 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
             "gyro", 0.3, NO_GYRO,
             marks=pytest.mark.safety(
                 RELEASED, "gyro off by 0.3 rad/s",
-                OPINION + "the twist, whose rate explains how its velocity changes", within=0.1,
+                ISOLATED + "the twist, whose rate explains how its velocity changes", within=0.1,
             ),
         ),
         ("gyro", -0.5, NO_GYRO),
         pytest.param(
             "force", 4.0, NO_FORCE,
             marks=pytest.mark.safety(
-                RELEASED, "accelerometer off by 4 m/s^2", OPINION + "twist and wheels", within=0.2
+                RELEASED, "accelerometer off by 4 m/s^2", ISOLATED + "twist and wheels", within=0.2
             ),
         ),
     ],
@@ -214,7 +214,7 @@ def test_one_that_lies_is_left_out(
 @pytest.mark.safety(
     RELEASED,
     "twist stuck, also that of a sensor that is read every 40 ms",
-    "second opinion: braking does not change it",
+    "fault isolation: braking does not change it",
     within=0.2,
 )
 @pytest.mark.parametrize("hold", [1, 4])
@@ -237,7 +237,7 @@ def test_who_is_heard_again_has_left_nothing_behind(drive: Drive, lie: str, size
 
 
 @pytest.mark.safety(
-    RELEASED, "one encoder lies", "second opinion: a wheel that contradicts all is not heard",
+    RELEASED, "one encoder lies", "gate: a wheel that contradicts the filters is rejected",
     within=0.0,
 )  # fmt: skip
 def test_a_wheel_that_lies_moves_nobody(drive: Drive) -> None:
@@ -259,7 +259,7 @@ def test_a_delay_that_is_told_leaves_the_answer_of_now(
     drive = Drive(mecanum, (0.5, -0.3), delay)
     drive.run(180)
     first = math.ceil(drive.unsaid)
-    assert drive.chosen == [NOBODY] * first + [ALL] * (180 - first)
+    assert drive.chosen == [NO_ESTIMATE] * first + [ALL] * (180 - first)
     assert drive.error == pytest.approx(0.0, abs=0.02)
 
 
@@ -299,7 +299,7 @@ def test_a_release_of_the_pedal_forgives(drive: Drive) -> None:
         Sensed(inertial, speeds),
         answer,
     )
-    assert drive.memory.belief[0]["out"] == ALL
+    assert drive.memory.isolation[0]["out"] == ALL
 
 
 def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(

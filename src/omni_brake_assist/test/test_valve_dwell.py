@@ -33,7 +33,7 @@ class Drive:
                 minimum_dwell_time=dwell,
                 yaw_rate_noise=10.0,
                 frozen_time=0.0,
-                second_opinion=False,  # there are no wheel speeds
+                fault_detection=False,  # there are no wheel speeds
             )
         )
         self.stamp_ns = -PERIOD_NS

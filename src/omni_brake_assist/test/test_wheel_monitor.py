@@ -13,7 +13,7 @@ from omni_platform.geometry import PlatformGeometry, WheelMount
 STEP = 0.01  # [s]
 
 
-def doubted(
+def rejected(
     mounts: dict[str, WheelMount],
     speed: Callable[[float, float], float],
     released: bool,
@@ -63,7 +63,7 @@ def doubted(
 def test_a_wheel_that_cannot_be_so_is_not_heard(
     mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
 ) -> None:
-    assert doubted(mecanum, speed, released, seconds=0.3)
+    assert rejected(mecanum, speed, released, seconds=0.3)
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,4 @@ def test_a_wheel_that_cannot_be_so_is_not_heard(
 def test_a_wheel_that_may_be_so_is_heard(
     mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
 ) -> None:
-    assert not doubted(mecanum, speed, released)
+    assert not rejected(mecanum, speed, released)

@@ -280,7 +280,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         brake_torque=configuration.vehicle.brake.max_torque,
         clutch_threshold=drive.clutch_threshold,
         clutch_stiffness=drive.stiffness,
-        measures=configuration.brake_assist.second_opinion
+        measures=configuration.brake_assist.fault_detection
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,

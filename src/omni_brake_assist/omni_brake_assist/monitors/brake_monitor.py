@@ -54,12 +54,12 @@ class BrakedWheels(NamedTuple):
     """Commands and speeds of the wheels.
 
     Attributes:
-        told: share of the pedal's demand that each brake passes [1], shape (N,).
+        commanded: share of the pedal's demand that each brake passes [1], shape (N,).
         speeds: of the wheels [rad/s], shape (N,); NaN where unknown.
         scale: relative excess of the speed of rolling rims over the ground, estimated before [1].
     """
 
-    told: FloatArray
+    commanded: FloatArray
     speeds: FloatArray
     scale: float
 
@@ -118,7 +118,7 @@ def watch_brakes(
         for i in range(speeds.size):
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
-            command = wheels.told[i]
+            command = wheels.commanded[i]
             least = _LEAST if looks_for_slides and pedal >= _HARD else _PASSED
             if pedal < _PRESSED or command < least or abs(hub) < _SLOW:
                 continue

@@ -58,7 +58,7 @@ _LEDGER = np.dtype(
     ]
 )
 
-_SETTLED = 0.6  # share of a step that a low pass must have followed to be believed [1]
+_SETTLED = 0.6  # share of a step that a low pass must have followed to be used [1]
 _END = 0.3  # share of the speed at the start from which on a stop is at its end [1]
 _LITTLE = 0.3  # share of the possible loss of speed that is little [1]
 _FASTEST_RIM = 200.0  # [m/s]
@@ -72,7 +72,7 @@ class EffectConstants(NamedTuple):
     Attributes:
         roll: speed along the active direction per wheel speed [m], shape (N,).
         share: of the braked path that may be missed where the specific force is known [1].
-        blind_share: likewise where it is not [1].
+        blind_share: of the braked distance that may be missed without it [1].
         allowance: that may be missed on top of it, in seconds of the speed at the start [s].
         creep: path that may be missed in any case [m].
         loss: deceleration while no wheel shows it and the specific force is unknown [m/s^2].
@@ -216,7 +216,7 @@ def _share_of_wheels(
 def _share_of_force(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
-    """Likewise, by the specific force."""
+    """Return the achieved share of the possible loss of speed, by the specific force."""
     time = constants.force_time
     follow = 1.0 - math.exp(-dt / time)
     ledger.force_time += dt

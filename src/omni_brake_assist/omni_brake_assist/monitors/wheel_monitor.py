@@ -1,11 +1,12 @@
-"""Whether a wheel can be as it says, or a law must not go by it.
+"""Monitor of the wheel speeds: which of them a law may use, and whether any supports the estimate.
 
-A braked wheel turns the way that the ground drags it, and no faster; one whose brake has been let
-go gains on the ground. One that for a while turns faster than it rolls, or backwards, or stays
-behind without gaining though it has been let go, has a sensor that lies, or is held by something
-else than what it has been told (a valve that does not release). A law that believes it takes it for
-a wheel on ice, and lets go of others to keep the heading. So it is not known to the law until the
-pedal is released.
+A braked wheel turns with the ground and no faster; a released one spins up. A wheel that for a
+while turns faster than it rolls, or backwards, or does not spin up after its release, has a faulty
+encoder or a valve that does not release. A law would take it for a wheel on ice and release others
+to keep the heading, so its speed is rejected until the pedal is released.
+
+Without a valid twist an estimate needs at least one wheel that follows the ground: if all slide
+although a brake is released, wheels and estimate contradict each other.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ WATCH = np.dtype(
         ("impossible", "f8"),  # for how long it has turned as no wheel does [s]
         ("free", "f8"),  # for how long it has not gained though it has been let go [s]
         ("rim", "f8"),  # speed of the rim as that began [m/s]
-        ("doubted", "?"),
+        ("rejected", "?"),
         ("slides", "f8"),  # of the first: for how long no wheel has followed the ground [s]
     ]
 )
@@ -41,7 +42,7 @@ _GAIN = 0.2  # of a rim that is dragged, on ice too, while a brake is let go and
 
 
 def wheel_memory(wheels: int) -> NDArray[np.void]:
-    """Return a memory in which no wheel is doubted, `WATCH`, shape (N,)."""
+    """Return a memory in which no wheel is rejected, `WATCH`, shape (N,)."""
     return np.zeros(wheels, WATCH)
 
 
@@ -53,7 +54,7 @@ def watch_wheels(
     pedal: float,
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
-    heard: FloatArray,
+    law_speeds: FloatArray,
 ) -> bool:
     """Look at the wheels after a step of braking.
 
@@ -62,19 +63,19 @@ def watch_wheels(
         memory: of `wheel_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's demand in it, 0 while there is none [1].
-        wheels: after the step, told before it.
+        wheels: after the step, commanded before it.
         twist: body twist now [m/s, m/s, rad/s].
-        heard: speeds that a law may go by [rad/s], shape (N,); no number for one that it may not.
+        law_speeds: that a law may use [rad/s], shape (N,); NaN for a rejected wheel.
 
     Returns:
         Whether all wheels contradict the twist: with a brake released, none follows the ground.
     """
     follows, released, seen = False, False, False
-    for i in range(heard.size):
+    for i in range(law_speeds.size):
         wheel = memory[i]
         if pedal <= 0.0:
             wheel.impossible = wheel.free = 0.0
-            wheel.doubted = False
+            wheel.rejected = False
             continue
         hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
         hub += constants.lever[i] * twist[2]
@@ -85,18 +86,18 @@ def watch_wheels(
             shows = fast > _SLOW
             seen = seen or shows
             follows = follows or (shows and rim >= _FOLLOWS * fast)
-            released = released or wheels.told[i] < _RELEASED
+            released = released or wheels.commanded[i] < _RELEASED
             wrong = shows and (rim > fast + off or rim < -off)
             wheel.impossible = wheel.impossible + dt if wrong else max(wheel.impossible - dt, 0.0)
-            behind = shows and wheels.told[i] <= _LET_GO and rim < fast - off
+            behind = shows and wheels.commanded[i] <= _LET_GO and rim < fast - off
             if not behind or wheel.free <= 0.0 or rim > wheel.rim + _GAIN:
                 wheel.free, wheel.rim = 0.0, rim
             if behind:
                 wheel.free += dt
             if wheel.impossible > _IMPOSSIBLE or wheel.free > 2.0 * constants.time:
-                wheel.doubted = True
-        if wheel.doubted:
-            heard[i] = math.nan
+                wheel.rejected = True
+        if wheel.rejected:
+            law_speeds[i] = math.nan
     slides = pedal > 0.0 and seen and released and not follows
     memory[0].slides = memory[0].slides + dt if slides else 0.0
     return bool(memory[0].slides > _SLIDES)

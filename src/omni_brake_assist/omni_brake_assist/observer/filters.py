@@ -163,9 +163,9 @@ def carry_on(
     gyro = abs(rate) < FASTEST_TURN
     force = abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE
     if gyro and force:
-        memory.belief[0].inertial = 1.0
+        memory.isolation[0].inertial = 1.0
     _carry_path(memory, dt, rate if gyro else math.nan, f_x if force else math.nan, f_y)
-    product, h = memory.desk.product, memory.desk.h
+    product, h = memory.workspace.product, memory.workspace.h
     h[:] = 0.0
     h[RATE] = h[BIAS_RATE] = 1.0
     for k in range(FILTERS):
@@ -175,7 +175,7 @@ def carry_on(
         if gyro and k != NO_GYRO:
             innovation = rate - state[RATE] - state[BIAS_RATE]
             filtered = Filter(state, covariance)
-            correct(filtered, h, innovation, constants.gyro**2, memory.desk.gain)
+            correct(filtered, h, innovation, constants.gyro**2, memory.workspace.gain)
     row = (memory.newest[0] + 1) % HISTORY
     memory.newest[0] = row
     memory.stamps[row] = now_ns

@@ -1,4 +1,4 @@
-"""Sensors that wait for a twist that is late: all are heard as of the moment of which it speaks.
+"""Delayed fusion horizon: all sensors are fused at the time of validity of a late twist.
 
 A twist that is known to be older than its stamp cannot be held against what the others say now
 without guessing what has changed since. So these are kept for as long, the filters run that much
@@ -20,9 +20,9 @@ from omni_brake_assist.observer.state import (
     KEPT_PRESSED,
     KEPT_WHEELS,
     LARGEST_FORCE,
+    NO_ESTIMATE,
     NO_FORCE,
     NO_GYRO,
-    NOBODY,
     RATE,
     U_X,
     U_Y,
@@ -46,27 +46,27 @@ def observe(
     sensed: Sensed,
     answer: FloatArray,
 ) -> int:
-    """Carry the second opinion on by a step, as `observe_at`, with an answer of now."""
+    """Advance the observer by a step, as `observe_at`, and predict its answer to now."""
     late_ns = now_ns - int(constants.delay)
     if late_ns == now_ns:
         return int(observe_at(constants, memory, now_ns, brakes, passed, sensed, answer))
     _keep(constants, memory, now_ns, brakes, sensed)
     row = _find(memory, late_ns)
     if row < 0:
-        return NOBODY
+        return NO_ESTIMATE
     taken, n = memory.kept[KEPT], memory.released.size
     wheels = KEPT_WHEELS + n
-    heard, jumped, stamp_ns, value, variance = passed
+    received, jumped, stamp_ns, value, variance = passed
     chosen = observe_at(
         constants,
         memory,
         late_ns,
         Brakes(memory.kept[row, KEPT_PRESSED] != 0.0, memory.kept[row, wheels:]),
-        PassedTwist(heard, jumped, stamp_ns - int(constants.delay), value, variance),
+        PassedTwist(received, jumped, stamp_ns - int(constants.delay), value, variance),
         Sensed(taken[KEPT_IMU:KEPT_WHEELS], taken[KEPT_WHEELS:wheels]),
         answer,
     )
-    if chosen != NOBODY and memory.belief[0].inertial != 0.0:
+    if chosen != NO_ESTIMATE and memory.isolation[0].inertial != 0.0:
         _carry_answer(constants, memory, chosen, late_ns, answer)
     return int(chosen)
 
@@ -79,7 +79,7 @@ def _keep(
     brakes: Brakes,
     sensed: Sensed,
 ) -> None:
-    """Write what is heard now into the next row; after a gap, nothing of before it is kept."""
+    """Write the readings of this step into the next row; after a gap, drop all earlier rows."""
     stamps, newest = memory.kept_stamps, memory.kept_newest[0]
     elapsed = (now_ns - stamps[newest]) * 1e-9
     if not 0.0 <= elapsed <= constants.longest:
@@ -98,7 +98,7 @@ def _keep(
 
 @lean
 def _find(memory: ObserverMemory, late_ns: int) -> int:
-    """Write what sensors said at a time into the last row; return the row that it ends, or -1."""
+    """Interpolate the readings at a time into the last row; return the row behind it, or -1."""
     row, stamps = memory.kept_newest[0], memory.kept_stamps
     for _ in range(KEPT - 1):
         before = (row - 1) % KEPT
@@ -128,10 +128,10 @@ def _carry_answer(
     late_ns: int,
     answer: FloatArray,
 ) -> None:
-    """Carry an answer on to now by what gyro and accelerometer, if they are believed, have said."""
-    state, belief = memory.state[chosen], memory.belief[0]
+    """Predict an answer to now by gyro and accelerometer, unless isolated."""
+    state, isolation = memory.state[chosen], memory.isolation[0]
     u_x, u_y, rate = state[U_X], state[U_Y], state[RATE]
-    gyro, force = chosen != NO_GYRO, chosen != NO_FORCE or belief.out != NO_FORCE
+    gyro, force = chosen != NO_GYRO, chosen != NO_FORCE or isolation.out != NO_FORCE
     newest = memory.kept_newest[0]
     first = newest
     while memory.kept_stamps[(first - 1) % KEPT] > late_ns:

@@ -6,12 +6,12 @@ import math
 
 from omni_brake_assist.observer.filters import carry_on, of_then, remember
 from omni_brake_assist.observer.judgment import (
-    acquit,
     compare_path,
     differences,
-    excuse_wheels,
+    isolate_without_imu,
     judge,
-    judge_alone,
+    reset_on_wheel_slip,
+    reset_scores,
     start_path,
 )
 from omni_brake_assist.observer.state import (
@@ -21,7 +21,7 @@ from omni_brake_assist.observer.state import (
     BIAS_X,
     BIAS_Y,
     GYRO,
-    NOBODY,
+    NO_ESTIMATE,
     PATH,
     RATE,
     READINGS,
@@ -36,8 +36,8 @@ from omni_brake_assist.observer.state import (
     begin,
     copy,
 )
-from omni_brake_assist.observer.twist import hear_twist, tell_apart
-from omni_brake_assist.observer.wheels import hear_wheels
+from omni_brake_assist.observer.twist import learn_rate_offset, update_by_twist
+from omni_brake_assist.observer.wheels import update_by_wheels
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -56,60 +56,59 @@ def observe_at(
     sensed: Sensed,
     answer: FloatArray,
 ) -> int:
-    """Carry the second opinion on by a step.
+    """Advance the observer by a step.
 
     Args:
         constants: of the vehicle.
         memory: changed in place.
-        now_ns: time of which the sensors speak [ns].
-        brakes: what they do.
+        now_ns: time of validity of the readings [ns].
+        brakes: pedal and enables.
         passed: the latest twist.
-        sensed: what the other sensors say.
+        sensed: the other sensors.
         answer: receives the twist then [m/s, m/s, rad/s], shape (3,).
 
     Returns:
-        The filter whose answer it is, or NOBODY where none can be believed.
+        The filter whose answer it is, or NO_ESTIMATE.
     """
-    braking, inertial, belief = brakes.pressed, sensed.inertial, memory.belief[0]
-    heard, jumped, twist_ns, twist, variance = passed
-    dt = (now_ns - belief.last_ns) * 1e-9
-    belief.last_ns = now_ns
-    if belief.begun == 0.0 or not 0.0 <= dt <= constants.longest:
-        if not heard:
-            return NOBODY
+    braking, inertial, isolation = brakes.pressed, sensed.inertial, memory.isolation[0]
+    received, jumped, twist_ns, twist, variance = passed
+    dt = (now_ns - isolation.last_ns) * 1e-9
+    isolation.last_ns = now_ns
+    if isolation.begun == 0.0 or not 0.0 <= dt <= constants.longest:
+        if not received:
+            return NO_ESTIMATE
         begin(constants, memory, now_ns, twist)
         dt = 0.0
     _follow_pedal(memory, braking, dt)
     carry_on(constants, memory, now_ns, dt, inertial)
-    lost = braking and belief.twist_age > _LOST  # who else contradicts everybody is right
-    disputed = belief.disputed > 0.0 or belief.out != ALL or lost
-    # What was before the filters began is compared with nobody.
-    fresh = heard and twist_ns > belief.twist_ns and twist_ns >= belief.since_ns
+    disputed = isolation.disputed > 0.0 or isolation.out != ALL
+    # A twist of before the filters began is not compared.
+    fresh = received and twist_ns > isolation.twist_ns and twist_ns >= isolation.since_ns
     if fresh and not (braking or disputed):
-        of_then(memory, PATH, twist_ns, memory.desk.then)
-        tell_apart(constants, memory, twist[2], variance[2], memory.desk.then[GYRO])
-    told = memory.desk.told
-    copy(twist, told)
-    told[2] -= memory.course[0].offset
-    ahead = memory.desk.shift
+        of_then(memory, PATH, twist_ns, memory.workspace.then)
+        learn_rate_offset(constants, memory, twist[2], variance[2], memory.workspace.then[GYRO])
+    corrected = memory.workspace.corrected
+    copy(twist, corrected)
+    corrected[2] -= memory.course[0].offset
+    ahead = memory.workspace.shift
     if fresh:
-        _carry_ahead(constants, memory, twist_ns, told, ahead)
-    hear_wheels(
+        _carry_ahead(constants, memory, twist_ns, corrected, ahead)
+    update_by_wheels(
         constants, memory, dt, brakes, sensed, PassedTwist(fresh, jumped, twist_ns, ahead, variance)
     )
-    belief.twist_age = 0.0 if heard else belief.twist_age + dt
-    belief.since_jump = 0.0 if jumped else belief.since_jump + dt
+    isolation.twist_age = 0.0 if received else isolation.twist_age + dt
+    isolation.since_jump = 0.0 if jumped else isolation.since_jump + dt
     if fresh:
-        belief.twist_ns = twist_ns
-        hear_twist(constants, memory, twist_ns, told, variance)
-    remember(memory)  # as it is known now
-    if fresh or now_ns - belief.twist_ns > _LONG_HELD:  # in between the filters drift apart
+        isolation.twist_ns = twist_ns
+        update_by_twist(constants, memory, twist_ns, corrected, variance)
+    remember(memory)
+    if fresh or now_ns - isolation.twist_ns > _LONG_HELD:  # in between, the filters diverge
         compared_ns = twist_ns if fresh else now_ns
-        belief.apart_velocity, belief.apart_rate = differences(constants, memory, compared_ns)
-    if belief.inertial == 0.0:
-        return int(judge_alone(memory, braking))
+        isolation.apart_velocity, isolation.apart_rate = differences(constants, memory, compared_ns)
+    if isolation.inertial == 0.0:
+        return int(isolate_without_imu(memory, braking))
     if not braking:
-        excuse_wheels(constants, memory, inertial)
+        reset_on_wheel_slip(constants, memory, inertial)
     chosen = judge(constants, memory, dt)
     if braking:
         chosen = compare_path(constants, memory, chosen, dt)
@@ -119,22 +118,22 @@ def observe_at(
 @lean
 def _follow_pedal(memory: ObserverMemory, braking: bool, dt: float) -> None:
     """Reset isolation as the pedal is released; store biases and motion until it goes down."""
-    belief = memory.belief[0]
-    if braking and belief.pressed == 0.0:
+    isolation = memory.isolation[0]
+    if braking and isolation.pressed == 0.0:
         memory.released[:] = 0.0
         memory.score[ALONE] = 0.0
-    if not braking and belief.pressed != 0.0:
-        belief.out = belief.disputed = belief.agreed = belief.convictions = 0.0
-        acquit(memory)
+    if not braking and isolation.pressed != 0.0:
+        isolation.out = isolation.disputed = isolation.agreed = isolation.isolations = 0.0
+        reset_scores(memory)
     if not braking:
-        believed = int(belief.out) if belief.out < NOBODY else ALL
-        course, state = memory.course[0], memory.state[believed]
+        used = int(isolation.out) if isolation.out < NO_ESTIMATE else ALL
+        course, state = memory.course[0], memory.state[used]
         course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
         course.still_y = state[BIAS_Y]
-        start_path(memory, believed)
-        belief.top_speed = math.hypot(state[U_X], state[U_Y])
-    belief.pressed = 1.0 if braking else 0.0
-    belief.braked = belief.braked + dt if braking else 0.0
+        start_path(memory, used)
+        isolation.top_speed = math.hypot(state[U_X], state[U_Y])
+    isolation.pressed = 1.0 if braking else 0.0
+    isolation.braked = isolation.braked + dt if braking else 0.0
 
 
 @lean
@@ -145,8 +144,8 @@ def _carry_ahead(
     twist: FloatArray,
     ahead: FloatArray,
 ) -> None:
-    """Write what a twist of the past would be now, as all together have the change since."""
-    then, state = memory.desk.then, memory.state[ALL]
+    """Predict a twist to now by the change of the filter of all sources since its stamp."""
+    then, state = memory.workspace.then, memory.state[ALL]
     of_then(memory, ALL, stamp_ns, then)
     turned = state[RATE] - then[RATE]
     ahead[0] = twist[0] + (state[U_X] - then[U_X] + turned * constants.p_y)
@@ -158,14 +157,14 @@ def _carry_ahead(
 def _answer(
     constants: ObserverConstants, memory: ObserverMemory, chosen: int, answer: FloatArray
 ) -> int:
-    """Write the answer of a filter; return NOBODY where it is not good enough."""
-    if chosen == NOBODY:
-        return NOBODY
+    """Write the estimate of a filter; return NO_ESTIMATE if wheels or variance reject it."""
+    if chosen == NO_ESTIMATE:
+        return NO_ESTIMATE
     state, covariance, score = memory.state[chosen], memory.covariance[chosen], memory.score
-    alone = chosen != ALL or memory.belief[0].twist_age > _LOST
+    alone = chosen != ALL or memory.isolation[0].twist_age > _LOST
     if alone and score[READINGS] > _FEW and score[chosen] > WHEEL_GATE * score[READINGS]:
-        memory.belief[0].out = NOBODY  # the wheels contradict the filter that is left
-        return NOBODY
+        memory.isolation[0].out = NO_ESTIMATE  # the wheels contradict the filter that is left
+        return NO_ESTIMATE
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]
@@ -176,4 +175,4 @@ def _answer(
         and math.isfinite(answer[0] + answer[1] + answer[2])
     ):
         return chosen
-    return NOBODY
+    return NO_ESTIMATE

@@ -1,4 +1,4 @@
-"""What the second opinion knows and remembers: its filters, whom it believes, what twists do."""
+"""State and constants of the observer."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ STATES = 6
 PATH = 4
 HEADING, GAIN_X, GAIN_Y, LAST_RATE, GYRO = range(5)
 
-# Who is not believed, beside the filters above: nobody is.
-NOBODY = 4
+# In place of a filter: there is no valid estimate.
+NO_ESTIMATE = 4
 
 HISTORY = 32
 """States of the past that a late twist can be compared with."""
@@ -51,13 +51,13 @@ KEPT = 256
 # wheels.
 KEPT_PRESSED, KEPT_IMU, KEPT_WHEELS = 0, 1, 4
 
-BELIEF = np.dtype(
+ISOLATION = np.dtype(
     [
-        ("out", np.float64),  # who is left out: a filter, or NOBODY
+        ("out", np.float64),  # who is left out: a filter, or NO_ESTIMATE
         ("unexplained", np.float64),  # time for which the path has contradicted the estimate [s]
         ("disputed", np.float64),  # time that the dispute has lasted [s]
         ("agreed", np.float64),  # for how long the one left out has agreed again [s]
-        ("convictions", np.float64),  # how often one has been convicted
+        ("isolations", np.float64),  # number of isolations since the pedal went down
         ("inertial", np.float64),  # whether there has been an IMU reading
         ("begun", np.float64),  # whether the filters have begun
         ("twist_age", np.float64),  # time since the last good twist [s]
@@ -70,51 +70,51 @@ BELIEF = np.dtype(
         ("top_speed", np.float64),  # speed when the pedal went down [m/s]
         ("scale", np.float64),  # error of wheel radii, learned while the pedal was up [1]
         ("apart_velocity", np.float64),  # how far velocities were apart, see `differences` [1]
-        ("apart_rate", np.float64),  # likewise yaw rates [1]
+        ("apart_rate", np.float64),  # difference of yaw rates, see `differences` [1]
     ]
 )
-"""Whom the second opinion believes."""
+"""State of fault isolation."""
 
 COURSE = np.dtype(
     [
         ("marked", np.float64),  # whether there is an earlier twist
         ("mark_x", np.float64),  # its velocity in the axes of the path [m/s]
-        ("mark_y", np.float64),  # likewise
+        ("mark_y", np.float64),  # its velocity along y [m/s]
         ("mark_rate", np.float64),  # its yaw rate [rad/s]
         ("mark_ns", np.float64),  # its time [ns]
         ("mark_heading", np.float64),  # the path then [rad]
-        ("mark_gain_x", np.float64),  # likewise [m/s]
-        ("mark_gain_y", np.float64),  # likewise [m/s]
+        ("mark_gain_x", np.float64),  # gain of the path then [m/s]
+        ("mark_gain_y", np.float64),  # gain of the path then [m/s]
         ("change_x", np.float64),  # change beyond the specific force, gyro right [m/s]
-        ("change_y", np.float64),  # likewise
+        ("change_y", np.float64),  # the same change along y [m/s]
         ("turn_x", np.float64),  # what they would have with their own yaw rate [m/s]
-        ("turn_y", np.float64),  # likewise
+        ("turn_y", np.float64),  # the same along y [m/s]
         ("spread", np.float64),  # variance of both [m^2/s^2]
         ("start_x", np.float64),  # velocity when the pedal went down, in the axes of the path [m/s]
-        ("start_y", np.float64),  # likewise
+        ("start_y", np.float64),  # its component along y [m/s]
         ("start_variance", np.float64),  # of it [m^2/s^2]
         ("still_rate", np.float64),  # biases when the pedal went down [rad/s]
-        ("still_x", np.float64),  # likewise [m/s^2]
-        ("still_y", np.float64),  # likewise [m/s^2]
+        ("still_x", np.float64),  # bias of the accelerometer then [m/s^2]
+        ("still_y", np.float64),  # bias of the accelerometer then [m/s^2]
         ("apart", np.float64),  # how far yaw rates of twist and gyro differ, pedal up [rad/s]
         ("apart_spread", np.float64),  # variance of that [rad^2/s^2]
         ("offset", np.float64),  # how much of it is the twist's [rad/s]
     ]
 )
-"""What the twist has done, and what explains it."""
+"""Changes of the twist and their explanation by the specific force."""
 
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
 LARGEST_BIAS = 0.01  # of a gyro that has been calibrated at rest [rad/s]
-_APART = 0.05  # by how much honest yaw rates of twist and gyro may differ [rad/s]
+_APART = 0.05  # standard deviation of fault-free yaw rates of twist and gyro [rad/s]
 
 
 class Brakes(NamedTuple):
-    """What the brakes do.
+    """Pedal and enables.
 
     Attributes:
         pressed: whether the pedal is down.
-        enable: what they were told in the step before, shape (N,).
+        enable: of the step before [1], shape (N,).
     """
 
     pressed: bool
@@ -125,14 +125,14 @@ class PassedTwist(NamedTuple):
     """A twist after the gate.
 
     Attributes:
-        heard: whether there is one that passed.
+        received: whether there is one that passed.
         jumped: whether the gate has refused it for its step from the last one.
         stamp_ns: its stamp [ns].
         value: the twist [m/s, m/s, rad/s], shape (3,).
         variance: of its components, shape (3,).
     """
 
-    heard: bool
+    received: bool
     jumped: bool
     stamp_ns: int
     value: FloatArray
@@ -140,7 +140,7 @@ class PassedTwist(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the other sensors say; no numbers where they say nothing.
+    """Readings of the other sensors, NaN where there are none.
 
     Attributes:
         inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
@@ -164,37 +164,37 @@ class ObserverConstants(NamedTuple):
 
     Attributes:
         n_x: active directions [1], shape (N,).
-        n_y: likewise.
+        n_y: components along y [1], shape (N,).
         lever: of the active directions about the mounting of the IMU [m], shape (N,).
         roll: speed along the active direction per wheel speed, ``R n_w . u_w`` [m], shape (N,).
         inverse: motion of the mounting by the speeds of all rims [1], [1], [1/m], shape (3, N).
         bias: standard deviation of the accelerometer's bias, and of what a slope adds [m/s^2].
         p_x: mounting of the IMU [m].
-        p_y: likewise [m].
+        p_y: lateral mounting of the IMU [m].
         force: uncertainty of the specific force [m/s^2].
         walk: acceleration that tires can make [m/s^2].
         turn: angular acceleration that they can make [rad/s^2].
         gyro: standard deviation of the gyro [rad/s].
         wheel: of the speed of a rolling wheel [m/s].
         scale: relative error of wheel radii and twist [1].
-        velocity_gate: disagreement on the velocity that is no dispute [m/s].
-        rate_gate: likewise on the yaw rate [rad/s].
-        patience: time within which the wheels must settle a dispute [s].
-        parole: time of agreement until a convicted channel is heard again [s].
-        convictions: after which it stays out.
+        velocity_gate: difference of velocities that is no dispute [m/s].
+        rate_gate: difference of yaw rates that is no dispute [rad/s].
+        patience: time within which a dispute must be isolated [s].
+        recovery_time: time of agreement until an isolated source is used again [s].
+        isolations: after which it stays excluded.
         velocity_deviation: of the answer, largest [m/s].
-        rate_deviation: likewise of the yaw rate [rad/s].
+        rate_deviation: largest standard deviation of the yaw rate [rad/s].
         spin_up: time since its release after which a wheel rolls [s].
         spinning: gain of a rim from which on it still spins up [m/s].
         rebound: how much faster than it rolls a wheel may spin after its release, while the tire
             springs back [m/s].
-        blind_rebound: likewise where wheels alone judge the twist [m/s].
+        blind_rebound: rebound where only wheels check the twist [m/s].
         rebound_time: for how long, then it fades [s].
         delay: by which a twist is older than its stamp [ns].
         longest: step across which the filters go on [s].
         memory: time over which changes of the twist are added up [s].
         proof: by how much two explanations of them must differ, in variances [1].
-        no_belief: a belief to begin with, `BELIEF`, shape (1,).
+        no_isolation: a isolation to begin with, `ISOLATION`, shape (1,).
         no_course: a course to begin with, `COURSE`, shape (1,).
     """
 
@@ -215,8 +215,8 @@ class ObserverConstants(NamedTuple):
     velocity_gate: float
     rate_gate: float
     patience: float
-    parole: float
-    convictions: float
+    recovery_time: float
+    isolations: float
     velocity_deviation: float
     rate_deviation: float
     spin_up: float
@@ -228,19 +228,19 @@ class ObserverConstants(NamedTuple):
     longest: float
     memory: float
     proof: float
-    no_belief: NDArray[np.void]
+    no_isolation: NDArray[np.void]
     no_course: NDArray[np.void]
 
 
-class Desk(NamedTuple):
-    """What a step is worked on with, 6 numbers each: the state of a filter.
+class Workspace(NamedTuple):
+    """Scratch buffers of a step, 6 numbers each: the state of a filter.
 
     Attributes:
         h: direction of a measurement.
         gain: of a correction.
         then: a state of the past.
         shift: by which it is corrected.
-        told: a twist as corrected.
+        corrected: a twist without its yaw-rate offset.
         innovation: of a measurement in each filter.
         spread: its variance in each filter.
         product: rows of a product of matrices, shape (2, 6).
@@ -250,19 +250,19 @@ class Desk(NamedTuple):
     gain: FloatArray
     then: FloatArray
     shift: FloatArray
-    told: FloatArray
+    corrected: FloatArray
     innovation: FloatArray
     spread: FloatArray
     product: FloatArray
 
 
 class ObserverMemory(NamedTuple):
-    """What it remembers from step to step.
+    """State of the observer from step to step.
 
     Attributes:
         state: of each filter and the path, shape (5, 6).
-        covariance: likewise, shape (4, 6, 6).
-        belief: `BELIEF`, shape (1,).
+        covariance: of each filter, shape (4, 6, 6).
+        isolation: `ISOLATION`, shape (1,).
         released: for how long each wheel's brake has been released [s], shape (N,).
         rim: the last speed of each rim along the active direction [m/s], shape (N,).
         gain: by how much each rim has lately become faster [m/s], shape (N,).
@@ -276,16 +276,16 @@ class ObserverMemory(NamedTuple):
         past: states of the last stamps, a ring, shape (32, 5, 6).
         stamps: of them [ns], -1 where there is none, shape (32,).
         newest: row of the newest of them, shape (1,).
-        kept: what the sensors have said, a ring, and last what they said at a time between two
-            steps, shape (257, 4 + 2 N).
+        kept: readings of the sensors, a ring, and in the last row those interpolated between
+            two steps, shape (257, 4 + 2 N).
         kept_stamps: of it [ns], -1 where there is none, shape (256,).
         kept_newest: row of the newest of them, shape (1,).
-        desk: what a step is worked on with.
+        workspace: scratch buffers.
     """
 
     state: FloatArray
     covariance: FloatArray
-    belief: NDArray[np.void]
+    isolation: NDArray[np.void]
     released: FloatArray
     rim: FloatArray
     gain: FloatArray
@@ -300,7 +300,7 @@ class ObserverMemory(NamedTuple):
     kept: FloatArray
     kept_stamps: IntArray
     kept_newest: IntArray
-    desk: Desk
+    workspace: Workspace
 
 
 def observer_constants(
@@ -327,8 +327,8 @@ def observer_constants(
         velocity_gate=0.1,
         rate_gate=0.05,
         patience=0.1,
-        parole=0.2,
-        convictions=3.0,
+        recovery_time=0.2,
+        isolations=3.0,
         velocity_deviation=0.4,
         rate_deviation=0.15,
         # A brake that lags acts for a while after its release.
@@ -341,14 +341,14 @@ def observer_constants(
         longest=configuration.maximum_time_step,
         memory=0.2,
         proof=9.0,
-        no_belief=np.zeros(1, BELIEF),
+        no_isolation=np.zeros(1, ISOLATION),
         no_course=np.zeros(1, COURSE),
     )
 
 
 @lru_cache(maxsize=64)
 def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, FloatArray]:
-    """Return what rims tell of the motion of the IMU, laid out once for all runs of a campaign."""
+    """Return the kinematics of rims and IMU, once for all runs of a campaign."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
     return {
@@ -361,11 +361,11 @@ def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, Float
 
 
 def observer_memory(wheels: int) -> ObserverMemory:
-    """Return a memory that has seen nothing."""
+    """Return the memory of an observer that has received nothing."""
     return ObserverMemory(
         np.zeros((FILTERS + 1, STATES)),
         np.zeros((FILTERS, STATES, STATES)),
-        np.zeros(1, BELIEF),
+        np.zeros(1, ISOLATION),
         np.zeros(wheels),
         np.full(wheels, np.nan),
         np.zeros(wheels),
@@ -380,7 +380,7 @@ def observer_memory(wheels: int) -> ObserverMemory:
         np.zeros((KEPT + 1, KEPT_WHEELS + 2 * wheels)),
         np.full(KEPT, -1, np.int64),
         np.zeros(1, np.int64),
-        Desk(*np.zeros((7, STATES)), np.zeros((2, STATES))),  # type: ignore[call-arg]
+        Workspace(*np.zeros((7, STATES)), np.zeros((2, STATES))),  # type: ignore[call-arg]
     )
 
 
@@ -404,12 +404,12 @@ def begin(
     memory.score[:] = 0.0
     memory.course[0] = constants.no_course[0]
     memory.course[0].apart_spread = _APART**2
-    memory.belief[0] = constants.no_belief[0]
-    belief = memory.belief[0]
-    belief.begun = 1.0
-    belief.since_ns = belief.last_ns = now_ns
-    belief.twist_ns = -1.0
-    belief.since_jump = constants.parole
+    memory.isolation[0] = constants.no_isolation[0]
+    isolation = memory.isolation[0]
+    isolation.begun = 1.0
+    isolation.since_ns = isolation.last_ns = now_ns
+    isolation.twist_ns = -1.0
+    isolation.since_jump = constants.recovery_time
     memory.state[:] = 0.0
     memory.covariance[:] = 0.0
     for k in range(FILTERS):

@@ -31,15 +31,15 @@ _NEWS_GATE = 5.0  # standard deviations beyond which a reading is no calibration
 
 
 @lean
-def hear_twist(
+def update_by_twist(
     constants: ObserverConstants,
     memory: ObserverMemory,
     stamp_ns: int,
     twist: FloatArray,
     variance: FloatArray,
 ) -> None:
-    """Correct the filters that hear the twist by it."""
-    h, then, shift = memory.desk.h, memory.desk.then, memory.desk.shift
+    """Correct the filters that use the twist."""
+    h, then, shift = memory.workspace.h, memory.workspace.then, memory.workspace.shift
     speed = constants.scale * math.hypot(twist[0], twist[1])
     own = constants.wheel**2 + (0.3 * speed) ** 2
     p_x, p_y = constants.p_x, constants.p_y
@@ -63,7 +63,7 @@ def hear_twist(
                 predicted += h[i] * (then[i] + state[i] - shift[i])
             spread = variance[j] + (constants.gyro**2 if j == RATE else own)
             filtered = Filter(state, covariance)
-            correct(filtered, h, twist[j] - predicted, spread, memory.desk.gain)
+            correct(filtered, h, twist[j] - predicted, spread, memory.workspace.gain)
         for i in range(STATES):
             shift[i] = state[i] - shift[i]
         correct_past(memory, k, stamp_ns, shift)
@@ -77,12 +77,12 @@ def _follow_twist(
     twist: FloatArray,
     variance: FloatArray,
 ) -> None:
-    """Add up what the twist changes by, and what each yaw rate explains of it.
+    """Accumulate the changes of the twist and what each yaw rate explains of them.
 
     In axes that turn with the gyro, ``U' = f`` if the gyro is right. If the twist's rate is, they
     turn too far by ``d = Omega - gyro``, and the change beyond ``f`` is ``d k x U``.
     """
-    course, path = memory.course[0], memory.desk.then
+    course, path = memory.course[0], memory.workspace.then
     of_then(memory, PATH, stamp_ns, path)
     u_x = twist[0] - twist[2] * constants.p_y
     u_y = twist[1] + twist[2] * constants.p_x
@@ -111,13 +111,13 @@ def _follow_twist(
 
 
 @lean
-def tell_apart(
+def learn_rate_offset(
     constants: ObserverConstants, memory: ObserverMemory, rate: float, variance: float, gyro: float
 ) -> None:
-    """Learn by how much the yaw rates of twist and gyro differ [rad/s], and whose error that is.
+    """Estimate the difference of the yaw rates of twist and gyro [rad/s] and its source.
 
-    A gyro that has been calibrated is off by little, a twist from pictures by nothing: a small
-    difference is the gyro's. A larger one is the twist's, and says nothing of the gyro.
+    A calibrated gyro has a small bias, an optical twist none: a small difference is the gyro's.
+    A larger one is the twist's and gives no information on the gyro.
     """
     if not abs(gyro) < FASTEST_TURN:
         return
@@ -126,7 +126,7 @@ def tell_apart(
     total = spread + variance + constants.gyro**2
     gain, news = spread / total, rate - gyro - course.apart
     if abs(news) > _NEWS_GATE * math.sqrt(total):
-        return  # no error of calibration begins at once: one of the two lies
+        return  # calibration errors do not jump: one of the two is faulty
     course.apart += gain * news
     course.apart_spread = (1.0 - gain) * spread
     size = abs(course.apart)

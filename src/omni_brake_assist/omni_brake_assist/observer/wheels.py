@@ -51,7 +51,7 @@ class _RollingWheel(NamedTuple):
 
 
 @lean
-def hear_wheels(
+def update_by_wheels(
     constants: ObserverConstants,
     memory: ObserverMemory,
     dt: float,
@@ -59,10 +59,14 @@ def hear_wheels(
     sensed: Sensed,
     twist: PassedTwist,
 ) -> None:
-    """Find the wheels that roll, see whom they contradict, and correct the filters by them."""
+    """Find the wheels that roll, add up their innovations, and correct the filters by them."""
     braking, enable = brakes
     speeds = sensed.speeds
-    h, innovations, spreads = memory.desk.h, memory.desk.innovation, memory.desk.spread
+    h, innovations, spreads = (
+        memory.workspace.h,
+        memory.workspace.innovation,
+        memory.workspace.spread,
+    )
     h[:] = 0.0
     memory.wheel_ratio[:] = math.nan
     for k in range(FILTERS):
@@ -70,9 +74,11 @@ def hear_wheels(
     memory.score[READINGS] *= _FADE
     slip = 0.0 if braking else _SLIP_SHARED * driven_slip(memory, sensed.inertial) ** 2
     _notice_slides(constants, memory, dt, braking, sensed, twist)
-    inertial = memory.belief[0].inertial != 0.0  # without, wheels are all that contradicts a twist
+    inertial = (
+        memory.isolation[0].inertial != 0.0
+    )  # without, wheels are all that contradicts a twist
     for i in range(speeds.size):
-        rim = constants.roll[i] * speeds[i] / (1.0 + memory.belief[0].scale)
+        rim = constants.roll[i] * speeds[i] / (1.0 + memory.isolation[0].scale)
         before, memory.rim[i] = memory.rim[i], rim
         h[U_X], h[U_Y], h[RATE] = constants.n_x[i], constants.n_y[i], constants.lever[i]
         spins_up = _gain_of(memory, i, h, rim - before, dt) > constants.spinning
@@ -104,13 +110,13 @@ def hear_wheels(
             memory.score[k] += min(innovations[k] ** 2 / own, 25.0)
         memory.score[READINGS] += 1.0
         memory.wheel_ratio[i] = innovations[ALL] ** 2 / (WHEEL_GATE * spreads[ALL])
-        if twist.heard:
+        if twist.received:
             _compare_twist(constants, memory, braking, _RollingWheel(h, rim, blind), twist)
         for k in range(FILTERS):
             misfit = innovations[k] ** 2 / spreads[k]
             if misfit <= WHEEL_GATE:
                 filtered = Filter(memory.state[k], memory.covariance[k])
-                correct(filtered, h, innovations[k], own, memory.desk.gain)
+                correct(filtered, h, innovations[k], own, memory.workspace.gain)
 
 
 @lean
@@ -142,7 +148,7 @@ def _notice_slides(
     """Add up by how much driven rims become faster than turning and specific force explain.
 
     Where tires cannot hold a turn or bear a push, rims keep what the drive wants and the vehicle
-    does not. It turns as rims and gyro say, for who else is right is not known. A wheel is doubted
+    does not. It turns as rims and gyro say, for who else is right is not known. A wheel is rejected
     by as much as accelerometer and twist both say that it slips.
     """
     if braking:
@@ -155,7 +161,7 @@ def _notice_slides(
     felt = abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE
     rate = memory.state[PATH, GYRO]
     gained = rate - memory.past[row, PATH, GYRO]
-    keep, scale = math.exp(-dt / _SLID_MEMORY), 1.0 + memory.belief[0].scale
+    keep, scale = math.exp(-dt / _SLID_MEMORY), 1.0 + memory.isolation[0].scale
     u_x = u_y = 0.0
     for i in range(sensed.speeds.size):
         rim = constants.roll[i] * sensed.speeds[i] / scale
@@ -166,7 +172,7 @@ def _notice_slides(
         rim = constants.roll[i] * sensed.speeds[i] / scale
         lever = constants.lever[i] + n_y * constants.p_x - n_x * constants.p_y  # of base_link
         misfit = rim - n_x * value[0] - n_y * value[1] - lever * value[2]
-        if twist.heard and math.isfinite(misfit):
+        if twist.received and math.isfinite(misfit):
             memory.off[i] += _OFF_SHARE * (misfit - memory.off[i])
         excess = rim - memory.rim[i]
         excess -= (n_x * u_y - n_y * u_x) * rate * dt + constants.lever[i] * gained
@@ -207,8 +213,8 @@ def _compare_twist(
     if not braking and abs(rim) > 0.5:
         error = misfit / (rim - misfit) if rim != misfit else 0.0
         if abs(error) < _LARGEST_SCALE:
-            scale = memory.belief[0].scale + 0.02 * error
-            memory.belief[0].scale = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
+            scale = memory.isolation[0].scale + 0.02 * error
+            memory.isolation[0].scale = min(max(scale, -_LARGEST_SCALE), _LARGEST_SCALE)
     total = spread
     for j in range(3):
         total += 4.0 * h[j] ** 2 * variance[j]

@@ -138,7 +138,7 @@ class _Brakes:
         self._wheels = tuple(configuration.brake_assist.wheels)
         limits = configuration.brake_assist
         self._pairing = step_pairing.StepPairing(
-            second_opinion=limits.second_opinion,
+            fault_detection=limits.fault_detection,
             imu=configuration.imu.enabled,
             twist_period_ns=round(configuration.twist_period * 1e9),
         )

@@ -59,7 +59,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
         outputs += [topics.SIDESLIP] if configuration.odometry.sideslip else []
     if BRAKE_ASSIST in nodes:
         inputs += [topics.WHEEL_STATES, feedback_topic(configuration), topics.PEDAL]
-        if configuration.brake_assist.second_opinion and configuration.imu.enabled:
+        if configuration.brake_assist.fault_detection and configuration.imu.enabled:
             inputs.append(topics.IMU)
         outputs += [topics.ENABLE, topics.SLIDING]
     # The output of one node is the input of the other; it is not taken from the recording.

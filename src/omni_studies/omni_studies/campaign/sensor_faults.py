@@ -66,7 +66,7 @@ _SETTING = (
     "simulation.render_lines=false",
     "simulation.duration_limit=20",
     "encoders.resolution=4096",
-    "brake_assist.second_opinion=true",
+    "brake_assist.fault_detection=true",
 )
 
 

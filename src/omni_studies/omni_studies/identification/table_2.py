@@ -9,7 +9,7 @@ from omni_loop.metrics import Metric
 CASES = ("unassisted", "zero", "cosine", "k1", "k7")
 """Variants of the experiment ``turn_while_translate`` in the order of the table's columns."""
 
-TWIST_ALONE = "brake_assist.second_opinion=false"
+TWIST_ALONE = "brake_assist.fault_detection=false"
 """Override of the experiment: the dissertation's assistant uses the twist alone."""
 
 ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))

@@ -50,7 +50,7 @@ _QUANTITIES = (
     "brake_switchings",
 )
 _ALONE = "_twist_alone"
-_TWIST_ALONE = "brake_assist.second_opinion=false"
+_TWIST_ALONE = "brake_assist.fault_detection=false"
 _COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
 
 
@@ -110,7 +110,7 @@ def run_experiment(
     }
     for variant, configuration in list(configurations.items()):
         assistant = configuration.brake_assist
-        if assistant.enabled and assistant.second_opinion and not configuration.uses_lines:
+        if assistant.enabled and assistant.fault_detection and not configuration.uses_lines:
             alone = library.load(experiment, variant, (*overrides, _TWIST_ALONE))
             configurations[variant + _ALONE] = alone
     histories, feedback = {}, {}

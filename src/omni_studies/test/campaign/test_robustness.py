@@ -32,9 +32,9 @@ from omni_tools.campaign.runner import (
 )
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
-# A seed whose vehicle turns farther because its sensor fails, while nobody has a second opinion.
+# A seed whose vehicle turns farther because its sensor fails, without fault detection.
 SENSOR_FAILS = 328
-ALONE = ("brake_assist.second_opinion=false",)
+ALONE = ("brake_assist.fault_detection=false",)
 FINE = Outcome(1, "mecanum_forklift", 20.0, 2.0, 5.0, 6.0, 0.0, 0.0, 1, 1, 0, 0.0)
 
 
@@ -113,7 +113,7 @@ def test_energy_that_comes_back_is_found(braking: RandomBraking) -> None:
     assert energy_rise(pushed, configuration) > 0.01
 
 
-def test_a_second_opinion_keeps_the_limit_where_the_sensor_fails(braking: RandomBraking) -> None:
+def test_fault_detection_keeps_the_limit_where_the_sensor_fails(braking: RandomBraking) -> None:
     assert violations(compare(braking, draw(SENSOR_FAILS))) == ()
 
 

@@ -257,7 +257,7 @@ def test_a_delay_that_is_told_costs_little(
     experiment: str, variant: str, changes: tuple[str, ...], delay: float, law: str
 ) -> None:
     ideal = ["feedback=velocity_sensor", f"brake_assist.law={law}", *changes]
-    ideal += ["brake_assist.second_opinion=true"]
+    ideal += ["brake_assist.fault_detection=true"]
     if law == "allocation":
         ideal += ["vehicle.brake.kind=proportional"]
     late = f"faults.late={{channel: twist, kind: delay, time: 0.0, period: {delay}}}"

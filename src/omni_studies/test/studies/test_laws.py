@@ -66,7 +66,7 @@ def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
 
 
 def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
-    alone = "brake_assist.second_opinion=false"  # so that all brakes act meanwhile
+    alone = "brake_assist.fault_detection=false"  # so that all brakes act meanwhile
     silence = "faults.silence={channel: twist, kind: drop_out, time: 0.6, duration: 0.1}"
     run = _stop("straight_line", "assisted", PROPORTIONAL, alone, silence)
     untouched = _stop("straight_line", "assisted", PROPORTIONAL, alone)
