@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import LineBatch, LineBatchError, Lines
@@ -36,12 +37,14 @@ class Displacement(NamedTuple):
         variance: of it [px^2].
         correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
         share: of the pairs of lines that entered, 0..1.
+        rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
     """
 
     value: float
     variance: float
     correlation: float
     share: float
+    rest: Lines | NDArray[np.float32] | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -152,7 +152,12 @@ class MethodOdometry:
         if not self._chain.joined:
             self._keyframe.reset()
         period_ns = 1e9 / self._sensor.line_rate
-        age, lasting = self._keyframe.compare(stamp_ns, period_ns, lines, displacement.value)
+        age, lasting = self._keyframe.compare(
+            stamp_ns,
+            period_ns,
+            lines if displacement.rest is None else displacement.rest,
+            displacement.value,
+        )
         return SensorReading(
             velocity=velocity,
             variance=displacement.variance * scale**2 + (velocity * self._chain.stretch) ** 2,

@@ -202,7 +202,7 @@ class LineScanOdometry:
             solution = self._solve(readings, flows)
             if solution is None:
                 if self._grain is not None:
-                    readings = readings | self._grain.unconfirmed(readings)
+                    readings = readings | self._grain.unconfirmed(self._stamp_ns, readings)
                 covariance = UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows

@@ -86,8 +86,12 @@ def test_a_camera_that_grain_refutes_leaves_the_others_unconfirmed() -> None:
     assert not refuted.measured
     other = SensorReading(1.0, 1e-6, 1.0, 1.0, True)
     grain = Grain({"eye": CAMERA, "other": CAMERA})
-    told = grain.unconfirmed({"eye": refuted, "other": other})
+    told = grain.unconfirmed(0, {"eye": refuted, "other": other})
     assert list(told) == ["other"]
     assert "it does not match for eye" in told["other"].reason
     # One that sees nothing says nothing of the ground.
-    assert not grain.unconfirmed({"eye": SensorReading.unmeasured("dark"), "other": other})
+    assert not grain.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
+    grain.remember(10**9, np.zeros(3))
+    later = {"eye": refuted, "other": other}
+    assert not grain.unconfirmed(10**9 + 10_000_000, later)
+    assert set(grain.unconfirmed(10**9 + 60_000_000, later)) == {"other"}

@@ -85,6 +85,26 @@ def test_unequal_gains_do_not_draw_a_motion_to_rest(displacement: float, expose:
     assert abs(found.value - displacement) < max(5.0 * math.sqrt(found.variance), 0.02)
 
 
+@pytest.mark.parametrize("displacement", [0.3, 0.8, 1.5])
+@pytest.mark.parametrize("contrast", [0.2, 0.4])
+def test_strong_dirt_does_not_draw_a_slow_faint_ground_to_rest(
+    displacement: float, contrast: float, expose: Expose
+) -> None:
+    measured = 0
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        gain = np.ones(PIXELS)
+        gain[generator.integers(0, PIXELS, 20)] = 0.4
+        ground = moved(expose, displacement, grain=5.0, seed=seed)
+        lines = (ground.mean() + contrast * (ground - ground.mean())) * gain
+        lines += generator.normal(0.0, 1.5, lines.shape)
+        found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+        if found.reason == "":
+            assert abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
+            measured += 1
+    assert measured == 6 or displacement < 1.0
+
+
 def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
     expose: Expose,
 ) -> None:

@@ -18,11 +18,12 @@ from linescan_odometry.joint.candidates import (
     lags,
     rate,
 )
-from linescan_odometry.joint.fit import Fit, fit
-from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, shrink
+from linescan_odometry.joint.fit import Fit, Precision, fit
+from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, posterior, shrink
 from linescan_odometry.joint.spectra import (
     HIGHEST,
     Doubles,
+    Floats,
     Spectrum,
     log_table,
     spectra_of,
@@ -34,16 +35,14 @@ from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
 
 _MEMORY = 50.0  # batches, over which what is known of the pattern fades
-_NEW_GROUND = 0.3  # of a line, that the camera moves between two observations of the pattern
 _NOISE = 12.0  # nats, that noise alone seldom shows
 _LIKELY = 25.0  # nats, of them for the displacement
 _RATIO = 0.5  # runner-up's log-likelihood over the best one's
-_FEWEST = 8.0  # independent features of what moves: an edge of light has up to seven
-_FEWEST_STATIC = 2.5  # independent features of a static scene, for the variance to exist
+_FEWEST = 7.5  # independent features of what moves: the edge of a shadow has up to seven
 _STATIC = 2.0  # px within a batch
 _RESOLVED = 4.0  # px per line, from which two candidates are two peaks
 _FEWEST_LINES = 8
-_STEPS = 2
+_KNOWN = 1e12  # precision of a pattern that is taken as known
 
 
 class Estimate(NamedTuple):
@@ -59,6 +58,7 @@ class Estimate(NamedTuple):
     value: float
     variance: float
     reason: str
+    rest: Floats | Lines
     coherence: float = 0.0
 
 
@@ -100,7 +100,6 @@ class JointEstimator:
         self._tables = {1: log_table(8), 2: log_table(16)}
         self._weight = band_pass(self._size, self._bins)
         self._pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
-        self._way = 0.0
 
     def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
         """Estimate the displacement of a batch.
@@ -118,40 +117,31 @@ class JointEstimator:
         kappa = np.arange(m) - 0.5 * (m - 1)
         found = find(products, layout, known, self._weight, last)
         if not len(found):
-            return Estimate(0.0, math.inf, "no peak of the correlation")
-        c, moved, reason = self._choose(products, layout, known, found)
-        pattern = known
-        if moved:  # else the ground is as fixed as the pattern
-            information, precision = observe(spectra, c * kappa, size)
-            pattern = shrink(
-                self._pattern.information + information, self._pattern.precision + precision
-            )
-        found_fit = self._fit(lines, pattern, c, 0.0, last=False)
-        if found_fit.found and moved:
-            paths = found_fit.displacement * kappa + found_fit.change * 0.5 * kappa**2
-            information, precision = observe(spectra, paths, size)
-            pattern = shrink(
-                self._pattern.information + information, self._pattern.precision + precision
-            )
-        if found_fit.found:
-            found_fit = self._fit(
-                lines, pattern, found_fit.displacement, found_fit.change, last=True
-            )
-        if not found_fit.found:
-            return Estimate(c, math.inf, "no maximum of the likelihood")
-        fewest = _FEWEST if moved else _FEWEST_STATIC
-        if not reason and found_fit.features < fewest:
-            reason = f"dominated by {found_fit.features:.1f} features"
-        if not reason and moved:
-            reason = self._contradiction(products, layout, found_fit.displacement, c)
-        if not reason and moved:
-            self._learn(found_fit.displacement * (m - 1), information, precision, n)
-        return Estimate(
-            found_fit.displacement,
-            found_fit.variance,
-            reason,
-            found_fit.coherence,
-        )
+            return Estimate(0.0, math.inf, "no peak of the correlation", lines)
+        choice = self._choose(products, layout, known, found)
+        d, a, moves, reason = choice.displacement, 0.0, choice.moves, choice.reason
+        # Where nothing moves, the ground is as fixed as the pattern, which is taken as known.
+        pattern, before, batch = known, np.full(self._bins, _KNOWN), np.zeros(self._bins)
+        information, removed = known, products.mean
+        for final in (False, True):
+            if moves:
+                paths = d * kappa + a * 0.5 * kappa**2
+                information, batch = observe(spectra, removed, paths, size)
+                before = self._pattern.precision
+                pattern = posterior(self._pattern.information + information, before + batch)
+            rest = without(lines, pattern, self._taper, size)
+            precision = Precision(before, batch)
+            best: Fit = fit(rest, precision, d, a, self._spread, final)
+            if not best.found:
+                return Estimate(choice.displacement, math.inf, "no maximum of the likelihood", rest)
+            d, a, removed = best.displacement, best.change, pattern
+        if not reason and moves and best.features < _FEWEST:
+            reason = f"dominated by {best.features:.1f} features"
+        if not reason and moves:
+            reason = self._contradiction(products, layout, d, choice.displacement)
+        if not reason and moves:
+            self._learn(information, batch)
+        return Estimate(d, best.variance, reason, rest, best.coherence)
 
     def _choose(
         self, products: Products, layout: Layout, known: Spectrum, found: Doubles
@@ -202,17 +192,8 @@ class JointEstimator:
         own, other = (coherent(products, layout, products.mean, d, spread, far) for d in (value, c))
         return "a fixed pattern prevails" if own < _RATIO * other - _NOISE else ""
 
-    def _fit(self, lines: Lines, pattern: Spectrum, d: float, a: float, *, last: bool) -> Fit:
-        rest = without(lines, pattern, self._taper, self._size)
-        found: Fit = fit(rest, d, a, self._spread, _STEPS, last)
-        return found
-
-    def _learn(self, way: float, information: Spectrum, precision: Doubles, pixels: int) -> None:
-        """Take what a batch says of the pattern, from new ground only."""
-        self._way += abs(way)
-        if self._way < _NEW_GROUND * pixels:
-            return
-        self._way = 0.0
+    def _learn(self, information: Spectrum, precision: Doubles) -> None:
+        """Add what a batch shows of the pattern, while earlier batches fade."""
         kept = np.float32(1.0 - 1.0 / _MEMORY)
         before = self._pattern
         self._pattern = FixedPattern(

@@ -24,6 +24,7 @@ from linescan_odometry.joint.spectra import (
     Spectrum,
     bands,
     covariance,
+    phases,
     rotate,
     transform_size,
     whiten,
@@ -33,6 +34,7 @@ from omni_platform.kernels import kernel
 
 PLACES = 24  # of the ground in a line, that err independently
 _SHORTEST = 8  # a part of a line that all lines of a block show, the 8th at least
+_STEPS = 2
 _LARGEST_STEP = 1.0, 0.1  # px per line, px per line^2
 
 
@@ -44,7 +46,7 @@ class Fit(NamedTuple):
         displacement: per line, in the middle of the batch [px].
         change: of it from line to line [px].
         variance: of the displacement [px^2].
-        features: effective number of independent places that the displacement rests on.
+        features: effective number of independent features that move with the displacement.
         coherence: of neighboring lines, weighted by power [1].
     """
 
@@ -54,6 +56,50 @@ class Fit(NamedTuple):
     variance: float
     features: float
     coherence: float
+
+
+class Precision(NamedTuple):
+    """How well the fixed pattern is known, as the logarithm of gains, by spectra of whole lines.
+
+    Attributes:
+        before: inverse variance by earlier batches, shape (F,).
+        batch: inverse variance by this one, shape (F,).
+    """
+
+    before: Doubles
+    batch: Doubles
+
+
+class _Block(NamedTuple):
+    """One block of lines.
+
+    Attributes:
+        spectra: z, which lose the pattern, shape (m, F).
+        turn: ``u_k = exp(-2 pi i f X_k)``, shape (m, F).
+        kappa: derivatives of the paths of the lines by d, shape (m,).
+        half: derivatives of the paths of the lines by a, shape (m,).
+    """
+
+    spectra: Spectrum
+    turn: Spectrum
+    kappa: Doubles
+    half: Doubles
+
+
+class _Model(NamedTuple):
+    """Covariance of the lines, at each frequency.
+
+    Attributes:
+        edges: of the bands [bins], shape (B + 1,).
+        bands: S, rho, N of each band, shape (3, B).
+        precision: inverse variance of the pattern, shape (F,).
+        rate: angle of each frequency [rad per px], shape (F,).
+    """
+
+    edges: NDArray[np.int64]
+    bands: Doubles
+    precision: Doubles
+    rate: Doubles
 
 
 class _Cut(NamedTuple):
@@ -123,27 +169,91 @@ def _cut(lines: Floats, paths: Doubles) -> _Cut:
 
 
 @kernel
+def _projected(weight: Doubles, turn: Spectrum, white: Spectrum) -> Spectrum:
+    """Return ``sum_k weight_k conj(u_k) v_k`` at every frequency, shape (F,)."""
+    total = np.zeros(turn.shape[1], np.complex64)
+    for k in range(len(turn)):
+        u, v, factor = turn[k], white[k], np.float32(weight[k])
+        for f in range(len(total)):
+            total[f] += factor * np.conj(u[f]) * v[f]
+    return total
+
+
+@kernel
+def _marginalize(block: _Block, model: _Model, white: Spectrum, derivatives: Doubles) -> None:
+    """Marginalize what is fixed in the view out of the log-likelihood of one block.
+
+    A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
+    frame. With ``c = 1 / V + u' T^-1 u``, the likelihood loses ``log c / 2``, and the lines their
+    part ``u (u' T^-1 z) / c``; u depends on the displacement, so that both have derivatives.
+
+    Args:
+        block: the lines.
+        model: of their covariance.
+        white: receives ``T^-1 z``, ``T^-1 kappa z`` and ``T^-1 half z`` of them, shape (3, m, F).
+        derivatives: are added to, see `_derivatives`, shape (5,).
+    """
+    spectra, turn, kappa, half = block
+    edges, bands_of, precision, rate = model
+    m = len(spectra)
+    ones = np.ones(m)
+    fixed = np.zeros((3, *spectra.shape), np.complex64)
+    whiten(turn, ones, edges, bands_of, fixed[0])
+    whiten(turn, kappa, edges, bands_of, fixed[1])
+    whiten(turn, half, edges, bands_of, fixed[2])
+    c = precision + _projected(ones, turn, fixed[0]).real
+    slope_d = _projected(kappa, turn, fixed[0]).imag
+    slope_a = _projected(half, turn, fixed[0]).imag
+    bend_dd = (_projected(kappa, turn, fixed[1]) - _projected(kappa**2, turn, fixed[0])).real
+    bend_da = (_projected(kappa, turn, fixed[2]) - _projected(kappa * half, turn, fixed[0])).real
+    bend_aa = (_projected(half, turn, fixed[2]) - _projected(half**2, turn, fixed[0])).real
+    whiten(spectra, ones, edges, bands_of, white[0])
+    pattern = _projected(ones, turn, white[0])
+    for f in range(edges[0], len(c)):
+        pattern[f] /= np.float32(c[f])
+    for k in range(m):
+        for f in range(edges[0], len(c)):
+            white[0, k, f] -= fixed[0, k, f] * pattern[f]
+            spectra[k, f] -= turn[k, f] * pattern[f]
+    whiten(spectra, kappa, edges, bands_of, white[1])
+    whiten(spectra, half, edges, bands_of, white[2])
+    by_d = _projected(kappa, turn, white[0]) - _projected(ones, turn, white[1])
+    by_a = _projected(half, turn, white[0]) - _projected(ones, turn, white[2])
+    for f in range(edges[0], len(c)):
+        first, second = rate[f] / c[f], rate[f] ** 2 / c[f]
+        derivatives[0] += first * slope_d[f]
+        derivatives[1] += first * slope_a[f]
+        d, a, x, y = slope_d[f], slope_a[f], by_d[f], by_a[f]
+        derivatives[2] += second * (bend_dd[f] - 2.0 * d * d / c[f] - (x * np.conj(x)).real)
+        derivatives[3] += second * (bend_da[f] - 2.0 * d * a / c[f] - (x * np.conj(y)).real)
+        derivatives[4] += second * (bend_aa[f] - 2.0 * a * a / c[f] - (y * np.conj(y)).real)
+
+
+@kernel
 def _derivatives(
-    cut: _Cut, edges: NDArray[np.int64], model: Doubles, kappa: Doubles, half: Doubles
+    cut: _Cut, model: _Model, kappa: Doubles, half: Doubles, paths: Doubles
 ) -> tuple[Spectrum, Doubles]:
     """Return T^-1 of the lines, shape (t, F), and derivatives of the log-likelihood, shape (5,).
 
     The derivatives are the slopes by d and a, and the negative second ones by dd, da and aa. As T
-    is the same at every frequency of a band, ``T^-1 (kappa z)`` gives all of them.
+    is the same at every frequency of a band, ``T^-1 (kappa z)`` gives all of them. The lines lose
+    the part of the pattern that is not known yet, see `_marginalize`.
     """
     rows, count = cut.spectra.shape
     white = np.zeros((3, rows, count), np.complex64)
+    derivatives = np.zeros(5)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
         own = cut.line[i:j]
-        whiten(cut.spectra[i:j], np.ones(j - i), edges, model, white[0, i:j])
-        whiten(cut.spectra[i:j], kappa[own], edges, model, white[1, i:j])
-        whiten(cut.spectra[i:j], half[own], edges, model, white[2, i:j])
+        turn = phases(paths[own] - paths[own[0]], cut.size, count)
+        lines = _Block(cut.spectra[i:j], turn, kappa[own], half[own])
+        _marginalize(lines, model, white[:, i:j], derivatives)
+    first = model.edges[0]
     sums = np.zeros((5, count), np.float32)
     for r in range(rows):
         p, q = np.float32(kappa[cut.line[r]]), np.float32(half[cut.line[r]])
         z, w, by_p, by_q = cut.spectra[r], white[0, r], white[1, r], white[2, r]
-        for f in range(edges[0], count):
+        for f in range(first, count):
             c, d = z[f].real, z[f].imag
             turn = w[f].imag * c - w[f].real * d
             fall = w[f].real * c + w[f].imag * d
@@ -154,48 +264,74 @@ def _derivatives(
             sums[2, f] += p * along_p - p * p * fall
             sums[3, f] += q * along_p - p * q * fall
             sums[4, f] += q * along_q - q * q * fall
-    derivatives = np.zeros(5)
-    for f in range(edges[0], count):
-        turn_rate = 2.0 * math.pi * f / cut.size
+    for f in range(first, count):
         for which in range(5):
-            power = turn_rate if which < 2 else turn_rate * turn_rate
-            derivatives[which] += power * sums[which, f]
+            derivatives[which] += model.rate[f] ** (1 if which < 2 else 2) * sums[which, f]
     return white[0], derivatives
 
 
 @kernel
+def _on_grid(precision: Precision, cut: _Cut, pixels: int, gray: float) -> Doubles:
+    """Return what is known of the pattern apart from one block, on the frequencies of the cut.
+
+    Args:
+        precision: of the pattern; of this batch each block has an equal part.
+        cut: lines of less than n pixels, in gray levels.
+        pixels: n.
+        gray: mean gray level.
+    """
+    before, batch = precision
+    known = np.zeros(cut.spectra.shape[1])
+    others = 1.0 - 1.0 / (len(cut.first) - 1)
+    scale = pixels / (cut.length * gray * gray)
+    for f in range(len(known)):
+        i = min(f * len(before) // len(known), len(before) - 1)
+        known[f] = scale * (before[i] + others * batch[i])
+    return known
+
+
+@kernel
 def fit(
-    lines: Floats, displacement: float, change: float, spread: float, steps: int, last: bool
+    lines: Floats,
+    precision: Precision,
+    displacement: float,
+    change: float,
+    spread: float,
+    last: bool,
 ) -> Fit:
     """Take Newton steps from a displacement and its change.
 
     Args:
         lines: without the pattern, shape (m, n).
+        precision: of the pattern.
         displacement: per line [px].
         change: of it from line to line [px].
         spread: its prior standard deviation [px].
-        steps: how many.
         last: whether variance and features are wanted.
     """
     m, n = lines.shape
     nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0)
     kappa = np.arange(m) - 0.5 * (m - 1)
     half = 0.5 * kappa**2
-    for step in range(steps + 1):
-        cut = _cut(lines, displacement * kappa + change * half)
+    gray = lines.mean()
+    for step in range(_STEPS + 1):
+        paths = displacement * kappa + change * half
+        cut = _cut(lines, paths)
         if cut.length == 0:
             return nothing
         edges = bands(cut.size)
-        model, moments = covariance(
+        covariances, moments = covariance(
             cut.spectra, cut.first, edges, np.full(len(edges) - 1, -LEAST_NOISE)
         )
-        white, derivatives = _derivatives(cut, edges, model, kappa, half)
+        rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
+        model = _Model(edges, covariances, _on_grid(precision, cut, n, gray), rate)
+        white, derivatives = _derivatives(cut, model, kappa, half, paths)
         u_d, u_a = derivatives[0], derivatives[1] - change / spread**2
         j_dd, j_da, j_aa = derivatives[2], derivatives[3], derivatives[4] + 1.0 / spread**2
         determinant = j_dd * j_aa - j_da * j_da
         if not (j_dd > 0.0 and determinant > 0.0):
             return nothing
-        if step < steps:
+        if step < _STEPS:
             by_d = (j_aa * u_d - j_da * u_a) / determinant
             by_a = (j_dd * u_a - j_da * u_d) / determinant
             displacement += min(max(by_d, -_LARGEST_STEP[0]), _LARGEST_STEP[0])
@@ -207,17 +343,21 @@ def fit(
         gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(cut, white, weight, kappa, half, n)
-    variance, features = _sandwich(parts, j_aa / determinant, -j_da / determinant)
+    variance, effective = _sandwich(parts, j_aa / determinant, -j_da / determinant)
+    # By amplitude and coherence: one bright edge counts like a faint one.
+    energy = np.maximum(parts[:, 2], 0.0)
+    amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
+    features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    return Fit(features > 0.0, displacement, change, variance, features, coherence)
+    return Fit(effective > 2.0, displacement, change, variance, features, coherence)
 
 
 @kernel
 def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
-    """Return the variance of the displacement [px^2], and the effective number of features.
+    """Return the variance of the displacement [px^2], and the effective number of places.
 
     Args:
-        parts: slopes by d and a and coherent energy of each place, shape (p, 3).
+        parts: of each place, see `_places`, shape (p, 4).
         g_d: first row of J^-1, by d.
         g_a: the same by a.
     """
@@ -228,10 +368,10 @@ def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
     share = energy / total
     slope = g_d * parts[:, 0] + g_a * parts[:, 1]
     own = slope - share * slope.sum()
-    features = 1.0 / (share * share).sum()
+    effective = 1.0 / (share * share).sum()
     # Student's factor: the scatter is estimated from as many places.
-    student = features / (features - 2.0) if features > 2.0 else math.inf
-    return student * (own * own).sum(), features
+    student = effective / (effective - 2.0) if effective > 2.0 else math.inf
+    return student * (own * own).sum(), effective
 
 
 @kernel
@@ -243,7 +383,7 @@ def _places(
     half: Doubles,
     pixels: int,
 ) -> Doubles:
-    """Return slopes by d and a and the coherent energy of each place of the ground, shape (p, 3).
+    """Return slopes by d and a, coherent and whole energy of each place, shape (p, 4).
 
     The products of lines are summed in space, on a grid as coarse as the highest frequency allows.
     The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma, by products
@@ -265,7 +405,7 @@ def _places(
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
-    parts = np.zeros((highest - lowest + 1, 3))
+    parts = np.zeros((highest - lowest + 1, 4))
     for block in range(len(cut.first) - 1):
         place = np.empty(seen, np.int64)
         for i in range(seen):
@@ -278,6 +418,9 @@ def _places(
                 parts[place[i], 1] += q * product
                 if r > cut.first[block]:
                     parts[place[i], 2] += energy[r, i] * energy[r - 1, i]
+                    parts[place[i], 3] += 0.5 * (
+                        energy[r, i] * energy[r, i] + energy[r - 1, i] * energy[r - 1, i]
+                    )
     # A real transform counts every frequency twice over its size.
     parts *= 0.5 * size
     return parts

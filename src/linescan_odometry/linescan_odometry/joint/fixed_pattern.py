@@ -61,11 +61,24 @@ def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
 
 
 @kernel
-def observe(spectra: Spectrum, paths: Doubles, size: int) -> tuple[Spectrum, Doubles]:
+def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
+    """Return the mean of a pattern, 0 where nothing is known, shape (F,)."""
+    mean = np.zeros(len(precision), np.complex64)
+    for f in range(len(precision)):
+        if precision[f] > 0.0:
+            mean[f] = information[f] / np.float32(precision[f])
+    return mean
+
+
+@kernel
+def observe(
+    spectra: Spectrum, removed: Spectrum, paths: Doubles, size: int
+) -> tuple[Spectrum, Doubles]:
     """Return what a batch says of the pattern if its lines lie at given paths.
 
     Args:
         spectra: of whole lines, shape (m, F).
+        removed: what is taken for fixed where the covariance is estimated, shape (F,).
         paths: of the lines [px], shape (m,).
         size: of the transform [px].
 
@@ -76,7 +89,9 @@ def observe(spectra: Spectrum, paths: Doubles, size: int) -> tuple[Spectrum, Dou
     turn = phases(paths, size, count)
     aligned = spectra * turn
     edges = bands(size)
-    model, _ = covariance(aligned, np.array([0, m]), edges, np.full(len(edges) - 1, -LEAST_NOISE))
+    model, _ = covariance(
+        (spectra - removed) * turn, np.array([0, m]), edges, np.full(len(edges) - 1, -LEAST_NOISE)
+    )
     white = np.zeros((m, count), np.complex64)
     whiten(turn, np.ones(m), edges, model, white)
     information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)

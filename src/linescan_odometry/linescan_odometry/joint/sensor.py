@@ -49,4 +49,6 @@ class JointMethod:
                 f"{self._limit:g} m/s^2 since the last measurement"
             )
         self._last = estimate.value
-        return Displacement(estimate.value, estimate.variance, estimate.coherence, 1.0)
+        return Displacement(
+            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
+        )

@@ -31,6 +31,7 @@ Floats = NDArray[np.float32]
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared
 _REMEMBERED = 128  # twists
 _GAP_NS = 50_000_000  # between two twists, over which nothing is known of the way
+_CONFIRMED_NS = 50_000_000  # after a twist, over which a ground is the same
 _LONGEST = 1.0  # s, that a view is remembered
 _LOST = 0.35  # correlation below which nothing of a view is left
 _SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
@@ -65,7 +66,7 @@ class Keyframe:
         self._gradient = None
 
     def compare(
-        self, stamp_ns: int, period_ns: float, lines: Lines, displacement: float
+        self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
     ) -> tuple[float, float]:
         """Compare the newest line with the remembered one.
 
@@ -102,14 +103,14 @@ class Keyframe:
             self._gradient = None  # a ground that repeats itself would come again
         return 1e-9 * (stamp_ns - self._stamp_ns), likeness
 
-    def _remember(self, line: Lines) -> None:
+    def _remember(self, line: Lines | Floats) -> None:
         gradient: Floats = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
         _differentiate(line, self._step, gradient[0])
         self._gradient = gradient
 
 
 @njit(cache=True)
-def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
+def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
     """Write differences of neighboring sums of `step` pixels, which are whole numbers."""
     ahead, behind = np.int32(0), np.int32(0)
     for i in range(step):
@@ -125,7 +126,12 @@ def _differentiate(line: Lines, step: int, gradient: Floats) -> None:
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def _compare(
-    lines: Lines, step: int, shift: float, displacement: float, hopeless: float, gradient: Floats
+    lines: Lines | Floats,
+    step: int,
+    shift: float,
+    displacement: float,
+    hopeless: float,
+    gradient: Floats,
 ) -> tuple[float, float]:
     """Compare gradients of the newest lines with each other and with an earlier one.
 
@@ -199,18 +205,22 @@ class Grain:
         self._before: dict[str, tuple[float, float]] = {}  # likeness and its excess
         self._excess: dict[str, float] = {}  # the least of the last two
 
-    def unconfirmed(self, readings: Mapping[str, SensorReading]) -> dict[str, SensorReading]:
-        """Return the readings that nobody can confirm where others find their ground unlike itself.
+    def unconfirmed(
+        self, stamp_ns: int, readings: Mapping[str, SensorReading]
+    ) -> dict[str, SensorReading]:
+        """Return readings that no twist confirms where other cameras find no match.
 
-        Without a twist it is not known how far a camera moved across: it may look along the grain.
+        Without a twist it is not known how far a camera moved across its axis: the texture may be
+        oblique. A twist measured shortly before has shown that it is not.
 
         Args:
+            stamp_ns: of the readings [ns].
             readings: of all cameras by name, too few for a twist.
         """
         blind = [
             name for name, reading in readings.items() if reading.unlike and not reading.measured
         ]
-        if not blind:
+        if not blind or (self._stamps and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS):
             return {}
         reason = f"unconfirmed: the ground may have grain, it does not match for {', '.join(blind)}"
         return {
