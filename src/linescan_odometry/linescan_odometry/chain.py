@@ -8,6 +8,8 @@ next one are still consecutive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from linescan_odometry.measurements import LineBatch, Lines, Unmeasured
@@ -45,6 +47,33 @@ class LineChain:
         self._last_row = -1
         self._last_ns = None
         self._late = 0.0
+
+    def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
+        """Return two lines or more that follow each other, oldest first; see `join`.
+
+        Args:
+            batch: as a camera delivered it.
+            restart: called where the lines do not follow those of the batch before.
+
+        Raises:
+            Unmeasured: the batch is faulty, or there are fewer than two lines.
+        """
+        count, pixels = batch.lines.shape
+        fault = batch.fault
+        if count > 0 and pixels != self._pixels:
+            fault = f"lines of {pixels} px, the configuration says {self._pixels} px"
+        if fault:
+            self.reset()
+            restart()
+            raise Unmeasured(fault)
+        if count == 0:
+            raise Unmeasured("the batch holds no line")
+        lines = self.join(batch)
+        if len(lines) == count:
+            restart()
+        if len(lines) < 2:
+            raise Unmeasured("a single line with none before it to compare with")
+        return lines
 
     def join(self, batch: LineBatch) -> Lines:
         """Return the last line of the batch before, followed by the lines of a batch.

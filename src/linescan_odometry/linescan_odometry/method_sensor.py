@@ -104,7 +104,10 @@ class MethodOdometry:
         """Begin to measure a batch in the background; return what waits for the result."""
         self._finish_last()
         try:
-            joined = _Joined(batch.stamp_ns, self._references.correct(self._join(batch)))
+            joined = _Joined(
+                batch.stamp_ns,
+                self._references.correct(self._chain.take(batch, self._method.reset)),
+            )
         except Unmeasured as nothing:
             self._keyframe.reset()
             reading = nothing.reading
@@ -112,25 +115,6 @@ class MethodOdometry:
         work = in_background(partial(self._measure, joined), worth=joined.lines.size >= _BACKGROUND)
         self._finish_last = cache(work)
         return self._finish_last
-
-    def _join(self, batch: LineBatch) -> Lines:
-        """Return the lines behind the last one of the batch before, if they follow it."""
-        count, pixels = batch.lines.shape
-        fault = batch.fault
-        if count > 0 and pixels != self._sensor.pixels:
-            fault = f"lines of {pixels} px, the configuration says {self._sensor.pixels} px"
-        if fault:
-            self._chain.reset()
-            self._method.reset()
-            raise Unmeasured(fault)
-        if count == 0:
-            raise Unmeasured("the batch holds no line")
-        lines = self._chain.join(batch)
-        if len(lines) == count:
-            self._method.reset()
-        if len(lines) < 2:
-            raise Unmeasured("a single line with none before it to compare with")
-        return lines
 
     def _measure(self, joined: _Joined) -> SensorReading:
         stamp_ns, lines = joined

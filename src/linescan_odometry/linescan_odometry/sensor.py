@@ -209,7 +209,7 @@ class SensorOdometry:
         """
         self._finish_last()
         try:
-            seen = without_defects(self._join(batch))
+            seen = without_defects(self._chain.take(batch, self._matcher.reset))
             lines = self._flat_field.apply(seen)
             self._still.learn(seen)
             self._seen = seen
@@ -236,25 +236,6 @@ class SensorOdometry:
         except Unmeasured as nothing:
             self._keyframe.reset()
             return nothing.reading
-
-    def _join(self, batch: LineBatch) -> Lines:
-        """Return the lines behind the last one of the batch before, if they follow it."""
-        count, pixels = batch.lines.shape
-        fault = batch.fault
-        if count > 0 and pixels != self._sensor.pixels:
-            fault = f"lines of {pixels} px, the configuration says {self._sensor.pixels} px"
-        if fault:
-            self._chain.reset()
-            self._matcher.reset()
-            raise Unmeasured(fault)
-        if count == 0:
-            raise Unmeasured("the batch holds no line")
-        lines = self._chain.join(batch)
-        if len(lines) == count:
-            self._matcher.reset()
-        if len(lines) < 2:
-            raise Unmeasured("a single line with none before it to compare with")
-        return lines
 
     def _mark_frozen(self, lines: Lines, pairs: PairDisplacements) -> int:
         """Mark pairs of identical lines, which the noise of a live camera rules out."""

@@ -11,4 +11,8 @@ new ground), and white noise e. The unknowns are the displacement d per line [px
 into the ground frame, are Gaussian along the lines:
 
     z_k = Y_k(f) exp(-2 pi i f X_k) ~ N(0, T),    T_kj = S rho^|k - j| + N delta_kj.
+
+The pattern is Gaussian too, with a mean and a variance at every frequency that are carried over the
+batches. The mean is subtracted; the variance is marginalized, so that a slow displacement over a
+coarse ground, which a pattern may imitate, has as large a variance as that leaves it.
 """

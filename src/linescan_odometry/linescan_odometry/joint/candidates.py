@@ -279,11 +279,11 @@ def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) 
         removed: spectrum that is fixed in the view, shape (F,).
         found: candidates [px], shape (c,).
     """
-    told = np.zeros(len(found))
+    evidence = np.zeros(len(found))
     for i in range(len(found)):
         last = farthest(found[i], layout)
         spread = 0.5 / lags(layout.lines)[last]
         for which in range(last + 1):
             own = coherent(products, layout, removed, found[i], spread, which)
-            told[i] = max(told[i], own)
-    return told
+            evidence[i] = max(evidence[i], own)
+    return evidence

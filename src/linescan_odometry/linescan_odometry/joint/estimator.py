@@ -152,17 +152,17 @@ class JointEstimator:
         noise. So any motion that shows in it rules out rest.
         """
         removed = products.mean if layout.lines >= _FEWEST_LINES else known
-        told = rate(products, layout, removed, found)
-        best = int(np.argmax(told))
+        evidence = rate(products, layout, removed, found)
+        best = int(np.argmax(evidence))
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < _STATIC)
-        if told[best] < _NOISE and len(static):
+        if evidence[best] < _NOISE and len(static):
             c = float(found[static[0]])
             own = coherent(products, layout, known, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
-        if told[best] < _LIKELY:
+        if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
         # Neighboring lines do not part slow displacements, lines farther apart do.
-        near = (abs(found - found[best]) < _RESOLVED) & (told > _RATIO * told[best])
+        near = (abs(found - found[best]) < _RESOLVED) & (evidence > _RATIO * evidence[best])
         far = min(farthest(c, layout) for c in found[near])
         spread = 0.5 / lags(layout.lines)[far]
         apart = [
@@ -172,8 +172,8 @@ class JointEstimator:
         if max(apart) > _LIKELY:
             best = int(np.argmax(apart))
         other = abs(found - found[best]) >= _RESOLVED
-        rival = float(np.max(told, where=other, initial=0.0))
-        ambiguous = rival > _RATIO * told[best]
+        rival = float(np.max(evidence, where=other, initial=0.0))
+        ambiguous = rival > _RATIO * evidence[best]
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _contradiction(self, products: Products, layout: Layout, value: float, c: float) -> str:

@@ -163,8 +163,8 @@ def _cut(lines: Floats, paths: Doubles) -> _Cut:
     for block in range(blocks):
         start = paths[line[first[block]]]
         for r in range(first[block], first[block + 1]):
-            way = paths[line[r]] - start
-            rotate(spectra[r], (way - round(way)) / size, 0.0, spectra[r])
+            offset = paths[line[r]] - start
+            rotate(spectra[r], (offset - round(offset)) / size, 0.0, spectra[r])
     return _Cut(spectra, line, first, ground, length, size)
 
 

@@ -2,7 +2,9 @@
 
 The pattern is what dirt, unequal pixels, shading and mud do to every line. For a given displacement
 its posterior is Gaussian at every frequency: the batches so far and this one are weighted by their
-information, and the variance of the pattern is that which the data show (empirical Bayes).
+information. At first nothing is known, and the prior variance is infinite. Only candidates for the
+displacement are compared with a mean that is shrunk by the variance which the data show (empirical
+Bayes).
 """
 
 from __future__ import annotations
