@@ -34,7 +34,7 @@ class OdometryConfiguration(Configuration):
         description="Estimator of displacements: `pairs`, pairs of lines and the median of section "
         "4.4 alone; `checked_pairs`, the same with checks for fixed patterns, light and oblique "
         "texture; `joint`, the likelihood of whole batches, more accurate and less well guarded "
-        "against moving shadows",
+        "against oblique texture",
         choices=METHODS,
     )
     metric: str = parameter(
