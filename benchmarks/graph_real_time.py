@@ -8,6 +8,7 @@ standard experiment, the two ways of running in turn, and the ratio of their tim
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 import tempfile
 import time
@@ -39,21 +40,28 @@ def main() -> None:
     """Run the comparison and print a line per variant."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5, help="runs of each kind")
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args()
+    results: dict[str, float] = {}
     library = ExperimentLibrary(workspace_folder() / "config")
     for variant in library.variants("straight_line"):
         configuration = library.load("straight_line", variant)
         process_factor(configuration)  # loads the kernels
         pairs = [
             (graph_factor(configuration, variant), process_factor(configuration))
-            for _ in range(repeats)
+            for _ in range(options.repeats)
         ]
         graph, process = (statistics.median(column) for column in zip(*pairs, strict=True))
         ratio = statistics.median(p / g for g, p in pairs)
-        print(
-            f"{variant:<12} real-time factor: graph {graph:.2f}, one process {process:.2f}; "
-            f"the graph takes {ratio:.2f} times as long"
-        )
+        results[f"real_time_factor.{variant}"] = round(graph, 3)
+        results[f"time_over_one_process.{variant}"] = round(ratio, 3)
+        if not options.json:
+            print(
+                f"{variant:<12} real-time factor: graph {graph:.2f}, one process {process:.2f}; "
+                f"the graph takes {ratio:.2f} times as long"
+            )
+    if options.json:
+        print(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":
