@@ -65,8 +65,8 @@ class OdometryConfiguration(Configuration):
     )
     flat_field_places: int = parameter(
         200,
-        description="Places of the ground whose mean is what stands still in the view (shading, "
-        "dirt, unlike pixels), which is then divided out; 0 for no correction",
+        description="Number of positions in the mean that estimates the fixed pattern (shading, "
+        "dirt, unequal pixels), by which lines are divided; 0 for no correction",
         minimum=0,
         maximum=100000,
     )

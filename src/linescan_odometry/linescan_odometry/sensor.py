@@ -1,7 +1,7 @@
 """One line camera: batches of lines in, velocity along the axis out.
 
-`SensorOdometry.update` reads as section 4.4 does, one line for each stage. A stage that finds that
-nothing can be measured raises `Unmeasured` with the reason.
+`SensorOdometry.update` follows the stages of section 4.4. A stage that cannot measure raises
+`Unmeasured` with the reason.
 """
 
 from __future__ import annotations
@@ -35,32 +35,38 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3
-_SHARP_PAIRS = 6  # of a batch that are compared by their detail
+_SHARP_PAIRS = 6  # of a batch whose detail is compared
 _FEWEST_MOVES = 2
-_FAINT = 0.15  # correlation of what moves before something that stands still
-_FAR_DIVISOR = 4  # of a line: displacements beyond are compared with smaller ones
-_AS_WELL, _AS_WELL_AT_ALL = 1.0, 0.05  # loss of correlation by which one fits worse
-_FEWEST_PLACES = 3.0  # of a view whose slopes a displacement is matched by
-_LONE_PLACES = 2.0  # below which nothing else is seen
-_ALIKE = 0.3  # correlation of the detail of lines that show the same ground
+_FAINT = 0.15  # correlation of a moving texture behind a fixed pattern
+_FAR_DIVISOR = 4  # of a line: larger displacements are compared with smaller ones
+_AS_WELL, _AS_WELL_AT_ALL = (
+    1.0,
+    0.05,
+)  # tolerated loss of correlation, relative and absolute [1]
+_FEWEST_PLACES = 3.0  # smallest effective number of independent features
+_LONE_PLACES = 2.0  # number of features below which a single one dominates
+_ALIKE = 0.3  # smallest correlation of the detail of lines over the same ground
 _STILL_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STILL_PAIRS = 4
-_QUICK = 6.0  # px per line, beyond which the peak at zero is apart from that of the motion
+_QUICK = 6.0  # px per line, beyond which the peaks of pattern and motion are separate
 _NOISE_SIGMAS = 3.5  # standard deviations of a correlation of noise
-_STEPPING = 0.2  # structure of the change from line to line over that from the first to the last
-_SAME_CHANGE = 0.6  # correlation of what changes in the two halves of a batch
-_LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
-_SLOW = 0.6  # px per line, below which the mean of the lines so far is mostly ground
+_STEPPING = 0.2  # correlation of the change from line to line over that from first to last
+_SAME_CHANGE = 0.6  # correlation of the changes in the two halves of a batch
+_LONGEST_STRETCH = 0.25  # largest relative deviation of the time of a batch from its lines [1]
+_SLOW = 0.6  # px per line, below which the mean of the lines is mostly ground
 _PULLED = 2.0  # standard deviations
-_LEAST_PULL = 0.1  # px per line that the mean of few lines makes by itself
+_LEAST_PULL = 0.1  # px per line of bias by the mean of few lines
 _MOVING_RANGE = 30000.0
-_FAR_SHARE, _STAYS = 0.4, 0.98  # of a line; of the likeness of neighbors
-_MOVES = 0.5  # px per line, that what stands still is not taken for
+_FAR_SHARE, _STAYS = (
+    0.4,
+    0.98,
+)  # line spacing in lengths; relative correlation
+_MOVES = 0.5  # px per line, above which a displacement is not that of a fixed pattern
 _OFF = 4.0  # standard deviations
-_DOUBTFUL = 2.0  # px per line, beyond which a deviation says nothing
-_OPPOSED = -0.4  # coherence at a displacement, below which it is another one
-_CHANGING = 0.2  # of the coherence, that ground which enters takes from lines far apart
-_STILL_TOLERANCE = 0.002  # of correlations, beside twice the difference of neighboring lines
+_LARGEST_DEVIATION = 2.0  # px per line, largest usable standard deviation
+_OPPOSED = -0.4  # coherence below which a displacement is a different one
+_CHANGING = 0.2  # loss of coherence of distant lines by new ground
+_STILL_TOLERANCE = 0.002  # of correlations, in addition to twice the difference of neighbors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,14 +75,15 @@ class _Mean:
 
     Attributes:
         displacement: per line [px].
-        variance: of it [px^2].
-        correlation: mean similarity of the pairs that entered [1].
-        share: of the pairs that entered, 0..1.
-        places: over how many places of a line the slopes are spread that were matched; infinite
-            for all lines together.
-        ends: coherence of the ends of the batch [1], how far they are apart [s], and the variance
-            if what lasts is grain [px^2].
-        alone: whether lines farther apart, or all together, do not show it.
+        variance: of the displacement [px^2].
+        correlation: mean similarity of the used pairs [1].
+        share: share of used pairs, 0..1.
+        places: effective number of positions with the gradients of the match; infinite for the
+            whole-batch estimate.
+        ends: coherence at the largest line spacing [1], this spacing [s], and the variance for an
+            oblique texture [px^2].
+        alone: whether neither a larger line spacing nor the whole-batch estimate reproduces this
+            displacement.
     """
 
     displacement: float
@@ -90,13 +97,13 @@ class _Mean:
 
 @dataclasses.dataclass(frozen=True)
 class _Matched:
-    """A batch of which the pairs are matched.
+    """A batch with matched pairs.
 
     Attributes:
-        stamp_ns: of the newest line.
-        lines: that follow each other, oldest first, shape (m + 1, n).
+        stamp_ns: of the newest line [ns].
+        lines: consecutive lines, oldest first, shape (m + 1, n).
         pairs: displacements of consecutive lines.
-        whole: hands over what all lines show together; None if that was not begun.
+        whole: returns the whole-batch estimate; None if it was not started.
     """
 
     stamp_ns: int
@@ -108,7 +115,7 @@ class _Matched:
 def _mean_of(
     matcher: PairMatcher, pairs: PairDisplacements, inlier: NDArray[np.bool_], share: float
 ) -> _Mean:
-    """Average the pairs that agree, which are a share of all."""
+    """Average the inlier pairs, a share of all pairs."""
     weight = np.empty(len(inlier))
     displacement = average(pairs.displacement, inlier, weight)
     variance = matcher.mean_variance(pairs.displacement, weight)
@@ -117,7 +124,7 @@ def _mean_of(
 
 
 def _stays(lines: Lines, mean: _Mean) -> bool:
-    """Return whether no new ground enters the view: lines far apart are as alike as neighbors."""
+    """Return whether no new ground enters: distant lines are as correlated as neighbors."""
     span, pixels = len(lines) - 1, lines.shape[1]
     apart = min(span, int(_FAR_SHARE * pixels / max(abs(mean.displacement), 1e-3)))
     if apart < 2:
@@ -140,7 +147,7 @@ class SensorOdometry:
         Args:
             sensor: the camera.
             configuration: of the odometry.
-            tables: file of its references and of what stands still in its view; None without.
+            tables: file of its references and fixed pattern; None without.
 
         Raises:
             LineBatchError: the file holds no tables of this camera.
@@ -179,8 +186,8 @@ class SensorOdometry:
         self._still = StillView(sensor.pixels)
         self._seen: Lines = np.empty((0, sensor.pixels), np.uint8)  # as the camera delivered them
         self._still_refiner = SubpixelRefiner(sensor.pixels)
-        self._told = True  # whether the batch before told a displacement
-        self._moving = False  # whether it showed new ground
+        self._measured_before = True  # whether the batch before gave a displacement
+        self._moving = False  # whether new ground entered the view
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)
         self._structures = StructureCounter(sensor.pixels)
@@ -199,13 +206,13 @@ class SensorOdometry:
         return PairMatcher(search, refiner, _ALIKE)
 
     def update(self, batch: LineBatch) -> SensorReading:
-        """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
+        """Measure the mean velocity over a batch; never raises for data of a camera."""
         return self.begin(batch)()
 
     def begin(self, batch: LineBatch) -> Callable[[], SensorReading]:
-        """Begin to measure over a batch, and return what `update` would.
+        """Start measuring over a batch; return a function for the result of `update`.
 
-        What all lines show together is matched aside.
+        The whole-batch estimate is computed in the background.
         """
         self._finish_last()
         try:
@@ -238,7 +245,7 @@ class SensorOdometry:
             return nothing.reading
 
     def _mark_frozen(self, lines: Lines, pairs: PairDisplacements) -> int:
-        """Mark pairs of identical lines, which the noise of a live camera rules out."""
+        """Mark pairs of identical lines, which noise excludes for a working camera."""
         same = np.empty(len(lines) - 1, np.bool_)
         frozen: int = count_identical(lines, same)
         if frozen >= _FROZEN_PAIRS:
@@ -248,21 +255,21 @@ class SensorOdometry:
     def _together(
         self, matched: _Matched, pairs: PairDisplacements, frozen: int, implausible: int
     ) -> _Mean:
-        """Return the mean of the pairs, or that of all lines together where it tells more.
+        """Return the mean of the pairs, or the whole-batch estimate if it is more informative.
 
         Raises:
-            Unmeasured: neither tells.
+            Unmeasured: neither gives a displacement.
         """
         stamp_ns, lines = matched.stamp_ns, matched.lines
-        again, self._told = self._told, True
+        again, self._measured_before = self._measured_before, True
         try:
             mean = self._of_pairs(lines, pairs, frozen, implausible)
-        except Unmeasured as doubtful:
-            if not doubtful.open:
-                self._told = False
+        except Unmeasured as unmeasured:
+            if not unmeasured.open:
+                self._measured_before = False
                 raise
             mean = None
-            doubt = doubtful
+            failure = unmeasured
         few = len(lines) < FEWEST_LINES
         stays = mean is not None and not few and _stays(lines, mean)
         self._moving = not stays
@@ -281,17 +288,17 @@ class SensorOdometry:
             and bool(self._plausibility.judge(stamp_ns, np.array([whole.displacement]))[0])
         )
         corrects = self._flat_field.corrects
-        # What stands still, and is known badly, draws all lines together to a slow displacement.
+        # A poorly estimated fixed pattern biases the whole-batch estimate to a slow displacement.
         drawn = whole is not None and learning and corrects and abs(whole.displacement) < _QUICK
         if mean is None:
-            # What stands still in the view has refused the pairs, and would rule all lines too.
+            # The fixed pattern that caused the rejection of the pairs may dominate all lines too.
             still = whole is not None and learning and abs(whole.displacement) < _MOVES
-            hidden = whole is None or still or drawn or whole.doubt > _DOUBTFUL**2
-            self._told = sure and not hidden
-            # Where pairs of lines tell nothing, a match that comes and goes is one by chance.
-            if whole is None or not (self._told and again):
-                doubt.reading = dataclasses.replace(doubt.reading, unlike=True)
-                raise doubt
+            hidden = whole is None or still or drawn or whole.doubt > _LARGEST_DEVIATION**2
+            self._measured_before = sure and not hidden
+            # Without pair matches, a single whole-batch match may be one by chance.
+            if whole is None or not (self._measured_before and again):
+                failure.reading = dataclasses.replace(failure.reading, unlike=True)
+                raise failure
             whole = whole._replace(variance=max(whole.variance, whole.doubt))
             return self._of_all(whole, float(np.median(pairs.similarity)), 1.0)
         if not learning and (whole is None or not whole.lone):
@@ -317,7 +324,7 @@ class SensorOdometry:
         return self._of_all(whole, mean.correlation, mean.share)
 
     def _whole_less_still(self, whole: Whitened | None) -> Whitened | None:
-        """Return a match of all lines less the pull of what stands still, None if that rules it."""
+        """Return a whole-batch estimate without fixed pattern, None if the pattern dominates."""
         if whole is None or self._still.weight == 0.0:
             return whole
         moving = self._still.without(self._seen)
@@ -332,7 +339,7 @@ class SensorOdometry:
         return whole._replace(displacement=whole.displacement - half, variance=largest + half**2)
 
     def _of_all(self, whole: Whitened, correlation: float, share: float) -> _Mean:
-        """Return the mean of all lines together."""
+        """Return the mean of a whole-batch estimate."""
         ends = whole.lasting, whole.apart / self._sensor.line_rate, whole.doubt
         return _Mean(whole.displacement, whole.variance, correlation, share, math.inf, ends)
 
@@ -342,33 +349,33 @@ class SensorOdometry:
         """Return the mean of the displacements of consecutive lines.
 
         Raises:
-            Unmeasured: they do not agree, or not on the ground.
+            Unmeasured: they disagree, or do not show the ground.
         """
         mean = self._average(lines, pairs, frozen, implausible)
         self._doubt_far(lines, mean)
         mean = self._finer(lines, mean) or self._span(lines, mean)
         if mean.places < _FEWEST_PLACES:
             raise Unmeasured(
-                f"{mean.places:.1f} places of the view rule the match: an edge of light or a "
-                "spot, or a ground of few edges",
+                f"match dominated by {mean.places:.1f} image features: a light edge, a spot, or "
+                "low texture",
                 mean.share,
-                unlike=True,  # what moves besides does not show: it may be grain
+                unlike=True,  # the moving texture is not visible: it may be oblique
                 open=mean.places > _LONE_PLACES,
             )
         return self._less_still(self._doubt_still(lines, mean))
 
     def _less_still(self, mean: _Mean) -> _Mean:
-        """Return the mean less the pull of what stands still, if that shows in other lines too.
+        """Return the mean without the bias of a fixed pattern, if there is one.
 
-        The lines are matched again without it, around the same displacement. Where both differ, the
-        truth lies in between, and the variance knows: what is taken off may be a share of the
-        ground, and it may be no offset.
+        The lines are matched again without the pattern, around the same displacement. The result is
+        between both displacements, and their difference enters the variance: the estimated pattern
+        may contain a share of the ground, and may not be additive.
 
         Raises:
-            Unmeasured: without it, nothing moves so far.
+            Unmeasured: without the pattern no such displacement is found.
         """
-        told = self._still.weight > 0.0 and len(self._seen) > _STILL_PAIRS
-        if not (self._flat_field.learning and told) or abs(mean.displacement) < _SLOW:
+        estimated = self._still.weight > 0.0 and len(self._seen) > _STILL_PAIRS
+        if not (self._flat_field.learning and estimated) or abs(mean.displacement) < _SLOW:
             return mean
         lines = self._still.without(self._seen)
         span = len(lines) - 1
@@ -380,10 +387,9 @@ class SensorOdometry:
         share = float(np.mean(inlier))
         if share < self._configuration.minimum_inlier_share:
             if abs(mean.displacement) <= _QUICK:
-                return mean  # its own ground is in what is taken off
+                return mean  # the pattern contains its own ground
             raise Unmeasured(
-                f"something stands still in the view: without it only {100.0 * share:.0f} % of the "
-                "line pairs match",
+                f"fixed pattern: without it only {100.0 * share:.0f} % of the line pairs match",
                 share,
                 open=True,
             )
@@ -423,10 +429,10 @@ class SensorOdometry:
         return _mean_of(self._matcher, pairs, inlier, share)
 
     def _doubt_far(self, lines: Lines, mean: _Mean) -> None:
-        """Refuse a large displacement where a small one fits as well.
+        """Refuse a large displacement if a small one fits equally well.
 
         Raises:
-            Unmeasured: the ground repeats itself within the view.
+            Unmeasured: the ground is periodic within the view.
         """
         if abs(mean.displacement) <= self._near:
             return
@@ -434,16 +440,16 @@ class SensorOdometry:
         alike = mean.correlation - float(np.median(near.similarity))
         if alike < _AS_WELL * (1.0 - mean.correlation) + _AS_WELL_AT_ALL:
             raise Unmeasured(
-                f"the ground repeats itself: {float(np.median(near.displacement)):.3g} px a line "
+                f"periodic ground: {float(np.median(near.displacement)):.3g} px a line "
                 f"fit as well as {mean.displacement:.3g} px",
                 mean.share,
             )
 
     def _finer(self, lines: Lines, mean: _Mean) -> _Mean | None:
-        """Return the mean of the fine detail, if that moves otherwise than the lines as a whole.
+        """Return the mean of the fine detail, if its displacement differs from that of the lines.
 
         Raises:
-            Unmeasured: it does, and does not agree with itself either.
+            Unmeasured: it differs, and its pairs disagree too.
         """
         tolerance = self._configuration.median_tolerance
         for step, matcher in self._sharp_matchers.items():
@@ -460,13 +466,13 @@ class SensorOdometry:
         else:
             return None
         if abs(middle - mean.displacement) <= tolerance or abs(middle) <= tolerance:
-            return None  # detail that stands still is that of the pixels, not of the ground
+            return None  # fixed detail is that of the pixels, not of the ground
         whole = matcher.match(sharpened(lines, step))
         inlier = whole.usable & (np.abs(whole.displacement - middle) <= tolerance)
         share = float(np.mean(inlier))
         if share < self._configuration.minimum_inlier_share:
             raise Unmeasured(
-                f"two things move in the view: the lines by {mean.displacement:.3g} px, their "
+                f"two displacements in the view: lines move by {mean.displacement:.3g} px, their "
                 f"detail by {middle:.3g} px",
                 share,
                 open=True,
@@ -474,12 +480,12 @@ class SensorOdometry:
         return _mean_of(matcher, whole, inlier, share)
 
     def _span(self, lines: Lines, mean: _Mean) -> _Mean:
-        """Compare the newest line with the oldest, if that tells the mean displacement better.
+        """Compare the newest line with the oldest, if that is more accurate.
 
-        Every estimator of a shift is drawn a little towards whole pixels. At a fraction of a
-        pixel per line that is a share of the speed (some per cent where noise is strong), over
-        the whole batch it is not. When the sensor moves sideways at the same time the ends of the
-        batch differ too much: there is no match, or one of larger variance.
+        Every estimator of a shift has a small bias towards whole pixels. At a fraction of a pixel
+        per line this is a share of the speed (some per cent with strong noise), but not over the
+        whole batch. In sideways motion the ends of the batch differ too much: there is no match, or
+        one with a larger variance.
         """
         span = len(lines) - 1
         if abs(mean.displacement) >= self._configuration.slow_displacement or span < 2:
@@ -495,18 +501,18 @@ class SensorOdometry:
         return dataclasses.replace(mean, displacement=whole / span, variance=variance)
 
     def _doubt_still(self, lines: Lines, mean: _Mean) -> _Mean:
-        """Doubt a slow displacement, to which something that stands still in the view may pull.
+        """Check a slow displacement, which a fixed pattern may bias.
 
-        What is fixed is the same in every line: less their mean, the lines hold only what moves.
-        They must show the same displacement. At rest there is nothing left to see, and nothing to
-        doubt; nor is there once the flat field knows what stands still.
+        A fixed pattern is the same in every line: without their mean, the lines contain only what
+        moves, and must show the same displacement. At rest nothing remains and nothing is checked;
+        nor is it once the flat field is estimated.
         """
         if not self._flat_field.learning:
             return mean
         if abs(mean.displacement) > _QUICK or len(lines) <= _STILL_PAIRS:
             return mean
         moving = lines - lines.mean(axis=0)
-        third = len(moving) // 3  # the mean of which shows a faint ground through its noise
+        third = len(moving) // 3  # the mean of a third shows a ground of low contrast despite noise
         change = moving[-third:].mean(axis=0) - moving[:third].mean(axis=0)
         structure, square = structure_of(moving[-1] - moving[0])
         faint, faint_square = structure_of(change)
@@ -521,12 +527,12 @@ class SensorOdometry:
         if math.isinf(median):
             steps = np.diff(moving, axis=0)
             if float(np.sum(steps[:, 1:] * steps[:, :-1])) < _STEPPING * structure * len(steps):
-                # Each line is much like the one before: only over half of the batch it shows.
+                # Consecutive lines are nearly equal: the change shows only over half of the batch.
                 return self._doubt_changes(moving, mean)
         if abs(median - mean.displacement) > self._configuration.median_tolerance:
             raise Unmeasured(
-                "something stands still in the view: less the mean of all lines, the lines of the "
-                "batch " + ("do not match" if math.isinf(median) else f"move by {median:.3g} px"),
+                "fixed pattern: without the mean of all lines, the lines of the batch "
+                + ("do not match" if math.isinf(median) else f"move by {median:.3g} px"),
                 open=True,
             )
         near = usable[np.abs(usable - median) <= self._configuration.median_tolerance]
@@ -536,17 +542,17 @@ class SensorOdometry:
         return dataclasses.replace(mean, variance=mean.variance + pull**2)
 
     def _doubt_changes(self, moving: FloatArray, mean: _Mean) -> _Mean:
-        """Doubt a displacement that does not explain how the view has changed.
+        """Check whether a displacement explains the change of the view.
 
-        Into the changes over the two halves of a batch nothing fixed enters. Where they are unlike,
-        the ground may move by as much as pairs of lines do not show.
+        The changes over the two halves of a batch contain no fixed pattern. If they are not
+        correlated, the ground may move more than pairs of lines show.
 
         Args:
-            moving: lines less their mean.
+            moving: lines without their mean.
             mean: displacement of the lines.
 
         Raises:
-            Unmeasured: what has changed is the same in both, but elsewhere than the lines say.
+            Unmeasured: both changes are correlated at another displacement than that of the lines.
         """
         half = (len(moving) - 1) // 2
         changes = moving[[half, 2 * half]] - moving[[0, half]]
@@ -558,8 +564,7 @@ class SensorOdometry:
             return dataclasses.replace(mean, variance=mean.variance + _MOVES**2)
         if off > self._configuration.median_tolerance:
             raise Unmeasured(
-                f"something stands still in the view: what changes in it moves by {way:.3g} px in "
-                f"{half} lines",
+                f"fixed pattern: the changing part moves by {way:.3g} px in {half} lines",
                 open=True,
             )
         return mean
@@ -596,15 +601,15 @@ class SensorOdometry:
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:
-        """Return how long the view has not changed, pixel by pixel, if for the whole batch, else 0.
+        """Return the time for which the view has not changed, if it is the whole batch, else 0 [s].
 
-        The newest line is compared with older ones from all over the batch, less its first line,
-        which was taken before: on a ground that repeats itself the ends alone may be alike.
+        The newest line is compared with older ones throughout the batch: on a periodic ground the
+        ends alone may be equal.
         """
         span = len(lines) - 1
         if span < _STILL_PAIRS or abs(mean.displacement) * span > _STILL_DISPLACEMENT:
             return 0.0
-        # What stands still differs by its noise, however long it is looked at.
+        # A fixed pattern differs by noise only, at any time.
         least = max(0.0, 1.0 - 2.0 * (1.0 - mean.correlation) - _STILL_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(correlation(line, lines[-1], 0) <= least for line in older):
@@ -614,7 +619,7 @@ class SensorOdometry:
     def _describe(
         self, lines: Lines, pairs: PairDisplacements, frozen: int, implausible: int
     ) -> str:
-        """Say why the pairs of a batch gave no velocity."""
+        """Return the reason why the pairs of a batch give no velocity."""
         low, high = int(lines.min()), int(lines.max())
         if low == high:
             return f"no contrast: every pixel is at gray level {low}"

@@ -47,7 +47,7 @@ def test_the_ground_is_measured_and_not_the_shadow(step: float, shadow_step: flo
     if reading.measured:
         assert reading.velocity == pytest.approx(step * CAMERA.pixel_pitch * RATE, rel=0.01)
     else:
-        assert "two things move in the view" in reading.reason
+        assert "two displacements in the view" in reading.reason
 
 
 @pytest.mark.parametrize("step", [2, 5])

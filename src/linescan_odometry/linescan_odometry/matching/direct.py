@@ -12,13 +12,13 @@ number of pixels in it, so that a sum over fewer pixels does not win because it 
 | `spearman` | ``1 - r`` of the ranks within the overlap, ties at their mean |
 | `cosine` | ``1 - cos`` (83) |
 
-Divided by N, (79) is the root mean square over ``sqrt(N)``: it leans towards longer overlaps,
-which is what tells it from its square. The first three do *not* tolerate a change of brightness,
-unlike what section 4.3.2 says of all; neither does the cosine where contrast is weak.
+Divided by N, (79) is the root mean square over ``sqrt(N)``, which prefers longer overlaps, unlike
+its square. The first three are *not* invariant to a change of brightness, contrary to section
+4.3.2; neither is the cosine at low contrast.
 
-Two pieces of section 4.6 use the displacement before: a **window** around it is searched alone as
-long as its peak is credible, and a **prior** multiplies the distance at shift s by
-``1 + weight |s - before| / limit`` so that small changes of velocity are favored.
+Two methods of section 4.6 use the last displacement: only a **window** around it is searched as
+long as its peak is plausible, and a **prior** multiplies the distance at shift s by ``1 + weight |s
+- before| / limit``, which prefers small changes of velocity.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _KINDS = {
     "spearman": _SPEARMAN,
 }
 
-# A window around a wrong place is never right: its best shift lies at the border or matches
+# A window around a wrong shift is never right: its best shift is at the border or matches
 # badly. This finds 99 % of them; the median finds the rest.
 _CREDIBLE = 0.5
 _UNDEFINED = math.inf
@@ -54,7 +54,7 @@ class _Batch(NamedTuple):
     Attributes:
         kind: number of the distance.
         lines: one row per line.
-        codes: likewise, in place of gray levels their places among those that occur.
+        codes: rank of each gray level among those that occur, one row per line.
         sums: of the first k pixels of each line and of their squares, see `_add_up`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
@@ -67,12 +67,12 @@ class _Batch(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """Where a displacement may lie: shifts from low to high [px], pulled towards a prior one.
+    """Range of a displacement: shifts from low to high [px], with a prior.
 
     Attributes:
         low: the smallest shift [px].
-        high: the largest.
-        prior: the displacement before [px].
+        high: the largest shift [px].
+        prior: the last displacement [px].
         pull: relative increase of the distance per pixel away from it [1/px].
     """
 
@@ -83,7 +83,7 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search by a metric of any name; remembers the displacement of the pair before."""
+    """Search by a metric of any name; stores the displacement of the last pair."""
 
     def __init__(
         self, metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
@@ -94,9 +94,9 @@ class DirectSearch:
             metric: name of the distance.
             pixels: n of a line.
             limit: largest shift [px].
-            window: half width of the search around the displacement before [px]; 0 for the full
+            window: half width of the search around the last displacement [px]; 0 for the full
                 search always.
-            prior_weight: relative increase of the distance at `limit` from the one before [1].
+            prior_weight: relative increase of the distance at `limit` from the last one [1].
         """
         self._kind = _KINDS[metric]
         self._limit = limit
@@ -106,7 +106,7 @@ class DirectSearch:
         self._sums = np.empty((2, 0, pixels + 1), np.int64)
 
     def reset(self) -> None:
-        """Forget the displacement before: the next line does not follow the last one."""
+        """Forget the last displacement: the next line does not follow the last one."""
         self._before[:] = 0
 
     def match(
@@ -125,7 +125,7 @@ class DirectSearch:
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Replace gray levels by their places among those that occur; return also how many occur."""
+    """Replace gray levels by their ranks among those that occur; return also their number."""
     if lines.dtype == np.uint8:
         return lines, 256
     values, places = np.unique(lines, return_inverse=True)
@@ -243,7 +243,7 @@ def _correlation(
 
 @njit(cache=True)
 def _product(x: Lines, y: Lines) -> int:
-    """Return the sum of products; 32 bit hold it for 8-bit lines, and make it twice as fast."""
+    """Return the sum of products; 32 bits suffice for 8-bit lines and are twice as fast."""
     if x.itemsize == 1:
         narrow = np.int32(0)
         for i in range(x.shape[0]):
@@ -257,7 +257,7 @@ def _product(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _differences(x: Lines, y: Lines) -> int:
-    """Return the sum of absolute differences; 32 bit hold it for 16384 px of 16 bit."""
+    """Return the sum of absolute differences; 32 bits suffice for 16384 px of 16 bit."""
     total = np.int32(0)
     for i in range(x.shape[0]):
         total = np.int32(total + abs(np.int32(x[i]) - np.int32(y[i])))

@@ -1,26 +1,26 @@
-"""Variance of the mean of many consecutive displacements, from what stays of their matches.
+"""Variance of the mean of many consecutive displacements, from the residuals of their matches.
 
-The errors of consecutive displacements are anything but independent. The noise of a line enters
-the displacement before it and, with the opposite sign, the one after it: nearly all of it cancels
-in the mean of a straight motion. Moving sideways, a strip of ground that enters the view spoils
-the match once, and once more when it leaves; neighboring strips of the same stone spoil it alike,
-over as many lines as the stone is wide. The variance of a mean of m displacements can so be 30
-times smaller than V / m or 10 times larger.
+The errors of consecutive displacements are strongly correlated. The noise of a line enters the
+displacement before it and, with the opposite sign, the one after it: nearly all of it cancels in
+    the
+mean of a straight motion. In sideways motion a strip of ground disturbs the match when it enters
+the view and when it leaves; neighboring strips of the same stone have similar errors. So the
+variance of a mean of m displacements can be 30 times smaller than V / m or 10 times larger.
 
-All of this happens at one place *along the axis*, and places some grains apart know nothing of each
-other. So the errors are summed over the time first and squared afterwards, place by place (the
-cluster-robust variance of regression, Liang and Zeger 1986). With ``r_ib`` the sum of e g over
-block b of the ground in pair i, ``P_ib`` that of p q (see `subpixel`), P_i its sum over the blocks
-and ``w_i`` the weight of pair i in the mean,
+These errors belong to positions *along the axis*, and distant positions are independent. So the
+errors are first summed over time and then squared, position by position (the cluster-robust
+variance of regression, Liang and Zeger 1986). With ``r_ib`` the sum of e g over block b of the
+ground in pair i, ``P_ib`` that of p q (see `subpixel`), P_i its sum over the blocks and ``w_i`` the
+weight of pair i in the mean,
 
     S_b = sum_i w_i (r_ib - P_ib / P_i sum_b r_ib) / P_i,    var = sum_b S_b^2
 
-Three corrections make it right for a handful of blocks. Errors may reach from one block into the
-next ones: products of neighbors enter with the weights of Bartlett (Newey and West 1987), over
-a fifth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b =
-sum_i w_i P_ib / P_i``. The fit of each pair has taken its part of the errors, by the leverage
-of its blocks: the rest is divided by what it left. And as the variance is itself an estimate, with
-nu degrees of freedom, errors over it have the variance of Student's t, ``nu / (nu - 2)``.
+Three corrections make it valid for few blocks. Errors may extend into neighboring blocks: products
+of neighbors enter with the weights of Bartlett (Newey and West 1987), over a fifth of the effective
+number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b = sum_i w_i P_ib / P_i``. The fit
+of each pair reduces the residuals by the leverage of its blocks, which is corrected. And as the
+variance is itself an estimate with nu degrees of freedom, errors normalized by it have the variance
+of Student's t, ``nu / (nu - 2)``.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ IntArray = NDArray[np.int64]
 
 
 class Overlaps(NamedTuple):
-    """What stays of the matches of m pairs, summed over the parts of each overlap.
+    """Residuals of the matches of m pairs, summed over the parts of each overlap.
 
     Attributes:
         sums: of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
-            4); the parts of a pair lie in consecutive blocks of ground.
+            4); the parts of a pair are in consecutive blocks of ground.
         length: of the overlap of each pair [px], shape (m,).
         parts: number of parts of each pair, shape (m,).
-        block: number of the block of ground in which the first part of a pair lies, shape (m,).
+        block: number of the block of ground of the first part of each pair, shape (m,).
     """
 
     sums: FloatArray
@@ -55,7 +55,7 @@ class Overlaps(NamedTuple):
 
 
 class _Blocks(NamedTuple):
-    """What the pairs add up to.
+    """Sums over the pairs.
 
     Attributes:
         error: S_b of each block of ground.
@@ -80,7 +80,7 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
 
     Args:
         overlaps: of the pairs.
-        weight: of each pair in the mean, zero for those left out, shape (m,).
+        weight: of each pair in the mean, zero for excluded ones, shape (m,).
     """
     sums, length, parts, block = overlaps
     low, behind = block.max(), 0
@@ -96,14 +96,14 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
-    """Return over how many blocks the slopes are spread that a displacement is matched by.
+    """Return the effective number of blocks with the gradients of a match.
 
     Args:
         overlaps: of the pairs, see `mean_variance`.
-        weight: of each pair, zero for those left out, shape (m,).
+        weight: of each pair, zero for excluded ones, shape (m,).
 
     Returns:
-        Mean over the pairs of ``1 / sum_b (P_ib / P_i)^2``: 1 where a single edge rules the match.
+        Mean over the pairs of ``1 / sum_b (P_ib / P_i)^2``: 1 for a match by a single edge.
     """
     total, count = 0.0, 0
     for pair in range(len(weight)):
@@ -121,7 +121,7 @@ def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
-    """Return the variance; `blocks` receives what the pairs add up to."""
+    """Return the variance; `blocks` receives the sums over the pairs."""
     _add_pairs(overlaps, weight, blocks)
     parts, (error, leverage, shares) = overlaps.parts, blocks
     squares, number = 0.0, 0.0

@@ -1,10 +1,10 @@
 """Median filter over groups of consecutive displacements (section 4.6, Enhancements).
 
-Point errors, single pairs that lock onto a wrong peak, are told by their distance from the
-median of n consecutive displacements and left out; the rest is averaged. The mean of the members
-near the median keeps what the median alone would lose: the error of a line enters two consecutive
-displacements with opposite signs, so in a mean over m of them all but the first and the last
-cancel, and the error falls with m where white noise would fall with sqrt(m).
+Point errors, single pairs that match at a wrong peak, are rejected by their distance from the
+median of n consecutive displacements; the rest is averaged. The mean of the inliers is more
+accurate than the median: the error of a line enters two consecutive displacements with opposite
+signs, so in a mean over m of them all but the first and the last cancel, and the error falls with m
+where white noise would fall with sqrt(m).
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ def mark_inliers(
 ) -> None:
     """Mark the displacements that agree with the median of their group.
 
-    The pairs are cut into groups of nearly equal size, at most `group_lines` each. A group in
-    which no more than half of all pairs agree has no valid member at all.
+    The pairs are divided into groups of nearly equal size, at most `group_lines` each. A group in
+    which at most half of the pairs agree has no valid member.
 
     Args:
         displacement: of m consecutive pairs [px], shape (m,).
-        usable: whether the pair gave a displacement at all, shape (m,).
+        usable: whether the pair has a displacement, shape (m,).
         group_lines: n of the median.
         tolerance: largest distance from the median [px].
         inlier: receives the marks, shape (m,).
@@ -72,8 +72,8 @@ def average(
         weight: receives the weight of each displacement in the mean, sum 1, shape (m,).
 
     Returns:
-        The mean [px], taken from the straight line through the inliers in the middle of the
-        batch, so that those left out do not bias it while the platform accelerates.
+        The mean [px], evaluated in the middle of the batch on a straight line through the inliers,
+        so that outliers cause no bias while the platform accelerates.
     """
     total = displacement.shape[0]
     count = 0

@@ -22,7 +22,7 @@ class PairDisplacements:
         displacement: motion of the sensor along its +axis [px], shape (m,).
         variance: of each, from its match [px^2], shape (m,).
         similarity: at the peak, shape (m,).
-        usable: whether the pair has a peak of its own that is high enough, shape (m,).
+        usable: whether the pair has a sufficiently high peak, shape (m,).
     """
 
     displacement: FloatArray
@@ -32,17 +32,17 @@ class PairDisplacements:
 
 
 class PairMatcher:
-    """Matches consecutive lines; remembers the last ones for the variance of their mean."""
+    """Matches consecutive lines; stores the last ones for the variance of their mean."""
 
     def __init__(
         self, search: ShiftSearch, refiner: SubpixelRefiner, minimum_correlation: float
     ) -> None:
-        """Take the stages.
+        """Store the stages.
 
         Args:
             search: finds whole pixels.
             refiner: finds their fractions.
-            minimum_correlation: below which a pair is not usable.
+            minimum_correlation: smallest correlation of a usable pair.
         """
         self._search = search
         self._refiner = refiner
@@ -68,7 +68,7 @@ class PairMatcher:
 
     @property
     def places(self) -> float:
-        """Over how many places the last mean's pairs were matched; 1 for a single edge."""
+        """Effective number of positions in the match of the last mean; 1 for a single edge."""
         return self._refiner.places
 
     def mean_variance(self, displacement: FloatArray, weight: FloatArray) -> float:
@@ -76,14 +76,14 @@ class PairMatcher:
 
         Args:
             displacement: as matched [px], shape (m,).
-            weight: of each in the mean, zero for those left out, sum 1, shape (m,).
+            weight: of each in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         return self._refiner.mean_variance(displacement, weight)
 
 
 @njit(cache=True)
 def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
-    """Mark the lines that are identical with the one before; return how many are."""
+    """Mark the lines that are identical with the one before; return their number."""
     count = 0
     for row in range(1, lines.shape[0]):
         i = 0

@@ -1,11 +1,11 @@
 """Full search by Pearson's correlation (81) over the true overlap at each shift.
 
 All shifts at once come from one cross-correlation by FFT, and the means and standard deviations
-of the overlapping parts from running sums that each line shares between its two pairs. That is
-done in single precision and only *proposes*: every shift whose correlation could be the largest
-within a bound of the rounding error is then evaluated in whole numbers, and that *decides*. So
-the result is that of a direct evaluation, for 8-bit and for 16-bit lines alike, and does not
-depend on how the FFT rounds or on how lines are grouped into batches.
+of the overlapping parts from running sums that each line shares between its two pairs. This step
+in single precision only proposes candidates: every shift whose correlation could be the largest
+within a bound of the rounding error is then evaluated in integers. So the result equals that of a
+direct evaluation, for 8-bit and 16-bit lines, and does not depend on the rounding of the FFT or on
+the grouping of lines into batches.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class _Ends(NamedTuple):
 
     Attributes:
         sums: of the pixels, centered, shape (lines, 2, shifts).
-        scales: ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 where the pixels are all equal, likewise.
+        scales: ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 if all pixels are equal, shape as `sums`.
         norm: root of the sum of squares of the whole line, shape (lines,).
     """
 
@@ -61,7 +61,7 @@ class _Part(NamedTuple):
 
 
 class PearsonSearch:
-    """Full search by Pearson's correlation; holds the working memory for one sensor."""
+    """Full search by Pearson's correlation, with working memory for one sensor."""
 
     def __init__(self, pixels: int, limit: int) -> None:
         """Prepare for lines of `pixels` and shifts within +/- `limit` [px]."""
@@ -77,7 +77,7 @@ class PearsonSearch:
         self._upper = np.empty((2, limit + 1), np.float32)
 
     def reset(self) -> None:
-        """Do nothing: every pair is searched for itself."""
+        """Do nothing: every pair is searched independently."""
 
     def match(
         self,
@@ -152,7 +152,7 @@ def _prepare(lines: Lines, padded: NDArray[np.float32], ends: _Ends) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
-    """Multiply each line's spectrum, in its place, with the conjugate of the next newer line's."""
+    """Multiply each line's spectrum in place by the conjugate of the next newer line's."""
     rows, bins = spectra.shape
     for row in range(rows - 1):
         old, new = spectra[row], spectra[row + 1]
@@ -178,10 +178,10 @@ def _bound(
         count = np.float32(pixels - s)
         scale = new_scale[s] * old_scale[s]
         r = (count * product[s] - new_sum[s] * old_sum[s]) * scale  # Eq. (81)
-        doubt = slack * count * scale
+        bound = slack * count * scale
         penalty = np.float32(0.0) if scale > np.float32(0.0) else np.float32(8.0)
-        upper[s] = r + doubt - penalty
-        lower[s] = r - doubt - penalty
+        upper[s] = r + bound - penalty
+        lower[s] = r - bound - penalty
     # Compilers take the largest of whole numbers in vectors, but not that of floating-point ones.
     # The bits of these have their order, except that negative ones run the other way.
     bits = lower.view(np.int32)
@@ -196,7 +196,7 @@ def _bound(
 
 @njit(nogil=True, inline="always")
 def _narrow_sums(x: Lines, y: Lines) -> tuple[np.int64, np.int64, np.int64, np.int64, np.int64]:
-    """Return sum x, sum y, sum x^2, sum y^2 and sum x y, in half as wide numbers."""
+    """Return sum x, sum y, sum x^2, sum y^2 and sum x y, in numbers of half the width."""
     s_x = np.int32(0)
     s_y = np.int32(0)
     s_xx = np.int32(0)
@@ -243,7 +243,7 @@ def _exact(x: Lines, y: Lines) -> float:
 
 @njit(nogil=True, inline="always")
 def _any_within(upper: NDArray[np.float32], reach: np.float32) -> bool:
-    """Tell whether any of two rows of bounds is large enough; counting goes in vectors."""
+    """Return whether any of two rows of bounds is large enough; counting is vectorized."""
     count = np.int32(0)
     ahead, behind = upper[0], upper[1]
     for s in range(len(ahead)):
@@ -260,7 +260,7 @@ def _decide(
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
-    """Find the best shift of each pair: bounds for all shifts, then exact for those in reach."""
+    """Find the best shift of each pair: bounds for all shifts, then exact values for candidates."""
     sums, scales, norm = ends
     pixels = lines.shape[1]
     length = product.shape[1]

@@ -31,9 +31,8 @@ class ShiftSearch(Protocol):
         Args:
             lines: m + 1 lines of n pixels, oldest first, C-contiguous, shape (m + 1, n).
             shift: receives the best shift of each pair [px], shape (m,).
-            similarity: receives Pearson's correlation at that shift whatever the metric, so that
-                thresholds mean the same for all, shape (m,); -1 where it is not defined (a
-                constant line).
+            similarity: receives Pearson's correlation at that shift for any metric, so that
+                thresholds are comparable, shape (m,); -1 if undefined (a constant line).
         """
 
     def reset(self) -> None:
@@ -48,7 +47,7 @@ METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {
     "spearman": partial(DirectSearch, "spearman"),
     "cosine": partial(DirectSearch, "cosine"),  # Eq. (83)
 }
-"""Full searches by the name of their metric; each is made for n pixels and a shift limit [px]."""
+"""Full searches by the name of their metric, for n pixels and a shift limit [px]."""
 
 
 def make_search(
@@ -60,9 +59,9 @@ def make_search(
         metric: one of `METRICS`.
         pixels: n of a line.
         limit: largest shift [px].
-        window: half width of the search around the displacement before [px]; 0 for the full
+        window: half width of the search around the last displacement [px]; 0 for the full
             search always.
-        prior_weight: relative increase of the distance at `limit` from the one before [1].
+        prior_weight: relative increase of the distance at `limit` from the last one [1].
     """
     if window > 0 or prior_weight > 0.0:
         return DirectSearch(metric, pixels, limit, window, prior_weight)

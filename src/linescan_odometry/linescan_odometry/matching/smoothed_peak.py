@@ -1,8 +1,8 @@
-"""Finds the peak of the similarity again on smoothed lines, near a whole pixel that noise chose.
+"""Searches the peak of the similarity again on smoothed lines, near the first shift.
 
-Where the texture is coarse and weak the similarity hardly changes from one pixel to the next, and
-noise moves its peak by two pixels or three: too far for Gauss-Newton steps. Smoothing by a
-Gaussian of two pixels takes out most of the noise and little of such a texture.
+On coarse textures of low contrast the similarity hardly changes from one pixel to the next, and
+noise moves its peak by two or three pixels, too far for Gauss-Newton steps. Smoothing by a Gaussian
+of two pixels removes most of the noise and little of such a texture.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
     Args:
         old: a line, shape (n,).
         new: the line after it, shape (n,).
-        shift: where they match best without smoothing [px].
-        reach: how far to look from there [px].
+        shift: best shift without smoothing [px].
+        reach: distance of the search from there [px].
     """
     smooth_old, smooth_new = _smooth(old), _smooth(new)
     best, best_shift = -math.inf, shift
@@ -56,7 +56,7 @@ def correlation(old: Lines | FloatArray, new: Lines | FloatArray, shift: int) ->
 
     Args:
         old: a line, shape (n,).
-        new: one after it, shape (n,).
+        new: the line after it, shape (n,).
         shift: of the ground towards smaller indices.
     """
     overlap = len(new) - abs(shift)

@@ -2,22 +2,22 @@
 
 Around the integer shift s the two lines are resampled by one FIR filter each that smooths with a
 Gaussian, shifts by half of the fraction f (the older line forwards, the newer one backwards) and,
-in its second form, differentiates. Both lines thus pass through the same filter, which is what
-keeps the estimate from being pulled towards whole pixels. Means and contrasts are equalized, so
-that a change of brightness does not matter. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the
+in its second form, differentiates. Both lines thus pass through the same filter, which avoids a
+bias towards whole pixels. Means and contrasts are equalized, so that a change of brightness has no
+effect. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the
 filtered derivatives p of the new and q of the old line and ``g = (p + q) / 2 = de/df`` a step is
 
     f <- f - sum(e g) / sum(p q).
 
 The noise of the two lines is independent, so ``sum(p q)`` is the gradient energy of the texture
 alone, where ``sum(g^2)`` would count noise as texture. The variance is that of the last step.
-Were e white noise, it would be the Cramer-Rao bound times the loss by smoothing; but e is
-correlated along the line, by the filter and, moving sideways, by texture that enters and leaves.
+For white noise e it would be the Cramer-Rao bound times the loss by smoothing; but e is correlated
+along the line, by the filter and, in sideways motion, by texture that enters and leaves.
 Hence e g is summed over blocks longer than that, ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
 
-The width of the Gaussian is a compromise. A wide one wastes what fine texture says, and sampled at
-whole pixels a narrow one is no longer the derivative of itself, which pulls displacements towards
-whole pixels: by 6 thousandths of a pixel at a sigma of 0.7 px, by less than 1 at 0.8 px.
+The width of the Gaussian is a compromise. A wide one loses the information of fine texture; a
+narrow one is undersampled, which biases displacements towards whole pixels: by 0.006 px at a sigma
+of 0.7 px, by less than 0.001 px at 0.8 px.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 
 class _Layout(NamedTuple):
-    """How the overlaps of m pairs are cut where the blocks of the ground begin, each shape (m,).
+    """Division of the overlaps of m pairs at the blocks of the ground, each of shape (m,).
 
     Attributes:
         length: of each overlap [px].
         block: length of its blocks [px].
-        number: of the block in which it begins.
-        lead: how much of this block is seen [px].
-        parts: number of blocks that it touches.
+        number: of its first block.
+        lead: visible length of the first block [px].
+        parts: number of its blocks.
     """
 
     length: NDArray[np.int64]
@@ -75,11 +75,11 @@ def kernel_sigma(pixels: int) -> float:
 
 
 class SubpixelRefiner:
-    """Refines the integer shifts of consecutive lines; holds the working memory.
+    """Refines the integer shifts of consecutive lines, with working memory.
 
     Attributes:
-        places: over how many places of the lines the slopes are spread by which the pairs of the
-            last `mean_variance` were matched.
+        places: effective number of positions with the gradients of the pairs of the last
+            `mean_variance`.
     """
 
     def __init__(self, pixels: int, recovery: int = 0) -> None:
@@ -87,8 +87,8 @@ class SubpixelRefiner:
 
         Args:
             pixels: n of a line.
-            recovery: how far from the integer shift the peak is looked for on smoothed lines
-                where the refinement leaves it [px]; 0 for nowhere.
+            recovery: distance from the integer shift within which the peak is searched again on
+                smoothed lines if the refinement leaves it [px]; 0 for no search.
         """
         self._pixels = pixels
         self._recovery = recovery
@@ -112,7 +112,7 @@ class SubpixelRefiner:
             shift: integer shifts [px], shape (m,).
             displacement: receives shift plus fraction [px], shape (m,).
             variance: receives the variance of the displacement [px^2], shape (m,); infinite
-                where the lines have no gradient or the refinement left the peak by a pixel.
+                if the lines have no gradient or the refinement left the peak by a pixel.
         """
         pairs = len(shift)
         if len(self._filters) < pairs:
@@ -143,7 +143,7 @@ class SubpixelRefiner:
 
         Args:
             displacement: as refined [px], shape (m,).
-            weight: of each in the mean, zero for those left out, sum 1, shape (m,).
+            weight: of each in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         square: float
         square, self.places = _weigh(
@@ -183,7 +183,7 @@ def _refine(
     displacement: NDArray[np.float64],
     variance: NDArray[np.float64],
 ) -> int:
-    """Take the steps of consecutive pairs; return how many have left their peak.
+    """Do the steps of consecutive pairs; return how many left their peak.
 
     Args:
         centered: lines, shape (m + 1, n) or more.
@@ -220,7 +220,7 @@ def _refine(
 
 @njit(cache=True, error_model="numpy")
 def _block_length(length: int) -> int:
-    """Return the length of a block [px]: whole vectors of the processor where it is long."""
+    """Return the length of a block [px], for long ones a multiple of the processor's vectors."""
     block = max(4, length // _FEWEST_BLOCKS)
     return block - block % 16 if block > 16 else block
 
@@ -235,7 +235,7 @@ def _weigh(
     displacement: NDArray[np.float64],
     weight: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Return the variance of a weighted mean [px^2], and over how many places its slopes spread."""
+    """Return the variance of a weighted mean [px^2], and its effective number of positions."""
     pairs = len(weight)
     cut = _Layout(
         np.empty(pairs, np.int64), np.full(pairs, ground_block), np.empty(pairs, np.int64),
@@ -255,13 +255,13 @@ def _lay_out(
     weight: NDArray[np.float64],
     cut: _Layout,
 ) -> None:
-    """Cut each overlap where the blocks of the ground begin, as seen from the first line.
+    """Divide each overlap at the blocks of the ground, relative to the first line.
 
     Args:
         pixels: of a line.
         shift: integer shifts of m pairs [px].
         displacement: refined [px].
-        weight: in the mean; pairs with none moved as the mean.
+        weight: in the mean; pairs with zero weight move by the mean.
         cut: receives all but the length of the blocks.
     """
     length, block, number, lead, parts = cut
@@ -280,9 +280,9 @@ def _lay_out(
 
 @njit(cache=True, error_model="numpy")
 def _contrast(part: NDArray[np.float32]) -> float:
-    """Return 1 over the standard deviation of part of a line, 0 where it has none.
+    """Return 1 over the standard deviation of part of a line, 0 for a constant one.
 
-    The gray levels are whole numbers, so that the sums are exact and every order gives the same.
+    The gray levels are integers, so the sums are exact in any order.
     """
     total = np.int64(0)
     squares = np.int64(0)
@@ -304,7 +304,7 @@ def _make_filters(
 ) -> None:
     """Write the filters of each pair: smoothing and slope of the new line, then of the old one.
 
-    They hold the equalization of contrast; `filters[pair, 0]` has the sign of its part in e.
+    They include the equalization of contrast; `filters[pair, 0]` has the sign of its term in e.
     """
     for pair in range(shift.shape[0]):
         half = 0.5 * (displacement[pair] - shift[pair])
@@ -329,7 +329,7 @@ def _filter_and_sum(
 ) -> None:
     """Sum e, p + q, e (p + q) and p q over parts of each overlap.
 
-    The first part is `lead` long, the others `block`, the last one what is left [px].
+    The first part has the length `lead`, the others `block`, the last one the rest [px].
     """
     pixels = centered.shape[1]
     for pair in range(shift.shape[0]):
@@ -390,7 +390,7 @@ def _step(
     displacement: NDArray[np.float64],
     variance: NDArray[np.float64],
 ) -> None:
-    """Take one Gauss-Newton step for each pair, and with the last one its variance."""
+    """Do one Gauss-Newton step for each pair; the last one also gives the variance."""
     for pair in range(shift.shape[0]):
         count = length[pair]
         parts = -(-count // block[pair])

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 
 def load_transforms() -> None:
-    """Let kernels call scipy.fft; before the first that does is called."""
+    """Enable scipy.fft in kernels; to be called before the first kernel that uses it."""
     import rocket_fft  # noqa: F401

@@ -1,45 +1,42 @@
-"""One displacement for all lines of a batch, by whitened correlation of their spectra.
+"""Whole-batch maximum-likelihood displacement, by generalized cross-correlation of the spectra.
 
-Moving across its axis, a camera sees slanted edges shift along it: the strongest edges of a view,
-matched as they are, pull by more than all fine detail together can outweigh. Here every frequency
-counts by what it can tell. With ``S`` the sum of the cross-spectra of consecutive lines, ``P`` that
-of their power and d the displacement per line,
+In motion across the axis, slanted edges shift along it, and the strongest edges of a view bias a
+match of gray levels. Here every frequency is weighted by its information. With ``S`` the sum of the
+cross-spectra of consecutive lines, ``P`` that of their power and d the displacement per line,
 
     S(f) = gamma(f) P(f) exp(2 pi i f d),
 
 where the coherence gamma is lowered by noise and by the ground that enters and leaves the view. The
-likelihood of d has its maximum where ``sum_f W f Im(S exp(-2 pi i f d))`` vanishes, with
-``W = gamma^2 / (1 - gamma^2) / |S|`` (Hannan and Thomson 1973). Single frequencies cannot outweigh
-the others, as 1 - gamma^2 counts as 0.3 at least. The first d is the peak of the whitened
-correlation (Knapp and Carter 1976) over the whole range. What single pairs of lines do not show,
-all pairs together do.
+likelihood of d has its maximum where ``sum_f W f Im(S exp(-2 pi i f d))`` vanishes, with ``W =
+gamma^2 / (1 - gamma^2) / |S|`` (Hannan and Thomson 1973). Single frequencies cannot dominate,
+because 1 - gamma^2 is limited to 0.3 from below. The first d is the peak of the whitened
+correlation (Knapp and Carter 1976) over the whole range.
 
-Detail finer than pixels folds back to frequencies near half of the sampling rate and pulls to whole
-pixels, so these do not count. The overlap o of two lines falls as they shift, which pulls to zero
-by a fiftieth of a pixel at 128 px, the more the redder the spectrum. So the spectrum is fitted of
-``c(u) (o(2 d - u) / o(u))^0.5``, with c the correlation of the windowed lines: the same overlap on
-both sides of d, which does not pull.
+Detail finer than pixels is aliased to frequencies near half of the sampling rate and causes a bias
+to whole pixels, so these are not used. The overlap o of two lines decreases with the shift, which
+causes a bias to zero of a fiftieth of a pixel at 128 px, larger for low-frequency spectra. So the
+spectrum is fitted of ``c(u) (o(2 d - u) / o(u))^0.5``, with c the correlation of the windowed
+lines: the same overlap on both sides of d, without bias.
 
-Where two things move in the view, the ground and the joints of its bricks, which run askew, their
-peaks melt into one as long as they are less apart than a structure is wide. Lines that are farther
-apart part them, and tell the ground better as long as they show the same of it. So d is that of
-lines up to eight apart that keep four fifths of the coherence, or of three, found anew over the
-whole range, and a quarter of the square by which it differs from that of consecutive lines goes
-into the variance: what one pulls at, the other shows.
+If two patterns move in the view, such as the ground and the oblique joints of its bricks, their
+peaks merge while they are closer than the width of a feature. A larger line spacing separates them,
+as long as the lines remain coherent. So d is estimated anew from lines up to eight apart with four
+fifths of the coherence, or from lines three apart; a quarter of the squared difference to the
+estimate from consecutive lines is added to the variance.
 
-What stands still in the view (dirt, unlike pixels) has the same cross-spectrum however far two
-lines are apart: that of the first and the last third of a batch, which is taken off until the
-flat field knows it. Where the view has hardly moved on in between, that would take off the ground
-as well: then the displacement lies halfway between those with and without, and the variance knows.
-What lasts while the view moves on, a joint or a grain, may run askew: it is taken off likewise, and
-how far the rest moves otherwise is the doubt of a match across it.
+A fixed pattern (dirt, unequal pixels) has the same cross-spectrum at any line spacing: that of the
+first and the last third of a batch is subtracted until the flat field is estimated. If the view has
+hardly moved in between, this would also subtract the ground: then the displacement is the mean of
+those with and without subtraction, and the variance contains their difference. A texture that
+remains in the view during motion across the axis may be oblique: it is subtracted too, and the
+difference of the remaining displacement is a variance for motion across the axis.
 
-What is left errs by the larger of two. The phases scatter from band to band:
-``V = sum_b (sum_(f in b) W f Im S)^2 / (sum_f W f^2 Re S)^2``. A stone that comes into the view
-pulls in many bands alike, but at its place: with a and b the new and the old line, filtered by
+The variance is the larger of two estimates. The phases scatter from band to band:
+``V = sum_b (sum_(f in b) W f Im S)^2 / (sum_f W f^2 Re S)^2``. A stone that enters the view
+affects many bands, but one position: with a and b the new and the old line, filtered by
 W^0.5 and moved onto each other, ``(a + b)' (b - a) / 2`` sums over the line to the sum over f of
-``W f Im S``. Its sums over places of the ground, an eighth of the view each, which move on with d,
-scatter as those of the bands do. No factor in this was fitted on some grounds.
+``W f Im S``. Its sums over positions on the ground, an eighth of the view each, give the second
+estimate. No factor is fitted to grounds.
 """
 
 from __future__ import annotations
@@ -81,7 +78,7 @@ _PULL = 0.003  # px, to whole pixels and by uneven overlap, which does not scatt
 _LONE = 0.75  # of the highest peak, that no other one exceeds
 _SHOULDER = 8  # px
 _REACH = 0.4  # of a line, by which lines have shifted that are compared
-_APART, _LEAST_APART = 3, 2  # lines, that tell the displacement
+_APART, _LEAST_APART = 3, 2  # line spacings of the estimate
 _FARTHEST, _CHANGED = 8, 0.2  # the same, where no more than this share of the view changes
 _BESIDE = 2.0  # px per line, by which these may differ from consecutive ones
 _PARTED = 0.25  # of the square by which they differ from consecutive ones, that they may err by
@@ -95,16 +92,16 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 
 class Whitened(NamedTuple):
-    """What all lines of a batch show together.
+    """Whole-batch estimate.
 
     Attributes:
         displacement: per line [px].
-        variance: of it [px^2].
-        lone: whether no other displacement comes near.
-        lasting: coherence of lines far apart over that of consecutive ones [1].
-        apart: number of lines between these.
-        doubt: variance of the displacement if what lasts is grain, from what does not [px^2].
-        places: over how many places of a line the slopes are spread that were matched.
+        variance: of the displacement [px^2].
+        lone: whether the peak is unambiguous.
+        lasting: coherence at a large line spacing over that of consecutive lines [1].
+        apart: this line spacing [lines].
+        doubt: variance of the displacement if the lasting texture is oblique [px^2].
+        places: effective number of positions with the gradients of the match.
     """
 
     displacement: float
@@ -117,17 +114,17 @@ class Whitened(NamedTuple):
 
 
 class _Camera(NamedTuple):
-    """What is the same for all batches of a camera.
+    """Constants of a camera.
 
     Attributes:
         window: of a line, shape (n,).
         overlap: of two windows, by their shift [px], shape (n,).
-        overlaps: the same by the index of a correlation, twice, shape (2 size,).
+        overlaps: overlap by the index of a correlation, twice, shape (2 size,).
         band: weight of each frequency in the first search, shape (size // 2 + 1,).
-        size: samples of a spectrum, twice a line or a little more.
-        used: number of frequencies that count, from zero on.
-        coarse: samples that show these.
-        limit: largest displacement that is looked for [px].
+        size: samples of a spectrum, at least twice a line.
+        used: number of used frequencies, from zero on.
+        coarse: number of samples for these frequencies.
+        limit: largest displacement of the search [px].
     """
 
     window: Filtered
@@ -141,20 +138,20 @@ class _Camera(NamedTuple):
 
 
 class _Spectra(NamedTuple):
-    """Of m lines, real and imaginary parts apart, shape (m, size // 2 + 1)."""
+    """Spectra of m lines, real and imaginary parts separately, shape (m, size // 2 + 1)."""
 
     real: Filtered
     imaginary: Filtered
 
 
 class _Peak(NamedTuple):
-    """A shift that lines show.
+    """A shift estimated from lines.
 
     Attributes:
-        found: whether there is one.
+        found: whether there is a peak.
         shift: [px].
-        variance: of it [px^2].
-        lone: whether no other peak comes near.
+        variance: of the shift [px^2].
+        lone: whether the peak is unambiguous.
         curvature: of the likelihood.
     """
 
@@ -173,7 +170,7 @@ class WhitenedMatcher:
 
         Args:
             pixels: n.
-            limit: largest displacement that is looked for [px].
+            limit: largest displacement of the search [px].
         """
         load_transforms()
         size = scipy.fft.next_fast_len(2 * pixels, real=True)
@@ -194,19 +191,20 @@ class WhitenedMatcher:
         )
 
     def match(self, lines: Lines, *, settled: bool, with_lasting: bool = True) -> Whitened | None:
-        """Return the displacement of a batch, None where it does not show.
+        """Return the displacement of a batch, None without a peak.
 
         Args:
             lines: m + 1 lines, oldest first, shape (m + 1, n).
-            settled: whether it is known what stands still in the view.
-            with_lasting: whether it is asked what lasts, else 0 of it with an infinite doubt.
+            settled: whether the fixed pattern is estimated.
+            with_lasting: whether to compute `lasting` and `doubt`; otherwise they are 0 and
+                infinite.
         """
         if len(lines) < FEWEST_LINES:
             return None
         return self._match(self._faded(lines), settled, with_lasting)
 
     def begin(self, lines: Lines, *, settled: bool) -> Callable[[], Whitened | None]:
-        """Begin to match a batch aside, and return what `match` would."""
+        """Match a batch in the background; return a function for the result of `match`."""
         if len(lines) < FEWEST_LINES:
             return lambda: None
         work = partial(self._match, self._faded(lines), settled, True)
@@ -224,7 +222,7 @@ class WhitenedMatcher:
 
 @njit(cache=True, error_model="numpy")
 def _fade(lines: Lines, window: Filtered, seen: Filtered) -> None:
-    """Write lines less their means, faded in and out."""
+    """Write lines without their means, multiplied by the window."""
     for row in range(len(lines)):
         line, into = lines[row], seen[row]
         total = np.int64(0)
@@ -239,7 +237,7 @@ def _fade(lines: Lines, window: Filtered, seen: Filtered) -> None:
 def _match(
     seen: Filtered, camera: _Camera, settled: bool, with_lasting: bool
 ) -> tuple[bool, Whitened]:
-    """Return whether a batch shows a displacement, and it; see `WhitenedMatcher.match`."""
+    """Return whether a batch has a displacement, and the estimate; see `WhitenedMatcher.match`."""
     spectra = _transform(seen, camera.size)
     rows, pixels = seen.shape
     between = rows - rows // 3
@@ -303,10 +301,10 @@ def _measure(
 
     Args:
         spectra: of the lines.
-        near: cross-spectrum of consecutive ones.
-        still: spectrum of what stands still, which is taken off.
-        power: of the lines, smoothed.
-        camera: that saw them.
+        near: cross-spectrum of consecutive lines.
+        still: spectrum of the fixed pattern, which is subtracted.
+        power: power spectrum of the lines, smoothed.
+        camera: constants of the camera.
         weight: receives W.
     """
     moving = near - still
@@ -342,7 +340,7 @@ def _staying(
     camera: _Camera,
     first: float,
 ) -> int:
-    """Return how far lines may be apart to show most of the same ground, `_APART` at least."""
+    """Return the largest line spacing with sufficient coherence, at least `_APART`."""
     most = min(_FARTHEST, len(spectra.real) // 3)
     most = min(most, int(_REACH * len(camera.window) / max(abs(first), 1e-3)))
     if most <= _APART:
@@ -371,7 +369,7 @@ def _find(near: Cross, power: Values, camera: _Camera, limit: int, weight: Value
 
 @njit(nogil=True, error_model="numpy")
 def _search(cross: Cross, power: Values, camera: _Camera, limit: int) -> tuple[int, bool]:
-    """Return the highest peak of the whitened correlation [px], and whether it stands alone."""
+    """Return the highest peak of the whitened correlation [px], and whether it is unambiguous."""
     white = np.empty(len(cross), np.complex64)
     for k in range(len(cross)):
         white[k] = cross[k] * (camera.band[k] / power[k])
@@ -389,7 +387,7 @@ def _search(cross: Cross, power: Values, camera: _Camera, limit: int) -> tuple[i
 
 @njit(nogil=True, error_model="numpy")
 def _level(near: Cross, displacement: int, camera: _Camera) -> Cross:
-    """Return a cross-spectrum whose lines overlap alike on both sides of a displacement."""
+    """Return a cross-spectrum with the same overlap on both sides of a displacement."""
     correlation = scipy.fft.irfft(near, camera.size)
     opposite = 2 * displacement % camera.size
     _mirror(correlation, camera.overlaps[: camera.size], camera.overlaps[opposite:])
@@ -407,7 +405,7 @@ def _mirror(correlation: Values, overlaps: Values, mirrored: Values) -> None:
 
 @njit(nogil=True, error_model="numpy")
 def _spread(spectra: _Spectra, weight: Values, camera: _Camera) -> float:
-    """Return over how many places of the newest line the slopes are spread that were matched."""
+    """Return the effective number of positions with the gradients of the match."""
     slopes = np.empty(len(weight), np.complex64)
     for k in range(len(weight)):
         frequency = np.float32(2.0 * np.pi / camera.size * k * math.sqrt(weight[k]))
@@ -428,27 +426,27 @@ def _spread(spectra: _Spectra, weight: Values, camera: _Camera) -> float:
 def _of_places(
     spectra: _Spectra, weight: Values, peak: _Peak, apart: int, camera: _Camera
 ) -> float:
-    """Return the variance by what the places of the ground add to a shift [px^2]."""
+    """Return the variance of a shift by its scatter over positions on the ground [px^2]."""
     scale = camera.coarse / camera.size
     rows = len(spectra.real) - apart
     slope = np.empty((rows, camera.used), np.complex64)
     rest = np.empty_like(slope)
     _filter_pairs(spectra, weight, 2.0 * np.pi / camera.size, peak.shift, slope, rest)
-    added, told = _by_place(
+    added, information = _by_place(
         scipy.fft.irfft(slope, camera.coarse, 1),
         scipy.fft.irfft(rest, camera.coarse, 1),
         peak.shift / apart * scale,
         round(len(camera.window) * scale),
     )
     factor = camera.coarse / (2.0 * rows * peak.curvature)
-    whole, all_told = 0.0, 0.0
+    whole, all_information = 0.0, 0.0
     for place in range(len(added)):
         added[place] *= factor
         whole += added[place]
-        all_told += told[place]
+        all_information += information[place]
     squares, leverage = 0.0, 0.0
     for place in range(len(added)):
-        share = told[place] / all_told
+        share = information[place] / all_information
         squares += (added[place] - share * whole) ** 2
         leverage += share * share
     variance: float = squares * _as_student(leverage)
@@ -457,7 +455,7 @@ def _of_places(
 
 @njit(nogil=True, error_model="numpy")
 def _may_be_one(near: Cross, thirds: Cross, power: Values, band: Values, way: float) -> bool:
-    """Return whether what stands still may be ground that has hardly moved on [px]."""
+    """Return whether the fixed pattern may be ground that has hardly moved."""
     if abs(way) > _MOVED_ON:
         return False
     renewed: bool = _likeness(thirds, power, band) > _RENEWED * _likeness(near, power, band)
@@ -466,7 +464,7 @@ def _may_be_one(near: Cross, thirds: Cross, power: Values, band: Values, way: fl
 
 @njit(nogil=True, error_model="numpy")
 def _likeness(cross: Cross, power: Values, band: Values) -> float:
-    """Return the sum of the coherences over the band, whatever the displacement."""
+    """Return the sum of the coherences over the band at any displacement."""
     real, imaginary = _smooth(cross.real), _smooth(cross.imag)
     total = 0.0
     for k in range(len(band)):
@@ -476,7 +474,7 @@ def _likeness(cross: Cross, power: Values, band: Values) -> float:
 
 @njit(nogil=True, error_model="numpy")
 def _weighed(cross: Cross, power: Values, band: Values) -> float:
-    """Return the sum of the coherences over the band at a displacement that is taken off."""
+    """Return the sum of the coherences over the band after removal of a displacement."""
     real = _smooth(cross.real)
     total = 0.0
     for k in range(len(band)):
@@ -486,14 +484,14 @@ def _weighed(cross: Cross, power: Values, band: Values) -> float:
 
 @njit(nogil=True, error_model="numpy")
 def _as_student(leverage: float) -> float:
-    """Return the factor of a variance that few parts of known leverages tell, as Student's t."""
+    """Return the factor on a variance estimated from few parts, as for Student's t."""
     freedoms = max(1.0 / leverage, _FEWEST_FREEDOMS)
     return freedoms / (freedoms - 2.0)
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _smooth(values: Values) -> Values:
-    """Return means over neighboring frequencies; none beyond the ends, which count as zero."""
+    """Return means over neighboring frequencies, with zeros beyond the ends."""
     padded = np.zeros(len(values) + 2 * _SIDE)
     padded[_SIDE : _SIDE + len(values)] = values
     smooth = np.zeros(len(values))
@@ -506,7 +504,7 @@ def _smooth(values: Values) -> Values:
 
 @njit(nogil=True, error_model="numpy")
 def _turned(cross: Cross, angle: float) -> Cross:
-    """Return a cross-spectrum less the phases of a displacement, an angle per frequency [rad]."""
+    """Return a cross-spectrum without the phases of a displacement [rad]."""
     turned = np.empty_like(cross)
     step = complex(math.cos(angle), -math.sin(angle))
     phase = complex(1.0, 0.0)
@@ -531,7 +529,7 @@ def _transform(seen: Filtered, size: int) -> _Spectra:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _product(spectra: _Spectra, apart: int) -> Cross:
-    """Return the mean of the cross-spectra of lines that are so many apart."""
+    """Return the mean of the cross-spectra at a line spacing."""
     rows, bins = spectra.real.shape
     real, imaginary = np.zeros(bins, np.float32), np.zeros(bins, np.float32)
     for row in range(apart, rows):
@@ -560,16 +558,16 @@ def _fit(
 
     Args:
         near: cross-spectrum of pairs of lines.
-        power: of the lines, smoothed.
+        power: power spectrum of the lines, smoothed.
         step: from one frequency to the next [rad/px].
-        used: number of frequencies that count, from zero on.
-        displacement: where to begin [px].
+        used: number of used frequencies, from zero on.
+        displacement: initial value [px].
         weight: receives W.
 
     Returns:
-        Whether there is a peak; its displacement [px]; the sum over the bands of the squares of
-        what their phases add to the displacement [px^2], and of their leverages; the curvature of
-        the peak.
+        Whether there is a peak; its displacement [px]; the sum over the bands of their squared
+        contributions to the displacement [px^2], and of their leverages; the curvature of the
+        peak.
     """
     real, imaginary = np.zeros((2, used + 2 * _SIDE))  # with a margin for smoothing
     moved, curvature = 0.0, 0.0
@@ -596,19 +594,19 @@ def _fit(
             return False, displacement, 0.0, 0.0, 0.0
         moved = slope / curvature
         displacement += min(max(moved, -_LONGEST_STEP), _LONGEST_STEP)
-    square, leverage, score, told = 0.0, 0.0, 0.0, 0.0
+    square, leverage, score, information = 0.0, 0.0, 0.0, 0.0
     for k in range(used):
         # Sums over neighboring frequencies, which know of each other.
         if k % _BAND == 0:
             square += score * score
-            leverage += told * told
-            score, told = 0.0, 0.0
+            leverage += information * information
+            score, information = 0.0, 0.0
         frequency = step * k
         share = weight[k] * frequency * frequency * real[_SIDE + k] / curvature
         score += weight[k] * frequency * imaginary[_SIDE + k] / curvature
-        told += share
+        information += share
     square += score * score
-    leverage += told * told
+    leverage += information * information
     return abs(moved) < _NEARLY, displacement, square, leverage, curvature
 
 
@@ -621,15 +619,15 @@ def _filter_pairs(
     slope: NDArray[np.complex64],
     rest: NDArray[np.complex64],
 ) -> None:
-    """Move pairs of lines that are equally far apart onto each other, filtered by W^0.5.
+    """Align pairs of lines with a common line spacing, filtered by W^0.5.
 
     Args:
         spectra: of the lines, of m + a.
         weight: W.
         step: from one frequency to the next [rad/px].
         displacement: of the lines of a pair [px].
-        slope: receives that of the mean of the two lines of each pair, shape (m, k).
-        rest: receives by which they differ, shape (m, k).
+        slope: receives the gradient of the mean of the two lines of each pair, shape (m, k).
+        rest: receives the difference of the two lines, shape (m, k).
     """
     rows, used = slope.shape
     apart = len(spectra.real) - rows
@@ -658,17 +656,17 @@ def _filter_pairs(
 def _by_place(
     slope: Filtered, rest: Filtered, displacement: float, pixels: int
 ) -> tuple[Values, Values]:
-    """Sum what pairs of lines add to a displacement, and what they tell, by places of the ground.
+    """Sum contributions of pairs to a displacement, and their information, by position.
 
     Args:
-        slope: of the mean of the two lines of each pair, shape (m, l).
-        rest: by which they differ, shape (m, l).
+        slope: gradient of the mean of the two lines of each pair, shape (m, l).
+        rest: difference of the two lines, shape (m, l).
         displacement: of the ground from line to line [px].
-        pixels: n, of them that are lines.
+        pixels: n of a line.
     """
     rows, place = len(slope), pixels / _PLACES
     count = int(_PLACES + abs(displacement) * rows / place) + 2
-    added, told = np.zeros((2, count))
+    added, information = np.zeros((2, count))
     for row in range(rows):
         # The ground comes towards the first pixel where the displacement is positive.
         way = displacement * row if displacement >= 0.0 else -displacement * (rows - row)
@@ -680,6 +678,6 @@ def _by_place(
                 total += slope[row, j] * rest[row, j]
                 square += slope[row, j] * slope[row, j]
             added[at] += total
-            told[at] += square
+            information[at] += square
             at, k = at + 1, max(end, k)
-    return added, told
+    return added, information

@@ -1,1 +1,1 @@
-"""What a camera sees beside the moving ground: fixed patterns, covers, grain."""
+"""Fixed patterns, occlusion and oblique textures in the view of a camera."""

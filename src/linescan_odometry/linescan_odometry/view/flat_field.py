@@ -1,24 +1,24 @@
-"""Flat-field correction: takes out what stands still in the lines while the ground moves.
+"""Flat-field correction: estimates the fixed pattern while the ground moves, and removes it.
 
-Uneven light, dirt, unlike pixels, a shadow of the vehicle: whatever is fixed in the view matches
-itself at a displacement of zero. The mean of lines of many different places is its profile, and
-lines are divided by it. Pixels that do not change as the others do, stuck ones or some that look at
-mud, see no ground: they are filled from those beside them.
+Uneven light, dirt, unequal pixels, a shadow of the vehicle: a fixed pattern matches itself at zero
+displacement. The mean of lines at many different positions is its profile, and lines are divided by
+it. Occluded pixels, such as stuck ones or those under mud, do not change with the others: they are
+interpolated from their neighbors.
 
-Only places that share little with those before may enter, or the ground itself would be taken for
-a profile, at rest above all. Whether the view has moved on is told from the *difference* of two
-lines, in which nothing fixed is left: at rest it is noise, which no pixel shares with its
-neighbor, and else it has the structure of the ground.
+Only lines at new positions are used, otherwise the ground itself would enter the profile, above all
+at rest. Whether the view has moved is decided by the *difference* of two lines, which contains no
+fixed pattern: at rest it is noise without correlation of neighboring pixels, in motion it has the
+correlation of the ground.
 
-A mean over N places still holds a share of ``1 / N`` of the energy of their texture. So the profile
-is used only where it is clearly more than that, in its levels or in its gradients (small
-differences between neighboring pixels are faint, but weigh most in a sub-pixel match), and is
-shrunk by the share of it that is likely texture. A camera without faults keeps its lines as they
-are.
+A mean over N positions still contains ``1 / N`` of the energy of their texture. So the profile is
+used only where it is clearly larger, in its levels or in its gradients (small differences between
+neighboring pixels have most weight in a sub-pixel match), and is reduced by the likely share of
+texture. The lines of a camera without faults are not changed.
 
-Dark and white references come first: lines less the dark signal, over the white one, are what is
-learned from. They say nothing of dirt, shadows and mud, so that these are learned as without them;
-tables of an earlier drive are used from the first line on, and checked by this one's places.
+Dark and white references are applied first: the profile is estimated from lines without the dark
+signal, divided by the white one. They contain no dirt, shadows and mud, which are estimated as
+without references. Tables of an earlier drive are used from the first line on, and checked with the
+positions of the current drive.
 """
 
 from __future__ import annotations
@@ -60,17 +60,17 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 
 class _Tables(NamedTuple):
-    """What a camera has learned of each of its n pixels, see `FlatField`, and working memory.
+    """Estimates for each of n pixels, see `FlatField`, and working memory.
 
     Attributes:
-        seen: places of late, shape (r, n).
-        mean: of the places, shape (n,).
-        square: mean square, shape (n,).
+        seen: recent lines at different positions, shape (r, n).
+        mean: mean of the lines, shape (n,).
+        square: mean square of the lines, shape (n,).
         step: mean square of the differences of neighbors, shape (n - 1,).
         dark: dark signal of the references [gray levels], shape (n,).
         white: gain of the references [1], shape (n,).
         relative: working memory, shape (n,).
-        difference: likewise.
+        difference: working memory, shape (n,).
     """
 
     seen: Floats
@@ -84,15 +84,15 @@ class _Tables(NamedTuple):
 
 
 class _Learned(NamedTuple):
-    """How far learning has come.
+    """Progress of the estimation.
 
     Attributes:
-        places: that the tables are made of.
-        own: of them that are not of loaded tables.
-        structure: the largest of the differences of late.
-        anew: whether it began anew.
-        taken: whether the newest line was taken.
-        undecided: whether what is corrected is to be decided again.
+        places: number of positions in the tables.
+        own: number of these that are not from loaded tables.
+        structure: largest correlation of recent differences.
+        anew: whether the estimation was restarted.
+        taken: whether the newest line was used.
+        undecided: whether to decide again what is corrected.
     """
 
     places: int
@@ -104,15 +104,14 @@ class _Learned(NamedTuple):
 
 
 class FlatField:
-    """Learns the profile of one camera's optics from its lines, and corrects lines by it."""
+    """Estimates the profile of a camera from its lines, and corrects lines by it."""
 
     def __init__(self, pixels: int, places: int) -> None:
         """Start without a profile.
 
         Args:
             pixels: n of a line.
-            places: number of places that the profile is the mean over, forgetting older ones;
-                0 for no correction.
+            places: number of positions in the moving mean of the profile; 0 for no correction.
         """
         self._pixels = pixels
         self._places = places
@@ -137,17 +136,17 @@ class FlatField:
 
     @property
     def places(self) -> int:
-        """Number of places learned so far."""
+        """Number of positions used so far."""
         return self._count
 
     @property
     def active(self) -> bool:
-        """Whether anything is to be corrected at all."""
+        """Whether the correction is enabled."""
         return self._places > 0
 
     @property
     def learning(self) -> bool:
-        """Whether it is to be corrected what stands still in the view, and is not known yet."""
+        """Whether the fixed pattern is to be corrected but is not estimated yet."""
         return self.active and not self.settled
 
     @property
@@ -157,18 +156,18 @@ class FlatField:
 
     @property
     def settled(self) -> bool:
-        """Whether it is known what stands still in the view, be it nothing."""
+        """Whether the fixed pattern is estimated, even if there is none."""
         return self._own >= _FAR_PLACES
 
     @property
     def profile(self) -> FloatArray:
-        """Brightness of each pixel over the mean of the line, learned so far [1], shape (n,)."""
+        """Estimated brightness of each pixel over the mean of the line [1], shape (n,)."""
         profile: FloatArray = self._mean / self._mean.mean()
         return profile
 
     @property
     def blind(self) -> NDArray[np.bool_]:
-        """Which pixels see no ground, shape (n,)."""
+        """Whether each pixel is occluded, shape (n,)."""
         return self._blind | self._dead
 
     @property
@@ -177,7 +176,7 @@ class FlatField:
         return self._dark, self._white
 
     def take_references(self, dark: Lines | None, white: Lines | None) -> None:
-        """Take lines of a covered camera and of an even white surface as the tables.
+        """Make tables from lines of a covered camera and of an even white surface.
 
         Args:
             dark: lines without light, in gray levels, shape (m, n); None for no dark signal.
@@ -216,7 +215,7 @@ class FlatField:
         """Read tables that `save` wrote.
 
         Raises:
-            LineBatchError: they are none, or of a camera of another number of pixels.
+            LineBatchError: they are invalid, or of a camera with another number of pixels.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -236,7 +235,7 @@ class FlatField:
         self._undecided, self._whole_gain = True, None
 
     def apply(self, lines: Lines) -> Lines:
-        """Learn from some lines, oldest first, and return them over the profile."""
+        """Update the profile with lines, oldest first, and return the corrected lines."""
         if self._places == 0:
             return self.correct(lines)
         every = 1 if self._count < _QUICK_PLACES else max(1, len(lines) // _LINES_PER_BATCH)
@@ -244,7 +243,7 @@ class FlatField:
         return self.correct(lines)
 
     def learn(self, line: Lines) -> bool:
-        """Take a line into the profile if it shows another place than those before.
+        """Use a line for the profile if it is at a new position.
 
         Args:
             line: as the camera delivered it, shape (n,).
@@ -255,7 +254,7 @@ class FlatField:
         return self._learn(line[None], 1)
 
     def _learn(self, lines: Lines, every: int) -> bool:
-        """Learn from every so many lines, oldest first; return whether the newest was taken."""
+        """Update with every n-th line, oldest first; return whether the newest was used."""
         tables = _Tables(
             self._seen, self._mean, self._square, self._step, self._dark, self._white,
             self._relative, self._difference,
@@ -271,9 +270,9 @@ class FlatField:
         return taken
 
     def correct(self, lines: Lines) -> Lines:
-        """Return lines over the profile, as 16 bit; the lines themselves while there is none.
+        """Return lines divided by the profile, as 16 bit; unchanged lines without a profile.
 
-        One quarter of the range is used at a gain of 1, so that no gain saturates a pixel.
+        A gain of 1 uses a quarter of the range, so that no gain saturates a pixel.
 
         Args:
             lines: m lines of n pixels, shape (m, n).
@@ -297,7 +296,7 @@ class FlatField:
         return corrected
 
     def _decide(self) -> None:
-        """Decide whether there is a profile, and which pixels are blind."""
+        """Decide whether there is a profile, and which pixels are occluded."""
         self._undecided = False
         if self._count < _FEWEST_PLACES:
             return
@@ -328,14 +327,14 @@ class FlatField:
 
 @njit(cache=True, error_model="numpy")
 def _learn(lines: Lines, every: int, tables: _Tables, learned: _Learned, places: int) -> _Learned:
-    """Take those lines into the tables, oldest first, that show another place than those before.
+    """Update the tables with lines at new positions, oldest first.
 
     Args:
         lines: as the camera delivered them, shape (m, n).
-        every: which lines are looked at, the newest among them.
-        tables: written.
-        learned: how far it has come.
-        places: number of places that the tables are the mean over.
+        every: spacing of the used lines, the newest among them.
+        tables: changed in place.
+        learned: progress, changed in place.
+        places: number of positions in the moving mean.
     """
     count, own, largest = learned.places, learned.own, learned.structure
     anew, taken, undecided = False, False, False
@@ -386,7 +385,7 @@ def _level(line: Lines, dark: FloatArray, white: FloatArray, relative: Floats) -
 def _enter(
     relative: Floats, share: float, mean: FloatArray, square: FloatArray, step: FloatArray
 ) -> None:
-    """Take a line with its share into the mean, the mean square and that of the differences."""
+    """Update the mean, the mean square and that of the differences with a line."""
     for i in range(relative.shape[0]):
         value = float(relative[i])
         mean[i] += share * (value - mean[i])
@@ -412,9 +411,9 @@ def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, flo
     """Compare a line with others by their differences, each of which `d` receives.
 
     Returns:
-        The least and the greatest structure, which is the mean product of neighboring pixels of
-        a difference; that product over their mean square in the difference of least structure;
-        the least energy of a difference over that of the two lines.
+        The smallest and the largest mean product of neighboring pixels of a difference; this
+        product over their mean square in the difference with the smallest one; the smallest energy
+        of a difference over that of the two lines.
     """
     least, greatest, neighbors, energy = 1e30, 0.0, 1.0, 1.0
     pixels = line.shape[0]
@@ -447,10 +446,10 @@ def _structure(line: Floats, seen: Floats, d: Floats) -> tuple[float, float, flo
 
 
 def _fill(light: FloatArray, blind: NDArray[np.bool_]) -> None:
-    """Let blind pixels fade from those beside them to the mean of the line.
+    """Fade occluded pixels from their neighbors to the mean of the line.
 
-    Over short gaps that is interpolation. A step at the edge of a gap would stand still with all of
-    its gradient, and draw the match of a coarse ground.
+    For short gaps this is interpolation. A step at the edge of a gap would be a fixed pattern that
+    biases the match of a coarse ground.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], blind, [False])).astype(np.int8)))
     mean = light[:, ~blind].mean(axis=1, keepdims=True)

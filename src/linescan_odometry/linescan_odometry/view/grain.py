@@ -1,11 +1,10 @@
-"""Tells grounds whose grain runs askew, on which moving across the axis reads as moving along it.
+"""Detection of oblique textures, on which motion across the axis looks like motion along it.
 
-A line camera sees the mean over the width of its view. Moving across, new ground enters and the
-lines of an ordinary ground become unlike one another: after a width nothing is left of the first.
-Over a grain that is oblique to the axis the same stripes stay in the view and only shift along the
-line, faster or slower than the camera moves along its axis. One camera cannot tell that from a
-motion along its axis. But the twist says how far it moved across: a view that outlives this is
-grain.
+A line camera measures the mean over the width of its view. In motion across the axis new ground
+enters, and lines of an ordinary ground lose their correlation within a width. On a texture oblique
+to the axis the same stripes remain in the view and shift along the line, which a single camera
+cannot distinguish from a motion along its axis. But the twist gives the motion across the axis: a
+view that stays correlated for longer is an oblique texture.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _SEARCHED = 3  # px around the shift that the displacements add up to, and a sha
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # px that are compared
 _STONE = 0.008  # m, that the pieces of a ground without grain outlive the width of a view
-_FAR_ENOUGH = 0.5  # of both, from which it can be told
+_FAR_ENOUGH = 0.5  # share of both from which the test is possible
 _EXCESS = 0.35  # of correlation over that of a ground without grain
 _CLEAR_EXCESS = 0.65  # the same, seen only once
 _USUAL_EXCESS = 0.2
@@ -48,7 +47,7 @@ _SLOWEST = 0.03  # m/s across, below which grain does no harm
 
 
 class Keyframe:
-    """Remembers an earlier line of one camera, and compares newer ones with it."""
+    """Stores an earlier line of one camera, and compares newer ones with it."""
 
     def __init__(self, pixels: int) -> None:
         """Start with nothing to compare with.
@@ -77,8 +76,8 @@ class Keyframe:
             displacement: per line, mean over them [px].
 
         Returns:
-            How old the remembered line is [s], and the correlation of their gradients at the
-            shift in between, over that of neighboring lines.
+            Age of the stored line [s], and the correlation of the gradients at the shift in
+            between, over that of neighboring lines.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -111,7 +110,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
-    """Write differences of neighboring sums of `step` pixels, which are whole numbers."""
+    """Write differences of neighboring sums of `step` pixels, as integers."""
     ahead, behind = np.int32(0), np.int32(0)
     for i in range(step):
         behind += np.int32(line[i])
@@ -140,12 +139,12 @@ def _compare(
         step: number of pixels of the means.
         shift: of the newest line against the earlier one [px].
         displacement: per line [px].
-        hopeless: correlation below which no further line is compared.
+        hopeless: correlation below which the comparison ends.
         gradient: of the earlier line, and working memory for two more, shape (3, n').
 
     Returns:
-        The largest correlation near the shift of the two newest lines; the least of those of three
-        lines of the batch with the earlier one.
+        The largest correlation of the two newest lines near their shift; the smallest correlation
+        of three lines of the batch with the earlier one.
     """
     span = len(lines) - 1
     backs = (1, 0, span // 5, span // 2)
@@ -184,10 +183,10 @@ def _compare(
 
 
 class Grain:
-    """Remembers which cameras look at grain."""
+    """Stores which cameras are over an oblique texture."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Start with no grain.
+        """Start without oblique textures.
 
         Args:
             sensors: the cameras by name.
@@ -208,10 +207,10 @@ class Grain:
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return readings that no twist confirms where other cameras find no match.
+        """Return readings as unmeasured that cannot be confirmed, if other cameras do not match.
 
-        Without a twist it is not known how far a camera moved across its axis: the texture may be
-        oblique. A twist measured shortly before has shown that it is not.
+        Without a twist the motion across the axis is unknown: the texture may be oblique. A twist
+        measured shortly before has excluded that.
 
         Args:
             stamp_ns: of the readings [ns].
@@ -228,7 +227,7 @@ class Grain:
         }
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Add up how far each camera moves across its axis, to and fro.
+        """Integrate the motion of each camera across its axis.
 
         Args:
             stamp_ns: of the twist [ns].
@@ -243,7 +242,7 @@ class Grain:
         self._stamps.append(stamp_ns)
 
     def _way(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return how far a camera has moved across since a line, as far as that is known [m]."""
+        """Return the motion of a camera across its axis since a line, as far as known [m]."""
         since = stamp_ns - round(1e9 * age)
         if not self._stamps or since >= self._stamps[-1]:
             return abs(across) * age
@@ -256,12 +255,12 @@ class Grain:
     def misled(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras that move across grain, unmeasured or doubted.
+        """Return readings over oblique textures as unmeasured, or with a larger variance.
 
         Args:
             stamp_ns: of the readings [ns].
             readings: of all cameras by name.
-            twist: that they gave together.
+            twist: estimated from the readings.
         """
         misled = {}
         for name, reading in readings.items():
@@ -280,7 +279,7 @@ class Grain:
                 excess = likeness - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.
                 lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
-                if likeness != lasting_before:  # a reading comes again with its doubt
+                if likeness != lasting_before:  # a reading is repeated with its variance
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = likeness, excess
                 least = self._excess.get(name, 0.0)
@@ -301,7 +300,7 @@ class Grain:
                 continue
             doubt = (share * speed) ** 2
             if of_batch and name in self._found and math.isfinite(reading.batch_doubt):
-                del self._found[name]  # what does not last tells the motion too
+                del self._found[name]  # the rest of the texture gives the motion too
                 doubt = reading.batch_doubt
             if doubt > 2.0 * reading.doubt:
                 misled[name] = dataclasses.replace(

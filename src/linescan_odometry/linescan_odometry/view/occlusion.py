@@ -1,8 +1,8 @@
-"""Tells cameras that look at something that moves with them, such as a lid or dirt on the lens.
+"""Detection of occluded cameras, such as by a lid or dirt on the lens.
 
-What moves with the camera matches itself perfectly, at a displacement of zero. That alone is
-nothing unusual: the platform may stand still, or move across the axis. But standing still, it
-cannot have come to rest faster than a vehicle can; and moving across, the view would change.
+An occlusion matches itself perfectly at zero displacement, like the ground at rest or in motion
+across the axis. But a vehicle cannot come to rest faster than its brakes permit, and in motion
+across the axis the view of the ground changes.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
 _STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
-_STILL_PIXELS = 2.0  # likewise along the axis
+_STILL_PIXELS = 2.0  # along the axis [px]
 _HARDEST_STOP = 50.0  # m/s^2
 
 
 class Covers:
-    """Remembers how the cameras moved and which of them were found covered."""
+    """Stores the motion of the cameras and which of them are occluded."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Start with no camera covered, and at rest."""
+        """Start at rest without occluded cameras."""
         self._sensors = sensors
         # Along and across (to the left of) each camera's axis.
         self._rows = {
@@ -42,16 +42,16 @@ class Covers:
         self._stamp_ns = 0
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Take a twist (v_x, v_y [m/s], yaw rate [rad/s]) as measured at a time [ns]."""
+        """Store a measured twist (v_x, v_y [m/s], yaw rate [rad/s]) at a time [ns]."""
         self._stamp_ns = stamp_ns
         self._twist = twist
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras whose view stopped as no vehicle can, unmeasured.
+        """Return readings as unmeasured whose velocity stopped faster than a vehicle can.
 
-        A camera stays covered until its view changes.
+        A camera stays occluded until its view changes.
 
         Args:
             stamp_ns: of the readings [ns].
@@ -81,11 +81,11 @@ class Covers:
     def contradicted(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the reading of the camera that most clearly moves across a still view, unmeasured.
+        """Return the reading with the most clearly constant view as unmeasured.
 
         Args:
             readings: of all cameras by name.
-            twist: that they gave together.
+            twist: estimated from the readings.
 
         Returns:
             One reading by its name, or none.

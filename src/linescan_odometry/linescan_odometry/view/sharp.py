@@ -1,9 +1,9 @@
-"""The fine detail of lines, in which shadows and uneven light have no part.
+"""Fine detail of lines, without shadows and uneven light.
 
-The edge of a shadow that runs through the view, or light that changes along it, has more contrast
-than most grounds, and a match follows it. But it is smooth: the second difference of means over a
-few pixels keeps the grain of a ground, and nothing of a ramp of light. Where that detail moves
-otherwise than the lines as a whole, two things move in the view, and the ground is the finer one.
+The edge of a moving shadow, or light that changes along the line, has more contrast than most
+grounds and dominates a match. But it is smooth: the second difference of means over a few pixels
+keeps the texture of a ground and removes a ramp of light. If the displacement of this detail
+differs from that of the lines, two patterns move in the view, and the ground is the finer one.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def steps(pixels: int) -> tuple[int, int]:
 
 
 def sharp_pixels(pixels: int, step: int) -> int:
-    """Return how many pixels are left of n."""
+    """Return the number of pixels of the detail of n pixels."""
     return pixels - 3 * step + 1
 
 
@@ -51,10 +51,10 @@ def sharpened(lines: Lines, step: int) -> Lines:
 
 
 def follows(sharp: Lines, displacement: float) -> bool:
-    """Return whether detail that was sharpened surely moves with the lines.
+    """Return whether the detail clearly has the displacement of the lines.
 
-    If two things move in the view, they share the energy of the detail: what holds more than half
-    of it in most pairs is what a full search would find.
+    If two patterns move in the view, they share the energy of the detail: the one with more than
+    half of it in most pairs is the result of a full search.
 
     Args:
         sharp: detail of m + 1 lines, oldest first.
@@ -100,7 +100,7 @@ def _sharpen(lines: Lines, step: int, detail: NDArray[np.float32], sharp: Lines)
 
 @njit(cache=True, fastmath=_REORDER)
 def _count_alike(sharp: Lines, shift: int) -> int:
-    """Count the pairs of consecutive lines that are alike at a shift or beside it."""
+    """Count the pairs of consecutive lines that are correlated at a shift or next to it."""
     count = 0
     for pair in range(len(sharp) - 1):
         old, new = sharp[pair], sharp[pair + 1]

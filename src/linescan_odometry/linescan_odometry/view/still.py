@@ -1,13 +1,13 @@
-"""What stands still in the view, before the flat field knows it.
+"""Removal of the fixed pattern before the flat field is estimated.
 
-Dirt, steps of the dark signal or unlike pixels are the same in every line, and draw every match
-towards a displacement of zero: on a faint ground by half a pixel a line, at any speed. The mean of
-all lines so far holds them, and a share of the ground that goes down with the way. It is taken off,
-and the lines are matched once more: if that tells another displacement, the first one was drawn.
+Dirt, steps of the dark signal or unequal pixels are the same in every line, and bias every match
+towards zero: on a ground of low contrast by half a pixel per line, at any speed. The mean of all
+lines so far contains them, and a share of the ground that decreases with the distance. It is
+subtracted, and the lines are matched again: if the displacement changes, the first one was biased.
 
-Single defective pixels need no such learning: they stand out from their neighbors in the mean of a
-batch, where a grain of the ground that moves is spread, and in every line of it. They are
-interpolated. At rest some grains may be taken for them, which does no harm.
+Single defective pixels differ from their neighbors in the mean of a batch, in which moving ground
+is smeared, and in every line of it. They are interpolated. At rest some features of the ground may
+be interpolated too, without harm.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from omni_platform.quantities import FloatArray
 Floats = NDArray[np.float32]
 
 STRUCTURE = 0.12
-"""Correlation of neighboring pixels of a difference that is not only noise."""
+"""Smallest correlation of neighboring pixels of a difference that is not only noise."""
 
 _REMEMBERED = 200.0  # batches that show all new ground
 _RANGE = 30000.0  # of 16 bit to either side
@@ -37,7 +37,7 @@ _MOST_DEFECTIVE = 0.03  # share of a line
 
 @njit(cache=True, error_model="numpy")
 def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
-    """Return how much neighboring pixels of a difference have in common, and its square.
+    """Return the mean product of neighboring pixels of a difference, and its mean square.
 
     Args:
         change: of a line, shape (n,).
@@ -56,14 +56,14 @@ def structure_of(change: Floats | FloatArray) -> tuple[float, float]:
 
 
 class StillView:
-    """Mean of the lines of one camera, each batch by how much new ground it shows.
+    """Mean of the lines of one camera, with batches weighted by their share of new ground.
 
     Attributes:
-        weight: number of batches so far that showed all new ground, 0 if none moved.
+        weight: equivalent number of batches over new ground so far, 0 if none moved.
     """
 
     def __init__(self, pixels: int) -> None:
-        """Start with nothing known.
+        """Start without lines.
 
         Args:
             pixels: n of a line.
@@ -73,7 +73,7 @@ class StillView:
         self._largest = 0.0
 
     def learn(self, lines: Lines) -> None:
-        """Take a batch in.
+        """Add a batch.
 
         Args:
             lines: that follow each other, oldest first, shape (m, n).
@@ -87,7 +87,7 @@ class StillView:
         _enter(lines, share / self.weight, self._mean)
 
     def without(self, lines: Lines) -> Lines:
-        """Return lines less what stands still, 16 bit, shape (m, n)."""
+        """Return lines without the fixed pattern, 16 bit, shape (m, n)."""
         rest = lines - self._mean
         rest -= rest.mean(axis=1, keepdims=True)
         scale = np.float32(_RANGE / max(float(np.abs(rest).max()), 1.0))
@@ -108,7 +108,7 @@ def _average(lines: Lines) -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def _enter(lines: Lines, share: float, mean: Floats) -> None:
-    """Take the mean of some lines, less its level, with its share into the one so far."""
+    """Update the mean with that of new lines, without its level."""
     own = _average(lines)
     level = own.mean()
     for i in range(len(mean)):
@@ -123,10 +123,10 @@ def _median_of_three(a: float, b: float, c: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _stand_out(mean: Floats, out: Floats) -> bool:
-    """Write how far each pixel of the mean stands out from those beside it.
+    """Write the difference of each pixel of the mean to its neighbors.
 
     Returns:
-        Whether any can do so by `_OUTSTANDING` times the median: one that is not sure to lie below.
+        Whether any difference may exceed `_OUTSTANDING` times the median.
     """
     count = len(mean)
     highest = np.float32(0.0)
@@ -146,7 +146,7 @@ def _stand_out(mean: Floats, out: Floats) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _defects(lines: Lines) -> NDArray[np.int64]:
-    """Return the pixels that stand out from their neighbors, in the mean and in every line."""
+    """Return the pixels that differ from their neighbors, in the mean and in every line."""
     pixels = lines.shape[1]
     none = np.empty(0, np.int64)
     out = np.empty(pixels, np.float32)

@@ -1,12 +1,12 @@
-"""Counts the independent structures of the ground in a view.
+"""Effective number of independent features of the ground in a view.
 
-Moving across its axis, a camera sees every slanted edge also shift along it. Over many structures
-these pulls cancel; over the few stones of a cobbled road, or the ridges of bark, they do not. As
-neighboring pixels of one stone err alike, the residuals of the match do not show it. The number
-of structures is that of independent values in the part of the lines that moves: the width of its
-power spectrum ``2 (sum P)^2 / sum P^2``, with P from the products of consecutive lines, in which
-noise has no part. Weighted by the frequency, between levels, where shading rules, and slopes, which
-the refinement matches, it tells the grounds apart whose errors are larger than their residuals say.
+In motion across the axis every slanted edge also shifts along it. With many features these errors
+cancel; with the few stones of a cobbled road, or the ridges of bark, they do not. As neighboring
+pixels of one stone have the same error, the residuals of the match do not show it. The number of
+features is that of independent values in the moving part of the lines: the width of its
+power spectrum ``2 (sum P)^2 / sum P^2``, with P from the products of consecutive lines,
+without noise. Weighted by the frequency, a compromise between levels, which contain shading, and
+gradients, which the refinement uses, it identifies grounds whose errors exceed their residuals.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PULL = 0.06  # of the velocity across the axis, along it, by a single structure
 
 
 class StructureCounter:
-    """Counts structures in the lines of one camera."""
+    """Estimates the number of independent features in the lines of one camera."""
 
     def __init__(self, pixels: int) -> None:
         """Prepare for lines of n pixels."""
@@ -39,7 +39,7 @@ class StructureCounter:
         self._weight = self._frequency * np.exp(-((kernel_sigma(pixels) * self._frequency) ** 2))
 
     def count(self, lines: Lines, displacement: float) -> float:
-        """Return the number of structures.
+        """Return the effective number of independent features.
 
         Args:
             lines: that follow each other, oldest first, two at least, shape (m + 1, n).
@@ -80,5 +80,5 @@ def _count(
 
 
 def pull(structures: float) -> float:
-    """Return the share of the velocity across the axis that may be read along it (deviation)."""
+    """Return the standard deviation of the velocity along the axis per velocity across it [1]."""
     return _PULL * max(0.0, 1.0 - structures / _MANY)

@@ -1,11 +1,10 @@
-"""Tells how far a match across the axis is believed, by how often a camera has seen its ground.
+"""Variance of matches by chance in motion across the axis, from the share of recent matches.
 
-Over joints or grain that run askew most batches match nowhere. Some match by chance, and those err
-by more than their own scatter says, whichever lines are compared. So the deviation of a match that
-motion across the axis may pull at (all lines of a batch together; consecutive lines over few
-structures) grows by ``1 / s^2``, with s the share of the camera's batches of late that showed their
-ground. One that is matched by consecutive lines, and not by those farther apart, did not. A ground
-that always matches keeps its variances.
+Over oblique joints or textures most batches do not match. Some match by chance, with errors larger
+than their residuals. So the standard deviation of a match that motion across the axis may bias (a
+whole-batch estimate; consecutive lines over few features) is multiplied by ``1 / s^2``, with s the
+share of the camera's recent batches that matched. A batch that matches only with consecutive lines
+does not count. A ground that always matches keeps its variances.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ _LEAST = 0.25  # share
 
 
 class Trust:
-    """Remembers which share of the batches of each camera showed their ground."""
+    """Stores the share of recent batches of each camera that matched."""
 
     def __init__(self, names: Iterable[str]) -> None:
-        """Start with grounds that show.
+        """Start with a share of 1.
 
         Args:
             names: of the cameras.
@@ -31,12 +30,12 @@ class Trust:
         self._share = dict.fromkeys(names, 1.0)
 
     def growth(self, name: str, reading: SensorReading) -> float:
-        """Return the factor of the deviation of a camera's reading [1]."""
+        """Return the factor on the standard deviation of a camera's reading [1]."""
         own = 1.0 - float(reading.unlike) / _REMEMBERED
         return max(own * self._share[name], _LEAST) ** -2
 
     def weighed(self, readings: Mapping[str, SensorReading]) -> dict[str, SensorReading]:
-        """Return the readings of lines that were matched all together, as far as they are believed.
+        """Return the readings of whole-batch estimates with their increased variances.
 
         Args:
             readings: of all cameras by name.
@@ -49,7 +48,7 @@ class Trust:
         return weighed
 
     def remember(self, readings: Mapping[str, SensorReading]) -> None:
-        """Take what could be believed in the end; no lines, or no contrast, tell nothing of it."""
+        """Update with the final readings; batches without lines or contrast are ignored."""
         for name, reading in readings.items():
             if reading.measured or reading.unlike:
                 self._share[name] += (float(not reading.unlike) - self._share[name]) / _REMEMBERED
