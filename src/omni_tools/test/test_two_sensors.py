@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from two_sensors import (
+
+from linescan_odometry.twist.least_squares import TwistSolver
+from omni_platform.sensors import LineSensor
+from omni_tools.two_sensors import (
     DisplacementError,
     PlanarDisplacement,
     SensorDisplacement,
     first_sensor_displacement,
     two_sensor_displacement,
 )
-
-from linescan_odometry.twist.least_squares import TwistSolver
-from omni_platform.sensors import LineSensor
 
 D_1, D_2 = 0.3, 0.5
 DT = 0.01

@@ -8,11 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from two_sensors import (
-    PlanarDisplacement,
-    SensorDisplacement,
-    two_sensor_displacement,
-)
 
 from linescan_odometry.odometry import LineScanOdometry, TwistEstimate
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -20,6 +15,11 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.signals import LineBatch
 from omni_sim.camera.camera import LineCameraArray
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
+from omni_tools.two_sensors import (
+    PlanarDisplacement,
+    SensorDisplacement,
+    two_sensor_displacement,
+)
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 BATCH, BATCHES = 25, 4
