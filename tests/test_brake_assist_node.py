@@ -156,13 +156,13 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.safety(
-    "a wrong voice is heard",
+    "a second publisher is obeyed",
     "a second publisher of pedal, twist, wheel states or enables",
-    "the assistant sees it in the graph: all brakes on, and says so",
+    "the assistant sees it in the graph: all brakes on, and reports it",
     within="an event of the graph",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
-def test_it_speaks_before_it_hears_and_brakes_when_it_hears_two(vehicle: Vehicle) -> None:
+def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle: Vehicle) -> None:
     # Simulated time is in use and nobody tells it.
     vehicle.wait(lambda: vehicle.states[-2:] == ["no_demand"] * 2)
     vehicle.swerve_until_assisted()

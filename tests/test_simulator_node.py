@@ -117,12 +117,12 @@ class Valve(Bystander):
 
 
 @pytest.mark.safety(
-    "a wrong voice is heard",
+    "a second publisher is obeyed",
     "a second publisher of enables",
     "the valves brake with all while two are matched",
     within="an event of the graph",
 )
-def test_it_runs_on_in_simulated_time_and_brakes_when_it_hears_two(assistant: Assistant) -> None:
+def test_it_runs_on_in_simulated_time_and_brakes_with_two_publishers(assistant: Assistant) -> None:
     assistant.wait(lambda: not assistant.torque.any())
     given = Parameter("use_sim_time", value=True).to_parameter_msg()
     request = SetParameters.Request(parameters=[given])

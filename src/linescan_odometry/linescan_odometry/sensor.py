@@ -293,13 +293,13 @@ class SensorOdometry:
         if mean is None:
             # The fixed pattern that caused the rejection of the pairs may dominate all lines too.
             still = whole is not None and learning and abs(whole.displacement) < _MOVES
-            hidden = whole is None or still or drawn or whole.doubt > _LARGEST_DEVIATION**2
+            hidden = whole is None or still or drawn or whole.oblique > _LARGEST_DEVIATION**2
             self._measured_before = sure and not hidden
             # Without pair matches, a single whole-batch match may be one by chance.
             if whole is None or not (self._measured_before and again):
                 failure.reading = dataclasses.replace(failure.reading, unlike=True)
                 raise failure
-            whole = whole._replace(variance=max(whole.variance, whole.doubt))
+            whole = whole._replace(variance=max(whole.variance, whole.oblique))
             return self._of_all(whole, float(np.median(pairs.similarity)), 1.0)
         if not learning and (whole is None or not whole.lone):
             raise Unmeasured(
@@ -340,7 +340,7 @@ class SensorOdometry:
 
     def _of_all(self, whole: Whitened, correlation: float, share: float) -> _Mean:
         """Return the mean of a whole-batch estimate."""
-        ends = whole.lasting, whole.apart / self._sensor.line_rate, whole.doubt
+        ends = whole.lasting, whole.apart / self._sensor.line_rate, whole.oblique
         return _Mean(whole.displacement, whole.variance, correlation, share, math.inf, ends)
 
     def _of_pairs(
@@ -352,7 +352,7 @@ class SensorOdometry:
             Unmeasured: they disagree, or do not show the ground.
         """
         mean = self._average(lines, pairs, frozen, implausible)
-        self._doubt_far(lines, mean)
+        self._refuse_periodic(lines, mean)
         mean = self._finer(lines, mean) or self._span(lines, mean)
         if mean.places < _FEWEST_PLACES:
             raise Unmeasured(
@@ -362,7 +362,7 @@ class SensorOdometry:
                 unlike=True,  # the moving texture is not visible: it may be oblique
                 open=mean.places > _LONE_PLACES,
             )
-        return self._less_still(self._doubt_still(lines, mean))
+        return self._less_still(self._check_fixed_pattern(lines, mean))
 
     def _less_still(self, mean: _Mean) -> _Mean:
         """Return the mean without the bias of a fixed pattern, if there is one.
@@ -428,7 +428,7 @@ class SensorOdometry:
             raise Unmeasured(reason, share, unlike=unlike, open=seen)
         return _mean_of(self._matcher, pairs, inlier, share)
 
-    def _doubt_far(self, lines: Lines, mean: _Mean) -> None:
+    def _refuse_periodic(self, lines: Lines, mean: _Mean) -> None:
         """Refuse a large displacement if a small one fits equally well.
 
         Raises:
@@ -500,7 +500,7 @@ class SensorOdometry:
             return mean
         return dataclasses.replace(mean, displacement=whole / span, variance=variance)
 
-    def _doubt_still(self, lines: Lines, mean: _Mean) -> _Mean:
+    def _check_fixed_pattern(self, lines: Lines, mean: _Mean) -> _Mean:
         """Check a slow displacement, which a fixed pattern may bias.
 
         A fixed pattern is the same in every line: without their mean, the lines contain only what
@@ -528,7 +528,7 @@ class SensorOdometry:
             steps = np.diff(moving, axis=0)
             if float(np.sum(steps[:, 1:] * steps[:, :-1])) < _STEPPING * structure * len(steps):
                 # Consecutive lines are nearly equal: the change shows only over half of the batch.
-                return self._doubt_changes(moving, mean)
+                return self._check_changes(moving, mean)
         if abs(median - mean.displacement) > self._configuration.median_tolerance:
             raise Unmeasured(
                 "fixed pattern: without the mean of all lines, the lines of the batch "
@@ -541,7 +541,7 @@ class SensorOdometry:
         pull = max(0.0, abs(float(near.mean()) - mean.displacement) - _LEAST_PULL)
         return dataclasses.replace(mean, variance=mean.variance + pull**2)
 
-    def _doubt_changes(self, moving: FloatArray, mean: _Mean) -> _Mean:
+    def _check_changes(self, moving: FloatArray, mean: _Mean) -> _Mean:
         """Check whether a displacement explains the change of the view.
 
         The changes over the two halves of a batch contain no fixed pattern. If they are not
@@ -591,7 +591,7 @@ class SensorOdometry:
             lasting=lasting,
             batch_time=mean.ends[1],
             batch_lasting=mean.ends[0],
-            batch_doubt=mean.ends[2] * scale**2,
+            batch_oblique_variance=mean.ends[2] * scale**2,
             structures=(
                 self._structures.count(lines, mean.displacement)
                 if math.isfinite(mean.places)

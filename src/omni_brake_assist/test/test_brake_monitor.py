@@ -60,9 +60,9 @@ def found(
 
 
 @pytest.mark.safety(
-    "a brake does not do what it is told",
+    "a brake does not follow its command",
     "a brake without torque",
-    "monitor of the brakes: its wheel rolls while others slide; all brakes on, and says so",
+    "monitor of the brakes: its wheel rolls while others slide; all brakes on, and reports it",
     within=0.2,
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])

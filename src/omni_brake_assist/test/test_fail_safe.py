@@ -103,9 +103,9 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
 
 @pytest.mark.safety(
     "brakes released when they should act",
-    "twist without a number, late, from the future, unsure, too fast, or a leap; pedal without "
-    "a value",
-    "gate: all brakes on, trust is earned anew",
+    "twist without a number, late, from the future, of large variance, too fast, or a jump; "
+    "pedal without a value",
+    "gate: all brakes on until `recovery_count` valid twists",
     within=0.01,
 )
 @pytest.mark.parametrize(

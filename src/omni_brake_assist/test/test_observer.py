@@ -160,7 +160,7 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
 @pytest.mark.safety(
     "brakes act late",
     "twist 50 ms late",
-    "it is compared with the motion of its stamp and carried on to now",
+    "it is compared with the state at its stamp and propagated to the present",
     within=0.0,
 )
 def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
@@ -202,7 +202,7 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
         ),
     ],
 )  # fmt: skip
-def test_one_that_lies_is_left_out(
+def test_a_faulty_source_is_isolated(
     drive: Drive, lie: str, size: float, out: int, within: float
 ) -> None:
     drive.run(160, lie, size=size)
@@ -237,10 +237,10 @@ def test_who_is_heard_again_has_left_nothing_behind(drive: Drive, lie: str, size
 
 
 @pytest.mark.safety(
-    RELEASED, "one encoder lies", "gate: a wheel that contradicts the filters is rejected",
+    RELEASED, "one faulty encoder", "gate: a wheel that contradicts the filters is rejected",
     within=0.0,
 )  # fmt: skip
-def test_a_wheel_that_lies_moves_nobody(drive: Drive) -> None:
+def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive) -> None:
     drive.run(160, "wheel", size=20.0)
     assert drive.error == pytest.approx(0.0, abs=0.05)
 

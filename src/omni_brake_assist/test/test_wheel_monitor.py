@@ -47,7 +47,7 @@ def rejected(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "an encoder that reads nothing, too little, too much, or backwards, under `allocation`",
-    "monitor of the wheels: no wheel can be so; the law does not hear it",
+    "monitor of the wheels: no wheel can have that speed; it is withheld from the law",
     within=0.3,
 )
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def rejected(
         (lambda _t, rolling: rolling + 6.0, False),
     ],
 )
-def test_a_wheel_that_cannot_be_so_is_not_heard(
+def test_an_impossible_wheel_speed_is_withheld(
     mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
 ) -> None:
     assert rejected(mecanum, speed, released, seconds=0.3)

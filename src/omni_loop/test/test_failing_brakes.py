@@ -37,8 +37,9 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
 
 
 @pytest.mark.safety(
-    "a brake does not do what it is told",
-    "likewise, in the closed loop: any wheel of four, some of six, four directions, 6 to 10 m/s",
+    "a brake does not follow its command",
+    "a brake without torque, in the closed loop: any wheel of four, some of six, four directions, "
+    "6 to 10 m/s",
     "the stop is not longer than unassisted by more than 15 %, and turns as that does",
     within="the whole stop",
 )
@@ -60,7 +61,7 @@ SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
 
 
 @pytest.mark.safety(
-    "a brake does not do what it is told",
+    "a brake does not follow its command",
     "a brake without torque, valve stuck or brake stuck, under `allocation`",
     "monitor of the brakes, or the law: up to 1.5 times the distance unassisted, 20 deg more",
     within="the whole stop",
@@ -91,7 +92,7 @@ def test_a_brake_that_pulls_a_quarter_is_helped_like_a_good_one(wheel: str) -> N
 
 
 @pytest.mark.safety(
-    "a brake does not do what it is told",
+    "a brake does not follow its command",
     "a valve that cannot release, a brake that is stuck",
     "the law brakes with the others: up to 1.5 times the distance unassisted, 15 deg more",
     within="the whole stop",

@@ -76,7 +76,7 @@ def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
 def observe(
     spectra: Spectrum, removed: Spectrum, paths: Doubles, size: int
 ) -> tuple[Spectrum, Doubles]:
-    """Return what a batch says of the pattern if its lines lie at given paths.
+    """Return what a batch says of the pattern if its lines are at given displacements.
 
     Args:
         spectra: of whole lines, shape (m, F).

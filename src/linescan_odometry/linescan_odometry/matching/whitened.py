@@ -100,7 +100,7 @@ class Whitened(NamedTuple):
         lone: whether the peak is unambiguous.
         lasting: coherence at a large line spacing over that of consecutive lines [1].
         apart: this line spacing [lines].
-        doubt: variance of the displacement if the lasting texture is oblique [px^2].
+        oblique: variance of the displacement if the lasting texture is oblique [px^2].
         places: effective number of positions with the gradients of the match.
     """
 
@@ -109,7 +109,7 @@ class Whitened(NamedTuple):
     lone: bool
     lasting: float
     apart: int
-    doubt: float
+    oblique: float
     places: float
 
 
@@ -196,7 +196,7 @@ class WhitenedMatcher:
         Args:
             lines: m + 1 lines, oldest first, shape (m + 1, n).
             settled: whether the fixed pattern is estimated.
-            with_lasting: whether to compute `lasting` and `doubt`; otherwise they are 0 and
+            with_lasting: whether to compute `lasting` and `oblique`; otherwise they are 0 and
                 infinite.
         """
         if len(lines) < FEWEST_LINES:
@@ -282,10 +282,10 @@ def _match(
     near_by, far = min(round(way), pixels - 1), min(round(way * between), pixels - 1)
     like *= camera.overlap[near_by] / camera.overlap[far]
     hidden = _find(rest, power, camera, camera.limit, other_weight)
-    doubt = math.inf
+    oblique = math.inf
     if hidden.found and hidden.lone:
-        doubt = (hidden.shift - displacement) ** 2 + max(hidden.variance, variance)
-    return True, Whitened(displacement, variance, peak.lone, like, between, doubt, places)
+        oblique = (hidden.shift - displacement) ** 2 + max(hidden.variance, variance)
+    return True, Whitened(displacement, variance, peak.lone, like, between, oblique, places)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -298,13 +298,15 @@ class Grain:
                     reading.correlation,
                 )
                 continue
-            doubt = (share * speed) ** 2
-            if of_batch and name in self._found and math.isfinite(reading.batch_doubt):
+            direction = (share * speed) ** 2
+            if of_batch and name in self._found and math.isfinite(reading.batch_oblique_variance):
                 del self._found[name]  # the rest of the texture gives the motion too
-                doubt = reading.batch_doubt
-            if doubt > 2.0 * reading.doubt:
+                direction = reading.batch_oblique_variance
+            if direction > 2.0 * reading.direction_variance:
                 misled[name] = dataclasses.replace(
-                    reading, variance=reading.variance - reading.doubt + doubt, doubt=doubt
+                    reading,
+                    variance=reading.variance - reading.direction_variance + direction,
+                    direction_variance=direction,
                 )
             if name in self._found and speed > _SLOWEST:
                 misled[name] = reading.refuted(self._found[name])

@@ -21,7 +21,7 @@ class LawConstants(NamedTuple):
     Attributes:
         kind: which one is asked.
         sliding_mode: constants of that law.
-        allocation: likewise.
+        allocation: constants of that law.
     """
 
     kind: int

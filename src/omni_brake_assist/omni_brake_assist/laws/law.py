@@ -33,7 +33,7 @@ class Motion(NamedTuple):
         yaw_rate: ``Omega`` [rad/s].
         across_x: unit vector ``p`` across the line of motion at the start of braking, Eq. (51), in
             the body frame of this moment [1]; zeros where there is no line to keep.
-        across_y: likewise in y [1].
+        across_y: component of `p` along y [1].
         pedal: the driver's brake demand, 0 to 1.
         wheel_speed: about the wheels' axes [rad/s], NaN where unknown, shape (N,).
     """

@@ -31,7 +31,7 @@ _LAWS = ("sliding_mode", "allocation")
 _UNASSISTED = "unassisted"
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
 _LONGER = 1.05  # median of the distance over that without assistant, from which it harms
-_WORST = 1.5  # likewise of the 95th percentile
+_WORST = 1.5  # 95th percentile of the same ratio, from which it harms
 _TURN = 2.0  # [deg] by which the 95th percentile of the rotation may be larger
 
 

@@ -33,7 +33,7 @@ def stops() -> FaultyStops:
 
 @pytest.mark.safety(
     "the stop is longer or turns more",
-    "twist or an encoder off, stuck, whispering, drifting or gone",
+    "twist or an encoder off, stuck, attenuated, drifting or gone",
     "all layers, in the closed loop: the limits of the study hold",
     within="the whole stop",
 )
@@ -94,7 +94,7 @@ def test_a_twist_that_turns_otherwise_does_not_isolate_the_gyro(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "gyro or accelerometer off, stuck, reversed, swapped or gone",
-    "likewise",
+    "all layers, in the closed loop: the limits of the study hold",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ FAST_TURN = (
 @pytest.mark.safety(
     "brakes act late",
     "twist 20 to 200 ms late, as `feedback_delay` says",
-    "all are judged by what they said of the same moment: the stop is that of a prompt one",
+    "all sources are compared at the same stamp: the stop is that of a prompt one",
     within="the whole stop",
 )
 @pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
@@ -253,7 +253,7 @@ FAST_TURN = (
         ("straight_line", "assisted", FAST_TURN),
     ],
 )
-def test_a_delay_that_is_told_costs_little(
+def test_a_configured_delay_costs_little(
     experiment: str, variant: str, changes: tuple[str, ...], delay: float, law: str
 ) -> None:
     ideal = ["feedback=velocity_sensor", f"brake_assist.law={law}", *changes]
