@@ -177,7 +177,7 @@ def test_the_command_checks_and_recovers(
     path = tmp_path / "run"
     killed(path, 10)
     assert command("check", path) == 2
-    assert "`omni bag recover` keeps what is whole" in capsys.readouterr().err
+    assert "`omni bag recover` keeps the complete messages" in capsys.readouterr().err
     assert command("recover", path) == 0
     words = capsys.readouterr().out
     assert "kept       10 /clock" in words
