@@ -76,7 +76,7 @@ def _configurations(
     from omni_loop.sweep import combinations
     from omni_sim.texture.cache import TextureCache
 
-    library = workspace.checked_library()
+    library = workspace.checked_experiments()
     ground = ground_overrides(options.ground, options.dpi)
     configurations = [
         (variant, values, library.load(options.experiment, variant, [*ground, *overrides]))

@@ -33,13 +33,13 @@ class Workspace:
         """The folder of the configuration."""
         return self.folder / "config"
 
-    def library(self) -> ExperimentLibrary:
+    def experiment_library(self) -> ExperimentLibrary:
         """Return the experiments and vehicles by name."""
         from omni_loop.experiment import ExperimentLibrary
 
         return ExperimentLibrary(self.config)
 
-    def checked_library(self) -> ExperimentLibrary:
+    def checked_experiments(self) -> ExperimentLibrary:
         """Return the library; implausible values are reported on standard error, each once."""
         from omni_tools.vehicles.plausibility import RemarkingLibrary
 

@@ -8,13 +8,11 @@ SIGTERM the node stores the messages received so far, closes the recording, and 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import sys
 import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -24,6 +22,7 @@ from omni_recording import definitions, plan, write
 from omni_recording.metadata import RecordedQos, RecordedTopic
 from omni_recording.transforms import ODOMETRY_TYPE, RecordedTransforms
 from omni_ros import parameters, process, publisher_guard
+from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
 
@@ -50,7 +49,7 @@ class RecorderNode(Node):
             if topic in kinds:
                 raise ConfigurationError("topics", f"names {topic} twice")
             kinds[topic] = kind
-        classes = {kind: _message_class(kind) for kind in kinds.values()}
+        classes = {kind: message_class(kind, "types") for kind in kinds.values()}
         topics = [
             _recorded_topic(topic, kind, configuration.reliability, topic in latched)
             for topic, kind in kinds.items()
@@ -184,16 +183,6 @@ def _drain(node: RecorderNode, spinner: process.Spinner) -> None:
         spinner.spin_once(_POLL)
         if node.received != before:
             quiet_end = time.monotonic() + _QUIET
-
-
-def _message_class(kind: str) -> Any:
-    package, _, name = kind.rpartition("/msg/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError):
-        raise ConfigurationError(
-            "types", f"{kind!r} is not an installed message type, such as sensor_msgs/msg/Image"
-        ) from None
 
 
 def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> RecordedTopic:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import struct
 from array import array
@@ -24,6 +25,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header
 
+from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import SECOND_NS, FloatArray
 
 LineArray = NDArray[Any]  # uint8 or uint16
@@ -43,6 +45,21 @@ UNMEASURED_VARIANCE = 1e6
 """Variance of an axis that is not measured, in the square of its unit."""
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
+
+
+def message_class(kind: str, key: str = "type") -> Any:
+    """Return the class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises:
+        ConfigurationError: the type is not installed; its key is `key`.
+    """
+    package, _, name = kind.rpartition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError, ValueError):
+        raise ConfigurationError(
+            key, f"{kind!r} is not an installed message type, such as sensor_msgs/msg/Image"
+        ) from None
 
 
 def to_time(stamp_ns: int) -> Time:

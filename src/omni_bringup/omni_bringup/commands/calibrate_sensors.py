@@ -57,7 +57,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_recording.folder import open_vehicle
     from omni_tools.line_files.calibration import calibrate, draw_residuals, observe
 
-    library = workspace.library()
+    library = workspace.experiment_library()
     seen: dict[str, list[Any]] = {}
     nominal: Mapping[str, Any] = {}
     kinds = set()

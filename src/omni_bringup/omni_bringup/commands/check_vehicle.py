@@ -56,7 +56,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_tools.commissioning.mistakes import find_mistakes
     from omni_tools.commissioning.signals import motions_of, read_signals
 
-    vehicle = workspace.library().vehicle(options.vehicle)
+    vehicle = workspace.experiment_library().vehicle(options.vehicle)
     signals = read_signals(options.recording, tuple(vehicle.wheels))
     mistakes = find_mistakes(
         vehicle.wheels,

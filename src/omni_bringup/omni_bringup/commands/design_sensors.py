@@ -46,7 +46,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
     vehicle = Path(options.vehicle).stem
     folder = workspace.results(options.out, "design-sensors", vehicle)
-    task = design_task(options, workspace.checked_library())
+    task = design_task(options, workspace.checked_experiments())
     with workspace.progress() as report:
         result = design(task, report)
         driven = confirm(task, result, report) if options.confirm else {}

@@ -89,7 +89,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     from omni_ros.environment import node_environment
 
     interruption.clean_up_on_signals()
-    library = workspace.library()
+    library = workspace.experiment_library()
     parameters: dict[str, Any] = {
         "max_speed": options.max_speed,
         "host": options.host,

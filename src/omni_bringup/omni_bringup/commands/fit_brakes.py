@@ -87,7 +87,7 @@ def _vehicle(options: Options, workspace: Workspace) -> VehicleConfiguration:
     from omni_recording.folder import open_vehicle
 
     if options.vehicle is not None:
-        return workspace.library().vehicle(options.vehicle)
+        return workspace.experiment_library().vehicle(options.vehicle)
     bag = open_vehicle(options.recordings[0])
     return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
 

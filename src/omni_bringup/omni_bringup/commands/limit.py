@@ -79,7 +79,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_loop.metrics import Metric, results_document
     from omni_tools.limit.bounds import any_heading_bound, straight_bound
 
-    library = workspace.checked_library()
+    library = workspace.checked_experiments()
     name, vehicle, ground, maneuver = _question(options, library)
     bounds = {
         "bound": straight_bound(vehicle, ground, maneuver),

@@ -44,7 +44,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
     name = Path(options.vehicle).stem
     folder = workspace.results(options.out, "nav2-polygons", name)
-    campaign = collision_monitor.stop_campaign(options, workspace.checked_library())
+    campaign = collision_monitor.stop_campaign(options, workspace.checked_experiments())
     folder.mkdir(parents=True, exist_ok=True)
     with workspace.progress() as report:
         sweeps = run_campaign(

@@ -75,7 +75,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         flag = "--" + error.key.replace("_", "-")
         raise ConfigurationError(flag, error.problem) from None
     paths = new_vehicle(options.name, measured).write(folder)
-    experiment = workspace.library().load(str(folder / "experiment.yaml"), "assisted")
+    experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))
     return Report(

@@ -81,7 +81,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
     bag = open_vehicle(options.bag)
     configuration = replay_configuration(
-        bag, workspace.library(), options.experiment, options.overrides
+        bag, workspace.experiment_library(), options.experiment, options.overrides
     )
     plan = replay_plan(configuration, options.nodes)
     counts = check_inputs(bag, plan)

@@ -119,7 +119,7 @@ def _checked_configurations(
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
     from omni_sim.texture.cache import TextureCache
 
-    library = workspace.library()
+    library = workspace.experiment_library()
     for variant in options.variant:
         # The second may have been meant to be another.
         if options.variant.count(variant) > 1:

@@ -51,7 +51,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         return _described(kind, options)
     from omni_figures.style import save_figure
 
-    facts, figure = _shown(kind, options.name, workspace.library())
+    facts, figure = _shown(kind, options.name, workspace.experiment_library())
     picture = options.out or workspace.results(None, "show") / f"{path.stem}.png"
     save_figure(figure, picture)
     return Report(

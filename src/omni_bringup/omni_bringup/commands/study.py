@@ -54,7 +54,7 @@ class _StudyCommand:
 
         folder = workspace.results(options.out, self._name)
         of_the_user = _OF_THE_USER & {field.name for field in dataclasses.fields(options)}
-        library = workspace.checked_library() if of_the_user else workspace.library()
+        library = workspace.checked_experiments() if of_the_user else workspace.experiment_library()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

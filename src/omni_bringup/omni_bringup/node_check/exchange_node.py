@@ -6,7 +6,6 @@ with unusable values in it, and ended in the middle. Stamps go on from phase to 
 
 from __future__ import annotations
 
-import importlib
 import os
 import struct
 import time
@@ -27,7 +26,7 @@ from omni_platform.configuration import WorkError
 from omni_platform.quantities import SECOND_NS
 from omni_platform.topics import IMAGE, Topic
 from omni_recording.folder import bag_messages, in_time_order, open_vehicle
-from omni_ros.messages import leading_stamp, to_time
+from omni_ros.messages import leading_stamp, message_class, to_time
 from omni_ros.qos import RELIABLE
 
 PHASES = ("recorded", "gap", "unusable", "silence")
@@ -147,18 +146,18 @@ def feed(
         now, stamp = time.monotonic(), leading_stamp(data) or 0
         known = max((sent for sent in arrivals if sent <= stamp), default=None)
         age = now - arrivals[known] if known is not None else 0.0
-        message = deserialize_message(data, _class_of(output.type))
+        message = deserialize_message(data, message_class(output.type))
         exchange.answers.append(Answer(phase, stamp, age, now - last["any"], message))
 
     topics = {topic.path: topic for topic in inputs}
     publishers = {
-        path: partner.node.create_publisher(_class_of(topic.type), path, RELIABLE)
+        path: partner.node.create_publisher(message_class(topic.type), path, RELIABLE)
         for path, topic in topics.items()
     }
     clock = partner.node.create_publisher(Clock, "/clock", RELIABLE)
     exchange.publishers = partner.await_node(output.path, alive)
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
-    partner.node.create_subscription(_class_of(output.type), output.path, keep, qos, raw=True)
+    partner.node.create_subscription(message_class(output.type), output.path, keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has found the subscription
     messages = [
         (message.log_ns, message.channel.topic, message.data)
@@ -209,7 +208,7 @@ def watch(
     seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}
     for key, topic in topics.items():
         partner.node.create_subscription(
-            _class_of(topic.type),
+            message_class(topic.type),
             topic.path,
             lambda message, key=key: seen[key].append((time.monotonic(), message)),
             RELIABLE,
@@ -220,14 +219,9 @@ def watch(
 
 def _unusable(topic: Topic, data: bytes) -> bytes:
     """Return a message with a velocity that is no number, or an image that is cut off."""
-    message = deserialize_message(data, _class_of(topic.type))
+    message = deserialize_message(data, message_class(topic.type))
     if topic.type == IMAGE:
         message.data = message.data[: len(message.data) // 2]
     else:
         message.twist.twist.linear.x = float("nan")
     return bytes(serialize_message(message))
-
-
-def _class_of(kind: str) -> Any:
-    package, _, name = kind.rpartition("/msg/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)

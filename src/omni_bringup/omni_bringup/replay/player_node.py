@@ -9,13 +9,11 @@ the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ro
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import sys
 import time
 from collections import deque
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -25,7 +23,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_recording import folder, mcap
 from omni_recording.error import BagError
 from omni_ros import parameters, process, qos, startup
-from omni_ros.messages import leading_stamp, to_time
+from omni_ros.messages import leading_stamp, message_class, to_time
 from omni_ros.report import report
 
 _MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
@@ -71,7 +69,7 @@ class PlayerNode(Node):
         self.configuration = parameters.declare_configuration(self, PlayerConfiguration)
         self.clock = self.create_publisher(Clock, "/clock", qos.RELIABLE)
         self.inputs = {
-            topic: self.create_publisher(_message_class(kind), topic, qos.RELIABLE)
+            topic: self.create_publisher(message_class(kind, "input_types"), topic, qos.RELIABLE)
             for topic, kind in zip(
                 self.configuration.inputs, self.configuration.input_types, strict=True
             )
@@ -84,7 +82,9 @@ class PlayerNode(Node):
             self.configuration.outputs, self.configuration.output_types, strict=True
         ):
             answered = partial(self._on_result, topic)
-            self.create_subscription(_message_class(kind), topic, answered, qos.RELIABLE, raw=True)
+            self.create_subscription(
+                message_class(kind, "output_types"), topic, answered, qos.RELIABLE, raw=True
+            )
 
     def publish_round(self, messages: list[mcap.RecordedMessage]) -> None:
         """Publish one message of each topic after the clock."""
@@ -181,14 +181,6 @@ def _await_silence(node: PlayerNode, spinner: process.Spinner) -> None:
     while not spinner.stop and sum(node.results.values()) != before:
         before = sum(node.results.values())
         _spin_until_time(spinner, time.monotonic() + _QUIET)
-
-
-def _message_class(kind: str) -> Any:
-    package, _, name = kind.rpartition("/msg/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError):
-        raise ConfigurationError("input_types", f"{kind!r} is not an installed type") from None
 
 
 def main() -> None:

@@ -56,7 +56,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_platform.configuration import to_mapping
     from omni_tools.line_files.reading import read_lines
 
-    library = workspace.library()
+    library = workspace.experiment_library()
     known = library.sensors(options.sensors)
     files = camera_files(options.sources, known, options.sensors)
     check_unused(options.out)

@@ -56,7 +56,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_recording.folder import open_vehicle
     from omni_tools.line_files.reading import read_lines
 
-    library = workspace.library()
+    library = workspace.experiment_library()
     if not (options.dark or options.white or options.drive):
         raise ConfigurationError("--dark", "nothing is given: neither --dark, --white nor --drive")
     batches: dict[str, list[LineBatch]] = {}

@@ -55,7 +55,8 @@ def run(options: Options, workspace: Workspace) -> Report:
     if target.suffix not in {".png", ".svg"}:
         raise ConfigurationError("--out", f"{target.name} is neither .png nor .svg")
     bag = folder.open_vehicle(options.bag)
-    odometry = plan.replay_configuration(bag, workspace.library(), None, options.overrides).odometry
+    library = workspace.experiment_library()
+    odometry = plan.replay_configuration(bag, library, None, options.overrides).odometry
     for name in options.sensor:
         if name not in odometry.sensors:
             known = ", ".join(odometry.sensors)
