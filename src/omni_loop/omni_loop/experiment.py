@@ -63,15 +63,16 @@ FEEDBACKS = ("optical", "velocity_sensor")
 class ExperimentConfiguration(SimulatorConfiguration):
     """Everything that one run of the loop depends on."""
 
-    description: str = parameter("", description="What the experiment shows")
-    feedback: str = parameter(
-        "optical",
-        description="Source of the assistant's twist: optical is the line-scan odometry, "
-        "velocity_sensor the noisy sampled velocity sensor (60), (61); my_module:MyOdometry is a "
-        "class of your own that receives the lines, see docs/extending.md",
-    )
-    odometry: OdometryConfiguration = parameter(description="Line-scan odometry")
-    brake_assist: BrakeAssistConfiguration = parameter(description="Brake assistant")
+    description: str = parameter("")
+    """What the experiment shows"""
+    feedback: str = parameter("optical")
+    """Source of the assistant's twist: optical is the line-scan odometry, velocity_sensor the noisy
+    sampled velocity sensor (60), (61); my_module:MyOdometry is a class of your own that receives
+    the lines, see docs/extending.md"""
+    odometry: OdometryConfiguration = parameter()
+    """Line-scan odometry"""
+    brake_assist: BrakeAssistConfiguration = parameter()
+    """Brake assistant"""
 
     @property
     def uses_lines(self) -> bool:
@@ -145,12 +146,14 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _VehicleAlone(Configuration):
-    vehicle: VehicleConfiguration = parameter(description="Vehicle")
+    vehicle: VehicleConfiguration = parameter()
+    """Vehicle"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _SensorsAlone(Configuration):
-    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
+    sensors: Mapping[str, LineSensor] = parameter()
+    """Line cameras by name"""
 
 
 class ExperimentLibrary:

@@ -12,22 +12,13 @@ class LoopOptions(configuration.Configuration):
     """Overrides of an experiment."""
 
     overrides: tuple[str, ...] = command_options.overrides_option()
-    law: str | None = command_options.option(
-        None,
-        metavar="NAME",
-        description="control law, built in or my_module:MyLaw; stands for --set brake_assist.law=",
-    )
-    odometry: str | None = command_options.option(
-        None,
-        metavar="MODULE:CLASS",
-        description="your own odometry, whose lines are rendered; stands for --set feedback=",
-    )
+    law: str | None = command_options.option(None, metavar="NAME")
+    """control law, built in or my_module:MyLaw; stands for --set brake_assist.law="""
+    odometry: str | None = command_options.option(None, metavar="MODULE:CLASS")
+    """your own odometry, whose lines are rendered; stands for --set feedback="""
 
-    simulator: str | None = command_options.option(
-        None,
-        choices=("single", "rollers", "mujoco"),
-        description="physics of the vehicle; stands for --set vehicle.wheel_model=",
-    )
+    simulator: str | None = command_options.option(None, choices=("single", "rollers", "mujoco"))
+    """physics of the vehicle; stands for --set vehicle.wheel_model="""
 
     @property
     def changes(self) -> list[str]:

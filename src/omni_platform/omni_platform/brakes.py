@@ -13,55 +13,23 @@ ON_OFF, PROPORTIONAL = "on_off", "proportional"
 class BrakeConfiguration(Configuration):
     """The brake of each wheel."""
 
-    kind: str = parameter(
-        ON_OFF,
-        description="What lets pressure pass: 'on_off' valves, open from an enable of one half on, "
-        "or 'proportional' brakes, electric or by servo valves, that follow any enable",
-        choices=(ON_OFF, PROPORTIONAL),
-    )
-    resolution: float = parameter(
-        0.0,
-        description="Step of the enable that a proportional brake resolves (0: any)",
-        minimum=0.0,
-        maximum=0.5,
-    )
-    max_torque: float = parameter(
-        2000.0,
-        description="Torque of a wheel's brake with the pedal fully down",
-        unit="N m",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    max_power: float = parameter(
-        0.0,
-        description="Largest power of a wheel's brake, beyond which its torque falls with the "
-        "speed, as of an electric drive that brakes (0: no limit)",
-        unit="W",
-        minimum=0.0,
-        maximum=1.0e9,
-    )
-    dead_time: float = parameter(
-        0.0,
-        description="Time until the pressure in a brake begins to follow pedal and valve",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    release_time: float = parameter(
-        0.0,
-        description="Time until the pressure begins to fall after a release, where that is longer "
-        "than dead_time, as of spring-applied brakes (0: dead_time)",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    time_constant: float = parameter(
-        0.0,
-        description="Time constant with which the pressure then builds up and falls",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-    )
+    kind: str = parameter(ON_OFF, choices=(ON_OFF, PROPORTIONAL))
+    """What lets pressure pass: 'on_off' valves, open from an enable of one half on, or
+    'proportional' brakes, electric or by servo valves, that follow any enable"""
+    resolution: float = parameter(0.0, minimum=0.0, maximum=0.5)
+    """Step of the enable that a proportional brake resolves (0: any)"""
+    max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
+    """Torque of a wheel's brake with the pedal fully down"""
+    max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
+    """Largest power of a wheel's brake, beyond which its torque falls with the speed, as of an
+    electric drive that brakes (0: no limit)"""
+    dead_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time until the pressure in a brake begins to follow pedal and valve"""
+    release_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time until the pressure begins to fall after a release, where that is longer than dead_time,
+    as of spring-applied brakes (0: dead_time)"""
+    time_constant: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
+    """Time constant with which the pressure then builds up and falls"""
 
     @property
     def grain(self) -> float:

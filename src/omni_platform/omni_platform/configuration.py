@@ -1,9 +1,10 @@
 """Typed configuration: frozen dataclasses whose fields carry description, unit and bounds.
 
 A component declares its parameters once, as a frozen dataclass derived from `Configuration`
-whose fields come from `parameter()`. From that one declaration follow the defaults, the
-checks, the strict reading of YAML mappings, the effective configuration that is saved with
-every run, and (in `omni_ros.parameters`) the ROS parameters with their descriptors.
+whose fields come from `parameter()`, with a string below each field that describes it. From that
+one declaration follow the defaults, the checks, the strict reading of YAML mappings, the effective
+configuration that is saved with every run, and (in `omni_ros.parameters`) the ROS parameters with
+their descriptors.
 
 A field is a bool, int, float, str, a tuple of floats or strings, another `Configuration`, or a
 `Mapping[str, Configuration]` for things that have names of their own (wheels, sensors, patches).
@@ -14,11 +15,15 @@ and what is permitted.
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import difflib
 import functools
+import inspect
+import itertools
 import math
 import re
+import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -62,12 +67,24 @@ class ConfigurationError(InputError):
 class ParameterInfo:
     """Properties of a parameter besides its value; a missing bound is None."""
 
-    description: str
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    above: float | None
-    choices: tuple[str, ...] | None
+    given: str | None
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    choices: tuple[str, ...] | None = None
+    field: tuple[type[Any], str] | None = None
+
+    @property
+    def description(self) -> str:
+        """The given description, else the docstring below the field, on one line."""
+        if self.given is not None or self.field is None:
+            return self.given or ""
+        cls, name = self.field
+        for base in cls.__mro__[: cls.__mro__.index(Configuration)]:
+            if words := _field_docstrings(base.__module__).get((base.__name__, name)):
+                return words
+        raise TypeError(f"{cls.__name__}.{name} has no description")
 
     def bounds_in_words(self) -> str:
         """Return a description of the permitted range."""
@@ -85,7 +102,7 @@ class ParameterInfo:
 def parameter(
     default: Any = dataclasses.MISSING,
     *,
-    description: str,
+    description: str | None = None,
     unit: str = "",
     minimum: float | None = None,
     maximum: float | None = None,
@@ -96,7 +113,8 @@ def parameter(
 
     Args:
         default: value used where none is given; without it the key is required.
-        description: one line for people, shown by ``ros2 param describe``.
+        description: for people, shown by ``--help`` and ``ros2 param describe``; by default the
+            string below the field.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
         minimum: smallest permitted value.
         maximum: largest permitted value.
@@ -110,14 +128,14 @@ def parameter(
     return dataclasses.field(**keywords)
 
 
-def section(make: Callable[[], Any], *, description: str) -> Any:
+def section(make: Callable[[], Any], *, description: str | None = None) -> Any:
     """Declare a field that is a configuration, or a mapping of names to configurations.
 
     Args:
         make: returns the default value: the class, or ``dict``.
-        description: one line for people.
+        description: for people; by default the string below the field.
     """
-    metadata = {_METADATA: ParameterInfo(description, "", None, None, None, None)}
+    metadata = {_METADATA: ParameterInfo(description)}
     return dataclasses.field(default_factory=make, metadata=metadata, kw_only=True)
 
 
@@ -154,10 +172,24 @@ def declared_parameters(
 def _declared_parameters(cls: Any) -> tuple[tuple[str, Any, ParameterInfo], ...]:
     hints = typing.get_type_hints(cls)
     return tuple(
-        (field.name, hints[field.name], field.metadata[_METADATA])
-        for field in dataclasses.fields(cls)
+        (name, hints[name], dataclasses.replace(field.metadata[_METADATA], field=(cls, name)))
+        for name, field in cls.__dataclass_fields__.items()
         if _METADATA in field.metadata
     )
+
+
+@functools.cache
+def _field_docstrings(module: str) -> dict[tuple[str, str], str]:
+    """Return the strings below the fields of a module's classes, by (class, field)."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {
+        (node.name, ast.unparse(field.target)): " ".join(str(below.value.value).split())
+        for node in tree.body
+        if isinstance(node, ast.ClassDef)
+        for field, below in itertools.pairwise(node.body)
+        if isinstance(field, ast.AnnAssign)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+    }
 
 
 def join_key(parent: str, key: str) -> str:

@@ -25,39 +25,17 @@ from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
 
-    x: float = parameter(
-        description="Wheel contact, forward of the platform center",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    y: float = parameter(
-        description="Wheel contact, left of the platform center",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    heading_deg: float = parameter(
-        0.0,
-        description="Rolling direction u of the wheel, counter-clockwise from forward",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    roller_angle_deg: float = parameter(
-        description="Axis of the roller on the ground, counter-clockwise from the rolling "
-        "direction (gamma: 0 for a kiwi drive, +/-45 for Mecanum)",
-        unit="deg",
-        minimum=-180.0,
-        maximum=180.0,
-    )
-    radius: float = parameter(
-        0.2,
-        description="Radius of the unloaded wheel over its rollers",
-        unit="m",
-        above=0.0,
-        maximum=10.0,
-    )
+    x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Wheel contact, forward of the platform center"""
+    y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Wheel contact, left of the platform center"""
+    heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Rolling direction u of the wheel, counter-clockwise from forward"""
+    roller_angle_deg: float = parameter(unit="deg", minimum=-180.0, maximum=180.0)
+    """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0 for
+    a kiwi drive, +/-45 for Mecanum)"""
+    radius: float = parameter(0.2, unit="m", above=0.0, maximum=10.0)
+    """Radius of the unloaded wheel over its rollers"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -22,41 +22,19 @@ from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 class Mount(Configuration):
     """Mounting of a ground sensor in the body frame, with its uncertainty."""
 
-    x: float = parameter(
-        description="Center of the footprint, forward of base_link",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    y: float = parameter(
-        description="Center of the footprint, left of base_link",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    heading_deg: float = parameter(
-        description="Sensor axis (measuring direction), counter-clockwise from forward",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    scale_error: float = parameter(
-        0.0,
-        description="Standard error of its scale (of a camera pixel pitch times line rate), as a "
-        "share: what calibration leaves (`omni calibrate-sensors`); 0 where it counts for exact",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    heading_error_deg: float = parameter(
-        0.0, description="Standard error of the axis", unit="deg", minimum=0.0, maximum=90.0
-    )
-    lever_error: float = parameter(
-        0.0,
-        description="Standard error of the distance at which the axis passes base_link",
-        unit="m",
-        minimum=0.0,
-        maximum=10.0,
-    )
+    x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the footprint, forward of base_link"""
+    y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of the footprint, left of base_link"""
+    heading_deg: float = parameter(unit="deg", minimum=-360.0, maximum=360.0)
+    """Sensor axis (measuring direction), counter-clockwise from forward"""
+    scale_error: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Standard error of its scale (of a camera pixel pitch times line rate), as a share: what
+    calibration leaves (`omni calibrate-sensors`); 0 where it counts for exact"""
+    heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
+    """Standard error of the axis"""
+    lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
+    """Standard error of the distance at which the axis passes base_link"""
 
     @property
     def heading(self) -> float:
@@ -73,26 +51,14 @@ class Mount(Configuration):
 class LineSensor(Mount):
     """A line camera, which measures the velocity of its position along its axis."""
 
-    pixels: int = parameter(
-        1024, description="Pixels of a line", unit="px", minimum=16, maximum=16384
-    )
-    length: float = parameter(
-        0.05,
-        description="Field of view along the axis",
-        unit="m",
-        above=0.0,
-        maximum=1.0,
-    )
-    width: float = parameter(
-        0.02,
-        description="Field of view across the axis",
-        unit="m",
-        above=0.0,
-        maximum=1.0,
-    )
-    line_rate: float = parameter(
-        2500.0, description="Lines per second", unit="1/s", above=0.0, maximum=1e6
-    )
+    pixels: int = parameter(1024, unit="px", minimum=16, maximum=16384)
+    """Pixels of a line"""
+    length: float = parameter(0.05, unit="m", above=0.0, maximum=1.0)
+    """Field of view along the axis"""
+    width: float = parameter(0.02, unit="m", above=0.0, maximum=1.0)
+    """Field of view across the axis"""
+    line_rate: float = parameter(2500.0, unit="1/s", above=0.0, maximum=1e6)
+    """Lines per second"""
 
     @property
     def pixel_pitch(self) -> float:
@@ -104,24 +70,13 @@ class LineSensor(Mount):
 class FlowSensor(Mount):
     """An optical-flow sensor, which measures the velocity along and to the left of its axis."""
 
-    rate: float = parameter(
-        100.0, description="Measurements per second", unit="1/s", above=0.0, maximum=1e5
-    )
-    deviation: float = parameter(
-        0.02,
-        description="Standard deviation of each velocity where a measurement states none",
-        unit="m/s",
-        above=0.0,
-        maximum=100.0,
-    )
-    maximum_speed: float = parameter(
-        0.0,
-        description="Fastest motion that it can follow (of a sensor of angles, its largest rate "
-        "times its height), above which it counts as unmeasured; 0 for any",
-        unit="m/s",
-        minimum=0.0,
-        maximum=1000.0,
-    )
+    rate: float = parameter(100.0, unit="1/s", above=0.0, maximum=1e5)
+    """Measurements per second"""
+    deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
+    """Standard deviation of each velocity where a measurement states none"""
+    maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=1000.0)
+    """Fastest motion that it can follow (of a sensor of angles, its largest rate times its height),
+    above which it counts as unmeasured; 0 for any"""
 
     @property
     def directions(self) -> tuple[float, ...]:

@@ -23,62 +23,36 @@ _HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is written in the order
 class RecorderConfiguration(Configuration):
     """Parameters of the recorder."""
 
-    folder: str = parameter(
-        description="Folder of the recording, made with its parents; must be empty if it exists"
-    )
-    topics: tuple[str, ...] = parameter(description="Topics to record")
-    types: tuple[str, ...] = parameter(
-        description="Type of each topic, such as sensor_msgs/msg/Image"
-    )
-    latched_topics: tuple[str, ...] = parameter(
-        (), description="Those of the topics whose publishers offer transient_local durability"
-    )
-    reliability: str = parameter(
-        "reliable", description="Reliability that the recorder asks for", choices=RELIABILITIES
-    )
-    queue_depth: int = parameter(
-        2000,
-        description="Queue size of a topic",
-        minimum=1,
-        maximum=100_000,
-    )
-    compression: str = parameter(
-        "none", description="Compression of the chunks", choices=tuple(COMPRESSIONS)
-    )
-    chunk_size: int = parameter(
-        1 << 20,
-        description="Size after which a chunk ends by itself",
-        unit="B",
-        minimum=1,
-        maximum=1 << 27,
-    )
-    flush_period: float = parameter(
-        0.5,
-        description="Longest time until a message is written to the file",
-        unit="s",
-        above=0.0,
-        maximum=1.0,
-    )
-    synchronize: bool = parameter(
-        False, description="Wait for the disk at every flush, so that a power cut loses no more"
-    )
-    transforms_from: str = parameter(
-        "",
-        description="One of the topics, an odometry whose poses are recorded on /tf as well; "
-        "empty for none",
-    )
-    fixed_frames: tuple[str, ...] = parameter(
-        (), description="Frames fixed to base_link, recorded on /tf_static"
-    )
-    fixed_poses: tuple[float, ...] = parameter(
-        (), description="x [m], y [m] and heading [rad] of each fixed frame, one after the other"
-    )
+    folder: str = parameter()
+    """Folder of the recording, made with its parents; must be empty if it exists"""
+    topics: tuple[str, ...] = parameter()
+    """Topics to record"""
+    types: tuple[str, ...] = parameter()
+    """Type of each topic, such as sensor_msgs/msg/Image"""
+    latched_topics: tuple[str, ...] = parameter(())
+    """Those of the topics whose publishers offer transient_local durability"""
+    reliability: str = parameter("reliable", choices=RELIABILITIES)
+    """Reliability that the recorder asks for"""
+    queue_depth: int = parameter(2000, minimum=1, maximum=100_000)
+    """Queue size of a topic"""
+    compression: str = parameter("none", choices=tuple(COMPRESSIONS))
+    """Compression of the chunks"""
+    chunk_size: int = parameter(1 << 20, unit="B", minimum=1, maximum=1 << 27)
+    """Size after which a chunk ends by itself"""
+    flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
+    """Longest time until a message is written to the file"""
+    synchronize: bool = parameter(False)
+    """Wait for the disk at every flush, so that a power cut loses no more"""
+    transforms_from: str = parameter("")
+    """One of the topics, an odometry whose poses are recorded on /tf as well; empty for none"""
+    fixed_frames: tuple[str, ...] = parameter(())
+    """Frames fixed to base_link, recorded on /tf_static"""
+    fixed_poses: tuple[float, ...] = parameter(())
+    """x [m], y [m] and heading [rad] of each fixed frame, one after the other"""
 
-    strict: bool = parameter(
-        True,
-        description="End with an error once a topic has a second publisher or its stamps run back: "
-        "the recording may then contain messages of another run",
-    )
+    strict: bool = parameter(True)
+    """End with an error once a topic has a second publisher or its stamps run back: the recording
+    may then contain messages of another run"""
 
     def check_consistency(self) -> None:
         """Refuse lists that do not fit together."""

@@ -83,7 +83,7 @@ def _read_mapping(
         if is_configuration(kind):
             values[name] = _read_mapping(kind, preset, read, key)
         elif element is not None:
-            names_info = ParameterInfo(f"Names of: {info.description}", "", None, None, None, None)
+            names_info = ParameterInfo(f"Names of: {info.description}")
             known = tuple(preset) if preset else ()
             names = read(join_key(key, NAMES), tuple[str, ...], known, names_info)
             values[name] = {

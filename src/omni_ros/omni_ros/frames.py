@@ -12,11 +12,9 @@ from omni_platform.configuration import Configuration, parameter
 class FrameConfiguration(Configuration):
     """Names of the frames in the messages of a node."""
 
-    frame_prefix: str = parameter(
-        "",
-        description="Prefix of every frame, such as robot1/, so that vehicles can share one /tf; "
-        "as in robot_state_publisher",
-    )
+    frame_prefix: str = parameter("")
+    """Prefix of every frame, such as robot1/, so that vehicles can share one /tf; as in
+    robot_state_publisher"""
 
 
 def prefix_frames(message: Any, prefix: str) -> None:

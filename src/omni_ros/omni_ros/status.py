@@ -22,14 +22,9 @@ _SILENCE = 1.0  # [s] without any news, after which the last status no longer ho
 class StatusConfiguration(Configuration):
     """Rate at which a node publishes its status."""
 
-    diagnostics_period: float = parameter(
-        0.5,
-        description="Real time between two messages on /diagnostics, from the start on; 0: by the "
-        "stamps of the input only, for runs that repeat bit for bit",
-        unit="s",
-        minimum=0.0,
-        maximum=60.0,
-    )
+    diagnostics_period: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
+    """Real time between two messages on /diagnostics, from the start on; 0: by the stamps of the
+    input only, for runs that repeat bit for bit"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,48 +26,32 @@ from omni_sim.velocity_sensor import VelocitySensorConfiguration
 class GroundConfiguration(Configuration):
     """Friction, elevation and texture of the ground."""
 
-    texture: TextureConfiguration = section(TextureConfiguration, description="Look of the ground")
-    friction: float = parameter(
-        1.0,
-        description="Friction factor mu/mu_0 of the ground, relative to the tire's own data",
-        minimum=0.0,
-        maximum=2.0,
-    )
-    patches: Mapping[str, FrictionPatch] = section(
-        dict, description="Patches with another friction"
-    )
-    elevation: ElevationConfiguration = section(
-        ElevationConfiguration, description="Height of the ground, flat by default"
-    )
+    texture: TextureConfiguration = section(TextureConfiguration)
+    """Look of the ground"""
+    friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
+    """Friction factor mu/mu_0 of the ground, relative to the tire's own data"""
+    patches: Mapping[str, FrictionPatch] = section(dict)
+    """Patches with another friction"""
+    elevation: ElevationConfiguration = section(ElevationConfiguration)
+    """Height of the ground, flat by default"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulationConfiguration(Configuration):
     """Steps and end of a simulation."""
 
-    physics_step: float = parameter(
-        0.0005, description="Fixed step of the physics", unit="s", minimum=1e-6, maximum=0.01
-    )
-    control_period: float = parameter(
-        0.01, description="Time between two control steps", unit="s", minimum=1e-4, maximum=1.0
-    )
-    duration_limit: float = parameter(
-        30.0, description="Time at which a run ends at the latest", unit="s", above=0.0
-    )
-    settling_time: float = parameter(
-        0.5,
-        description="Time for which the vehicle must be at rest before the run ends",
-        unit="s",
-        minimum=0.0,
-    )
-    rest_speed: float = parameter(
-        0.05, description="Speed below which the vehicle is at rest", unit="m/s", above=0.0
-    )
-    render_lines: bool = parameter(
-        True,
-        description="Render the line cameras and read the flow sensors; without, there is no "
-        "optical odometry",
-    )
+    physics_step: float = parameter(0.0005, unit="s", minimum=1e-6, maximum=0.01)
+    """Fixed step of the physics"""
+    control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
+    """Time between two control steps"""
+    duration_limit: float = parameter(30.0, unit="s", above=0.0)
+    """Time at which a run ends at the latest"""
+    settling_time: float = parameter(0.5, unit="s", minimum=0.0)
+    """Time for which the vehicle must be at rest before the run ends"""
+    rest_speed: float = parameter(0.05, unit="m/s", above=0.0)
+    """Speed below which the vehicle is at rest"""
+    render_lines: bool = parameter(True)
+    """Render the line cameras and read the flow sensors; without, there is no optical odometry"""
 
     @property
     def control_period_ns(self) -> int:
@@ -97,33 +81,32 @@ class SimulationConfiguration(Configuration):
 class SimulatorConfiguration(Configuration):
     """Configuration of vehicle, ground, sensors and maneuver."""
 
-    seed: int = parameter(1, description="Seed of every random draw", minimum=0)
-    vehicle: VehicleConfiguration = parameter(description="Vehicle")
-    ground: GroundConfiguration = section(GroundConfiguration, description="Ground")
-    sensors: Mapping[str, LineSensor] = parameter(description="Line cameras by name")
-    camera: CameraConfiguration = section(
-        CameraConfiguration, description="Exposure common to the line cameras"
-    )
-    flow_sensors: Mapping[str, FlowSensor] = section(
-        dict, description="Optical-flow sensors by name"
-    )
-    flow: FlowConfiguration = section(
-        FlowConfiguration, description="Errors common to the flow sensors"
-    )
-    maneuver: ManeuverConfiguration = section(
-        ManeuverConfiguration, description="Demands of the scripted driver"
-    )
-    velocity_sensor: VelocitySensorConfiguration = section(
-        VelocitySensorConfiguration, description="Noisy sampled velocity sensor"
-    )
-    imu: ImuConfiguration = section(ImuConfiguration, description="Inertial measurement unit")
-    encoders: EncoderConfiguration = section(EncoderConfiguration, description="Wheel encoders")
-    faults: Mapping[str, FaultConfiguration] = section(
-        dict, description="Faults of velocity sensor, IMU and encoders by name"
-    )
-    simulation: SimulationConfiguration = section(
-        SimulationConfiguration, description="Steps and end of the simulation"
-    )
+    seed: int = parameter(1, minimum=0)
+    """Seed of every random draw"""
+    vehicle: VehicleConfiguration = parameter()
+    """Vehicle"""
+    ground: GroundConfiguration = section(GroundConfiguration)
+    """Ground"""
+    sensors: Mapping[str, LineSensor] = parameter()
+    """Line cameras by name"""
+    camera: CameraConfiguration = section(CameraConfiguration)
+    """Exposure common to the line cameras"""
+    flow_sensors: Mapping[str, FlowSensor] = section(dict)
+    """Optical-flow sensors by name"""
+    flow: FlowConfiguration = section(FlowConfiguration)
+    """Errors common to the flow sensors"""
+    maneuver: ManeuverConfiguration = section(ManeuverConfiguration)
+    """Demands of the scripted driver"""
+    velocity_sensor: VelocitySensorConfiguration = section(VelocitySensorConfiguration)
+    """Noisy sampled velocity sensor"""
+    imu: ImuConfiguration = section(ImuConfiguration)
+    """Inertial measurement unit"""
+    encoders: EncoderConfiguration = section(EncoderConfiguration)
+    """Wheel encoders"""
+    faults: Mapping[str, FaultConfiguration] = section(dict)
+    """Faults of velocity sensor, IMU and encoders by name"""
+    simulation: SimulationConfiguration = section(SimulationConfiguration)
+    """Steps and end of the simulation"""
 
     def check_consistency(self) -> None:
         """Refuse a camera that is too slow to deliver a pair of lines in every control period.

@@ -21,15 +21,10 @@ from omni_platform.quantities import FloatArray
 class EncoderConfiguration(Configuration):
     """Resolution and noise of the wheel encoders; perfect ones by default."""
 
-    resolution: int = parameter(
-        0,
-        description="Counts per turn of a wheel (0: infinite resolution)",
-        minimum=0,
-        maximum=100_000_000,
-    )
-    noise: float = parameter(
-        0.0, description="Standard deviation of a speed", unit="rad/s", minimum=0.0
-    )
+    resolution: int = parameter(0, minimum=0, maximum=100_000_000)
+    """Counts per turn of a wheel (0: infinite resolution)"""
+    noise: float = parameter(0.0, unit="rad/s", minimum=0.0)
+    """Standard deviation of a speed"""
 
 
 class Encoders(NamedTuple):

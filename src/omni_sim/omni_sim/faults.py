@@ -65,30 +65,21 @@ _WHISPER_NOISE = 1e-9
 class FaultConfiguration(Configuration):
     """One fault of one sensor."""
 
-    channel: str = parameter(description="What fails", choices=CHANNELS)
-    kind: str = parameter(description="How it fails", choices=KINDS)
-    axis: int = parameter(
-        -1,
-        description="Axis of the channel, or index of the wheel; -1 for all",
-        minimum=-1,
-        maximum=63,
-    )
-    time: float = parameter(0.0, description="Onset", unit="s", minimum=0.0, maximum=3600.0)
-    duration: float = parameter(
-        3600.0, description="For how long", unit="s", above=0.0, maximum=3600.0
-    )
-    amplitude: float = parameter(
-        0.0,
-        description="Size ``a`` in the unit of the channel, of a drift per second, of a scale "
-        "and an echo as a share",
-    )
-    period: float = parameter(
-        0.1,
-        description="Time ``T`` of a ramp, a sine or a delay",
-        unit="s",
-        above=0.0,
-        maximum=3600.0,
-    )
+    channel: str = parameter(choices=CHANNELS)
+    """What fails"""
+    kind: str = parameter(choices=KINDS)
+    """How it fails"""
+    axis: int = parameter(-1, minimum=-1, maximum=63)
+    """Axis of the channel, or index of the wheel; -1 for all"""
+    time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Onset"""
+    duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
+    """For how long"""
+    amplitude: float = parameter(0.0)
+    """Size ``a`` in the unit of the channel, of a drift per second, of a scale and an echo as a
+    share"""
+    period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
+    """Time ``T`` of a ramp, a sine or a delay"""
 
 
 class Faults(NamedTuple):

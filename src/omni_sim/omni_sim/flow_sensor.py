@@ -24,26 +24,19 @@ from omni_platform.signals import Flow
 class FlowConfiguration(Configuration):
     """Errors of the flow sensors; defaults of a PMW3901 about 80 mm above the ground."""
 
-    resolution: float = parameter(
-        0.0002, description="Displacement of the ground per count", unit="m", minimum=0.0
-    )
-    noise: float = parameter(
-        0.0002,
-        description="Standard deviation of the displacement of one measurement along each axis",
-        unit="m",
-        above=0.0,
-    )
-    scale: float = parameter(0.005, description="Scale error of all sensors", minimum=-0.9)
-    failing: str = parameter("", description="Name of a failing sensor; empty for none")
-    failure: str = parameter(
-        "zero",
-        description="Failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) "
-        "or twice the velocity (double)",
-        choices=("zero", "frozen", "invalid", "double"),
-    )
-    failure_start: float = parameter(
-        0.0, description="Time from which it fails", unit="s", minimum=0.0
-    )
+    resolution: float = parameter(0.0002, unit="m", minimum=0.0)
+    """Displacement of the ground per count"""
+    noise: float = parameter(0.0002, unit="m", above=0.0)
+    """Standard deviation of the displacement of one measurement along each axis"""
+    scale: float = parameter(0.005, minimum=-0.9)
+    """Scale error of all sensors"""
+    failing: str = parameter("")
+    """Name of a failing sensor; empty for none"""
+    failure: str = parameter("zero", choices=("zero", "frozen", "invalid", "double"))
+    """Failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) or twice the
+    velocity (double)"""
+    failure_start: float = parameter(0.0, unit="s", minimum=0.0)
+    """Time from which it fails"""
 
 
 def check_flow_sensors(

@@ -32,34 +32,30 @@ IMU_DRAWS = 3
 class ImuConfiguration(Configuration):
     """Mounting and errors of the inertial measurement unit; defaults of a good MEMS unit."""
 
-    enabled: bool = parameter(True, description="Whether the vehicle has one")
-    x: float = parameter(0.0, description="Mounting, forward of the platform center", unit="m")
-    y: float = parameter(0.0, description="Mounting, left of the platform center", unit="m")
-    misalignment_deg: float = parameter(
-        0.2,
-        description="Error of the mounting angle",
-        unit="deg",
-        minimum=-180.0,
-        maximum=180.0,
-    )
-    gyro_bias: float = parameter(0.005, description="Constant error", unit="rad/s")
-    gyro_noise: float = parameter(
-        0.003, description="Standard deviation of the yaw rate", unit="rad/s", minimum=0.0
-    )
-    gyro_scale: float = parameter(0.002, description="Error of the scale", minimum=-0.9)
-    bias_x: float = parameter(0.05, description="Constant error of the x axis", unit="m/s^2")
-    bias_y: float = parameter(-0.05, description="Constant error of the y axis", unit="m/s^2")
-    noise: float = parameter(
-        0.05, description="Standard deviation of an acceleration", unit="m/s^2", minimum=0.0
-    )
-    scale: float = parameter(0.003, description="Error of the scale of both axes", minimum=-0.9)
-    latency: float = parameter(
-        0.0,
-        description="Latency of a reading, rounded to control periods",
-        unit="s",
-        minimum=0.0,
-        maximum=0.2,
-    )
+    enabled: bool = parameter(True)
+    """Whether the vehicle has one"""
+    x: float = parameter(0.0, unit="m")
+    """Mounting, forward of the platform center"""
+    y: float = parameter(0.0, unit="m")
+    """Mounting, left of the platform center"""
+    misalignment_deg: float = parameter(0.2, unit="deg", minimum=-180.0, maximum=180.0)
+    """Error of the mounting angle"""
+    gyro_bias: float = parameter(0.005, unit="rad/s")
+    """Constant error"""
+    gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0)
+    """Standard deviation of the yaw rate"""
+    gyro_scale: float = parameter(0.002, minimum=-0.9)
+    """Error of the scale"""
+    bias_x: float = parameter(0.05, unit="m/s^2")
+    """Constant error of the x axis"""
+    bias_y: float = parameter(-0.05, unit="m/s^2")
+    """Constant error of the y axis"""
+    noise: float = parameter(0.05, unit="m/s^2", minimum=0.0)
+    """Standard deviation of an acceleration"""
+    scale: float = parameter(0.003, minimum=-0.9)
+    """Error of the scale of both axes"""
+    latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
+    """Latency of a reading, rounded to control periods"""
 
 
 class Imu(NamedTuple):

@@ -60,43 +60,24 @@ _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 class LoopConfiguration(Configuration):
     """Synchronization of the simulator with other nodes."""
 
-    mode: str = parameter(
-        "lockstep",
-        description="Wait for each reply (lockstep), or pace the steps to the wall clock",
-        choices=("lockstep", "real_time"),
-    )
-    reply_timeout: float = parameter(
-        10.0, description="Lockstep: longest wait for a reply", unit="s", above=0.0
-    )
-    await_odometry: bool = parameter(
-        False,
-        description="Lockstep: wait for the odometry of each step too, where the brake assistant "
-        "that answers does not",
-    )
-    publish_clock: bool = parameter(
-        True,
-        description="Publish the simulated time on /clock; only one of several simulators in a ROS "
-        "domain does",
-    )
-    driver: str = parameter(
-        "scripted",
-        description="Driver: the script of the maneuver; demands on "
-        "driver/pedal and cmd_vel (topics); or cmd_vel alone while no pedal is published",
-        choices=("scripted", "topics", "cmd_vel"),
-    )
-    stamped_cmd_vel: bool = parameter(
-        True,
-        description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist",
-    )
-    lines_recorded: bool = parameter(
-        True, description="Whether a recorder is among the subscribers of the lines"
-    )
-    enable_timeout: float = parameter(
-        0.05,
-        description="Real time: age at which an enable no longer counts and all brakes are on",
-        unit="s",
-        above=0.0,
-    )
+    mode: str = parameter("lockstep", choices=("lockstep", "real_time"))
+    """Wait for each reply (lockstep), or pace the steps to the wall clock"""
+    reply_timeout: float = parameter(10.0, unit="s", above=0.0)
+    """Lockstep: longest wait for a reply"""
+    await_odometry: bool = parameter(False)
+    """Lockstep: wait for the odometry of each step too, where the brake assistant that answers does
+    not"""
+    publish_clock: bool = parameter(True)
+    """Publish the simulated time on /clock; only one of several simulators in a ROS domain does"""
+    driver: str = parameter("scripted", choices=("scripted", "topics", "cmd_vel"))
+    """Driver: the script of the maneuver; demands on driver/pedal and cmd_vel (topics); or cmd_vel
+    alone while no pedal is published"""
+    stamped_cmd_vel: bool = parameter(True)
+    """Whether cmd_vel is a TwistStamped; otherwise it is a Twist"""
+    lines_recorded: bool = parameter(True)
+    """Whether a recorder is among the subscribers of the lines"""
+    enable_timeout: float = parameter(0.05, unit="s", above=0.0)
+    """Real time: age at which an enable no longer counts and all brakes are on"""
 
 
 class SimulatorNode(Node):

@@ -29,41 +29,24 @@ FAILURES = ("none", "frozen", "zero", "invalid")
 class VelocitySensorConfiguration(Configuration):
     """Sampling and errors of the velocity sensor; without noise or offset by default."""
 
-    sample_time: float = parameter(
-        0.01,
-        description="Time between samples; the last one is held in between",
-        unit="s",
-        minimum=1.0e-6,
-        maximum=10.0,
-    )
-    linear_noise: float = parameter(
-        0.0,
-        description="Half width of the uniform noise on v_x and v_y, as a share of the true value",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    yaw_rate_noise: float = parameter(
-        0.0,
-        description="Half width of the uniform noise on the yaw rate, as a share of the true value",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    offset_x: float = parameter(0.0, description="Constant error of v_x", unit="m/s")
-    offset_y: float = parameter(0.0, description="Constant error of v_y", unit="m/s")
-    yaw_rate_offset: float = parameter(
-        0.0, description="Constant error of the yaw rate", unit="rad/s"
-    )
-    failure: str = parameter(
-        "none",
-        description="Failure: 'frozen' holds the last reading, 'zero' reads 0, 'invalid' reads NaN",
-        choices=FAILURES,
-    )
-    failure_time: float = parameter(
-        0.0, description="Time at which it fails", unit="s", minimum=0.0, maximum=3600.0
-    )
-    failure_duration: float = parameter(
-        3600.0, description="For how long it fails", unit="s", above=0.0, maximum=3600.0
-    )
+    sample_time: float = parameter(0.01, unit="s", minimum=1.0e-6, maximum=10.0)
+    """Time between samples; the last one is held in between"""
+    linear_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
+    """Half width of the uniform noise on v_x and v_y, as a share of the true value"""
+    yaw_rate_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
+    """Half width of the uniform noise on the yaw rate, as a share of the true value"""
+    offset_x: float = parameter(0.0, unit="m/s")
+    """Constant error of v_x"""
+    offset_y: float = parameter(0.0, unit="m/s")
+    """Constant error of v_y"""
+    yaw_rate_offset: float = parameter(0.0, unit="rad/s")
+    """Constant error of the yaw rate"""
+    failure: str = parameter("none", choices=FAILURES)
+    """Failure: 'frozen' holds the last reading, 'zero' reads 0, 'invalid' reads NaN"""
+    failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Time at which it fails"""
+    failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
+    """For how long it fails"""
 
     @property
     def failure_ns(self) -> tuple[int, int]:

@@ -29,46 +29,21 @@ _HALF = 0.5  # enable from which on an on-off brake is applied
 class BrakeAdapterConfiguration(Configuration):
     """Brakes of a vehicle and the timing of their commands."""
 
-    wheels: tuple[str, ...] = parameter(
-        description="Names of the wheels in the order of the controller's joints"
-    )
-    kind: str = parameter(SPRING, choices=KINDS, description="Kind of the brakes")
-    max_torque: float = parameter(
-        10.0,
-        description="Braking torque of a wheel at full demand, for torque drives",
-        unit="N m",
-        above=0.0,
-        maximum=1.0e6,
-    )
-    standstill_speed: float = parameter(
-        0.5,
-        description="Wheel speed below which a torque command fades out, so that it never drives",
-        unit="rad/s",
-        above=0.0,
-        maximum=100.0,
-    )
-    ramp: float = parameter(
-        50.0,
-        description="Deceleration of a braked wheel's speed command, for velocity drives",
-        unit="rad/s^2",
-        above=0.0,
-        maximum=1.0e5,
-    )
-    minimum_dwell_time: float = parameter(
-        0.0,
-        description="Shortest time between a brake's application and its next release, for "
-        "spring-applied brakes",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    enable_timeout: float = parameter(
-        0.05,
-        description="Silence or age of the enables after which all brakes are on",
-        unit="s",
-        above=0.0,
-        maximum=1.0,
-    )
+    wheels: tuple[str, ...] = parameter()
+    """Names of the wheels in the order of the controller's joints"""
+    kind: str = parameter(SPRING, choices=KINDS)
+    """Kind of the brakes"""
+    max_torque: float = parameter(10.0, unit="N m", above=0.0, maximum=1.0e6)
+    """Braking torque of a wheel at full demand, for torque drives"""
+    standstill_speed: float = parameter(0.5, unit="rad/s", above=0.0, maximum=100.0)
+    """Wheel speed below which a torque command fades out, so that it never drives"""
+    ramp: float = parameter(50.0, unit="rad/s^2", above=0.0, maximum=1.0e5)
+    """Deceleration of a braked wheel's speed command, for velocity drives"""
+    minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
+    """Shortest time between a brake's application and its next release, for spring-applied
+    brakes"""
+    enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=1.0)
+    """Silence or age of the enables after which all brakes are on"""
 
     def check_consistency(self) -> None:
         """Refuse wheels that are missing or named twice."""

@@ -39,33 +39,19 @@ _OK, _ERROR = 0, 2
 class TopicsConfiguration(Configuration):
     """Types of the vehicle's own topics."""
 
-    joints: tuple[str, ...] = parameter(
-        (), description="Joints on joint_states, in the order of the wheels; default: their names"
-    )
-    output: str = parameter(
-        "array",
-        choices=("array", "joint_state"),
-        description="Float64MultiArray for a forward_command_controller, or JointState.effort",
-    )
-    pedal: str = parameter(
-        "joint_state",
-        choices=tuple(_PEDALS),
-        description="Type of the demand: 'joint_state' is brake/pedal of another node; 'bool' and "
-        "'float' on pedal_input, 'twist' on cmd_vel (zero brakes) are published as brake/pedal",
-    )
-    estop: bool = parameter(
-        False, description="Whether Bool messages on estop are required, true for full braking"
-    )
-    pedal_timeout: float = parameter(
-        0.1,
-        description="Silence of the demand, or of the emergency stop, that counts as full braking",
-        unit="s",
-        above=0.0,
-        maximum=2.0,
-    )
-    period: float = parameter(
-        0.01, description="Time between two commands", unit="s", minimum=0.001, maximum=0.05
-    )
+    joints: tuple[str, ...] = parameter(())
+    """Joints on joint_states, in the order of the wheels; default: their names"""
+    output: str = parameter("array", choices=("array", "joint_state"))
+    """Float64MultiArray for a forward_command_controller, or JointState.effort"""
+    pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
+    """Type of the demand: 'joint_state' is brake/pedal of another node; 'bool' and 'float' on
+    pedal_input, 'twist' on cmd_vel (zero brakes) are published as brake/pedal"""
+    estop: bool = parameter(False)
+    """Whether Bool messages on estop are required, true for full braking"""
+    pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
+    """Silence of the demand, or of the emergency stop, that counts as full braking"""
+    period: float = parameter(0.01, unit="s", minimum=0.001, maximum=0.05)
+    """Time between two commands"""
 
 
 class BrakeAdapterNode(Node):

@@ -72,37 +72,30 @@ class FlowChip(Protocol):
 class FlowChipConfiguration(Configuration):
     """A chip, its bus and its calibration."""
 
-    chip: str = parameter(choices=CHIPS, description="Which chip it is")
-    bus: int = parameter(0, description="Number of the SPI port", minimum=0, maximum=9)
-    chip_select: int = parameter(1, description="Chip select of the SPI port", minimum=0, maximum=9)
-    counts_per_meter: float = parameter(
-        0.0,
-        description="Counts of a PMW3901 or PAA5100 per meter at its mounting height: move it by "
-        "one meter and read 'counts' on /diagnostics",
-        unit="1/m",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    invert_x: bool = parameter(False, description="Whether the chip negates its x counts")
-    invert_y: bool = parameter(False, description="Whether the chip negates its y counts")
-    swap_xy: bool = parameter(False, description="Whether the chip exchanges x and y first")
-    minimum_quality: int = parameter(
-        25, description="Surface quality (SQUAL) that a reading needs", minimum=0, maximum=255
-    )
-    maximum_speed: float = parameter(
-        0.0,
-        description="Speed that the chip can follow at its height (0: any); faster readings are "
-        "not measurements",
-        unit="m/s",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    relative_deviation: float = parameter(
-        0.03, description="Standard deviation per speed, of height and scale", minimum=0.0
-    )
-    linear_scalar: float = parameter(
-        1.0, description="OTOS: factor of its distances", minimum=0.872, maximum=1.127
-    )
+    chip: str = parameter(choices=CHIPS)
+    """Which chip it is"""
+    bus: int = parameter(0, minimum=0, maximum=9)
+    """Number of the SPI port"""
+    chip_select: int = parameter(1, minimum=0, maximum=9)
+    """Chip select of the SPI port"""
+    counts_per_meter: float = parameter(0.0, unit="1/m", minimum=0.0, maximum=1.0e6)
+    """Counts of a PMW3901 or PAA5100 per meter at its mounting height: move it by one meter and
+    read 'counts' on /diagnostics"""
+    invert_x: bool = parameter(False)
+    """Whether the chip negates its x counts"""
+    invert_y: bool = parameter(False)
+    """Whether the chip negates its y counts"""
+    swap_xy: bool = parameter(False)
+    """Whether the chip exchanges x and y first"""
+    minimum_quality: int = parameter(25, minimum=0, maximum=255)
+    """Surface quality (SQUAL) that a reading needs"""
+    maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
+    """Speed that the chip can follow at its height (0: any); faster readings are not
+    measurements"""
+    relative_deviation: float = parameter(0.03, minimum=0.0)
+    """Standard deviation per speed, of height and scale"""
+    linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
+    """OTOS: factor of its distances"""
 
     def check_consistency(self) -> None:
         """Refuse a chip without the calibration that it needs."""

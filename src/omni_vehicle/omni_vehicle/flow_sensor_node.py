@@ -37,10 +37,10 @@ _PLACES = (0, 1, 5)  # of v_x, v_y and yaw rate in a twist of six components
 class FlowNodeConfiguration(Configuration):
     """Name and rate of the sensor."""
 
-    sensor: str = parameter("flow", description="Name of the sensor, as under flow_sensors")
-    period: float = parameter(
-        0.01, description="Time between two readings", unit="s", minimum=0.002, maximum=0.5
-    )
+    sensor: str = parameter("flow")
+    """Name of the sensor, as under flow_sensors"""
+    period: float = parameter(0.01, unit="s", minimum=0.002, maximum=0.5)
+    """Time between two readings"""
 
 
 class FlowSensorNode(Node):

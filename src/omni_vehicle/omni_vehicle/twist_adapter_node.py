@@ -33,15 +33,13 @@ _OK, _ERROR = 0, 2
 class TwistAdapterConfiguration(Configuration):
     """A source of the body twist."""
 
-    input_type: str = parameter(choices=tuple(_TYPES), description="Type of the topic 'input'")
-    deviation: tuple[float, ...] = parameter(
-        (),
-        description="Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], in place of the "
-        "covariance of the source; needed where that has none",
-    )
-    base_frame: str = parameter(
-        "base_link", description="Frame in which a twist must be given; empty for any"
-    )
+    input_type: str = parameter(choices=tuple(_TYPES))
+    """Type of the topic 'input'"""
+    deviation: tuple[float, ...] = parameter(())
+    """Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], in place of the covariance of the
+    source; needed where that has none"""
+    base_frame: str = parameter("base_link")
+    """Frame in which a twist must be given; empty for any"""
 
     def check_consistency(self) -> None:
         """Refuse invalid standard deviations."""

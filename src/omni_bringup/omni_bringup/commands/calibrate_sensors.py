@@ -29,22 +29,13 @@ WORK = "matching lines and fitting"
 class Options(Configuration):
     """Options of ``omni calibrate-sensors``."""
 
-    drives: tuple[Path, ...] = option(
-        positional=True,
-        metavar="DRIVE",
-        description="recordings with the lines of the cameras and the motion of the vehicle",
-    )
-    reference: str = parameter(
-        "auto",
-        choices=("auto", "truth", "wheels"),
-        description="the known motion: wheel speeds while they are steady, or the truth of a "
-        "simulation, taken by itself where it was recorded",
-    )
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="folder of sensors.yaml and the picture (default: results/calibrate-sensors)",
-    )
+    drives: tuple[Path, ...] = option(positional=True, metavar="DRIVE")
+    """recordings with the lines of the cameras and the motion of the vehicle"""
+    reference: str = parameter("auto", choices=("auto", "truth", "wheels"))
+    """the known motion: wheel speeds while they are steady, or the truth of a simulation, taken by
+    itself where it was recorded"""
+    out: Path | None = option(None, metavar="DIR")
+    """folder of sensors.yaml and the picture (default: results/calibrate-sensors)"""
     json: bool = json_option()
 
 

@@ -32,29 +32,16 @@ class Options(Configuration):
     """Options of ``omni check-node``."""
 
     node: str = option(
-        positional=True,
-        metavar="NODE",
-        choices=("odometry", "simulator", "brake_assist"),
-        description="role of the node: odometry, simulator or brake_assist",
+        positional=True, metavar="NODE", choices=("odometry", "simulator", "brake_assist")
     )
-    recording: Path | None = option(
-        None,
-        metavar="BAG",
-        description="recording of ./omni run to feed (default: bags/small_stop/assisted)",
-    )
-    start: str | None = option(
-        None,
-        metavar="COMMAND",
-        description="command that starts the node in a ROS domain of its own (default: it runs in "
-        "that of ROS_DOMAIN_ID)",
-    )
-    duration: float = parameter(
-        10.0,
-        description="time for which messages of a simulator are checked",
-        unit="s",
-        above=1.0,
-        maximum=600.0,
-    )
+    """role of the node: odometry, simulator or brake_assist"""
+    recording: Path | None = option(None, metavar="BAG")
+    """recording of ./omni run to feed (default: bags/small_stop/assisted)"""
+    start: str | None = option(None, metavar="COMMAND")
+    """command that starts the node in a ROS domain of its own (default: it runs in that of
+    ROS_DOMAIN_ID)"""
+    duration: float = parameter(10.0, unit="s", above=1.0, maximum=600.0)
+    """time for which messages of a simulator are checked"""
     json: bool = json_option()
 
 

@@ -24,30 +24,17 @@ from omni_platform.configuration import Configuration, parameter, to_mapping
 class Options(Configuration):
     """Options of ``omni check-vehicle``."""
 
-    recording: Path = option(
-        positional=True,
-        metavar="RECORDING",
-        description="rosbag2 folder with wheel_states, brake/pedal, and those of odometry/twist, "
-        "imu and brake/enable to be checked",
-    )
-    vehicle: str = option(
-        metavar="NAME",
-        description="a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder",
-    )
-    distance: float = parameter(
-        1.0,
-        description="measured distance of the motions forward and to the left",
-        unit="m",
-        above=0.0,
-    )
-    angle: float = parameter(
-        90.0, description="measured angle of the motion counter-clockwise", unit="deg", above=0.0
-    )
-    out: Path | None = option(
-        None,
-        metavar="FILE",
-        description="corrected wheels, as YAML (default: results/check-vehicle/RECORDING.yaml)",
-    )
+    recording: Path = option(positional=True, metavar="RECORDING")
+    """rosbag2 folder with wheel_states, brake/pedal, and those of odometry/twist, imu and
+    brake/enable to be checked"""
+    vehicle: str = option(metavar="NAME")
+    """a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder"""
+    distance: float = parameter(1.0, unit="m", above=0.0)
+    """measured distance of the motions forward and to the left"""
+    angle: float = parameter(90.0, unit="deg", above=0.0)
+    """measured angle of the motion counter-clockwise"""
+    out: Path | None = option(None, metavar="FILE")
+    """corrected wheels, as YAML (default: results/check-vehicle/RECORDING.yaml)"""
     json: bool = json_option()
 
 

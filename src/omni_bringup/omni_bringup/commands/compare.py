@@ -23,12 +23,10 @@ _SHOWN = 3  # values of a part that are named
 class Options(Configuration):
     """Options of ``omni compare``."""
 
-    bags: tuple[Path, ...] = option(
-        positional=True,
-        metavar="BAG",
-        description="rosbag2 folder of a run or a drive, or a single .mcap file",
-    )
-    csv: Path | None = option(None, metavar="FILE", description="write the table here too")
+    bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
+    """rosbag2 folder of a run or a drive, or a single .mcap file"""
+    csv: Path | None = option(None, metavar="FILE")
+    """write the table here too"""
     json: bool = json_option()
 
 

@@ -28,11 +28,8 @@ _DRAWN = 4  # placements in the figure
 class Options(PlacementOptions):
     """Options of ``omni design-sensors``."""
 
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="folder of placement and figure (default: results/design-sensors/VEHICLE)",
-    )
+    out: Path | None = option(None, metavar="DIR")
+    """folder of placement and figure (default: results/design-sensors/VEHICLE)"""
     json: bool = json_option()
 
 

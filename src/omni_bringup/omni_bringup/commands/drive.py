@@ -34,47 +34,30 @@ _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 
 class Options(Configuration):
     """Options of ``omni drive``."""
 
-    vehicle: str | None = parameter(
-        None, description="a file of config/vehicles/ (default: the experiment's)"
-    )
-    experiment: str = parameter(
-        "small_stop",
-        description="experiment whose last variant gives ground, sensors and nodes",
-    )
-    ground: str | None = parameter(
-        None, description="a file of config/grounds/ (default: the experiment's)"
-    )
-    law: str | None = parameter(
-        None, description="control law, built in or my_module:MyLaw (default: the experiment's)"
-    )
-    no_ice: bool = parameter(
-        False, description="leave out the patch of ice that a ground without patches gets"
-    )
+    vehicle: str | None = parameter(None)
+    """a file of config/vehicles/ (default: the experiment's)"""
+    experiment: str = parameter("small_stop")
+    """experiment whose last variant gives ground, sensors and nodes"""
+    ground: str | None = parameter(None)
+    """a file of config/grounds/ (default: the experiment's)"""
+    law: str | None = parameter(None)
+    """control law, built in or my_module:MyLaw (default: the experiment's)"""
+    no_ice: bool = parameter(False)
+    """leave out the patch of ice that a ground without patches gets"""
     overrides: tuple[str, ...] = overrides_option()
-    max_speed: float = option(5.0, metavar="M/S", description="speed of a full stick")
-    host: str = option(
-        "127.0.0.1",
-        metavar="ADDRESS",
-        description="address of this machine that serves the page, for example to a phone; "
-        "anybody with the token in the page's address can drive",
-    )
-    port: int = option(
-        0,
-        metavar="PORT",
-        description="TCP port of the page; 0 is any",
-        minimum=0,
-        maximum=65535,
-    )
-    unstamped: bool = parameter(
-        False, description="cmd_vel is a Twist, as older teleoperation nodes send it"
-    )
-    out: Path | None = option(
-        None, metavar="DIR", description="record the drive to this rosbag2 folder"
-    )
-    lines: bool = parameter(
-        False,
-        description="record the lines of the cameras too, which replay needs: 1 MB/s",
-    )
+    max_speed: float = option(5.0, metavar="M/S")
+    """speed of a full stick"""
+    host: str = option("127.0.0.1", metavar="ADDRESS")
+    """address of this machine that serves the page, for example to a phone; anybody with the token
+    in the page's address can drive"""
+    port: int = option(0, metavar="PORT", minimum=0, maximum=65535)
+    """TCP port of the page; 0 is any"""
+    unstamped: bool = parameter(False)
+    """cmd_vel is a Twist, as older teleoperation nodes send it"""
+    out: Path | None = option(None, metavar="DIR")
+    """record the drive to this rosbag2 folder"""
+    lines: bool = parameter(False)
+    """record the lines of the cameras too, which replay needs: 1 MB/s"""
 
 
 def run(options: Options, workspace: Workspace) -> command_report.Report:

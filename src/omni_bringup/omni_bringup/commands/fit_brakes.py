@@ -30,27 +30,17 @@ WORK = "reading stops and fitting the brakes"
 class Options(Configuration):
     """Options of ``omni fit-brakes``."""
 
-    recordings: tuple[Path, ...] = option(
-        positional=True,
-        metavar="RECORDING",
-        description="rosbag2 folders with wheel_states, brake/pedal, brake/enable and a twist",
-    )
-    vehicle: str | None = parameter(
-        None,
-        description="a file of config/vehicles/, or a path that ends in .yaml (default: the "
-        "vehicle of the configuration beside the first recording)",
-    )
+    recordings: tuple[Path, ...] = option(positional=True, metavar="RECORDING")
+    """rosbag2 folders with wheel_states, brake/pedal, brake/enable and a twist"""
+    vehicle: str | None = parameter(None)
+    """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
+    configuration beside the first recording)"""
     twist: str = parameter(
-        "odometry/twist",
-        description="topic with the measured twist: odometry/twist, velocity_sensor/twist or "
-        "ground_truth/odom",
-        choices=("odometry/twist", "velocity_sensor/twist", "ground_truth/odom"),
+        "odometry/twist", choices=("odometry/twist", "velocity_sensor/twist", "ground_truth/odom")
     )
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="folder of brake and figure (default: results/fit-brakes/RECORDING)",
-    )
+    """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
+    out: Path | None = option(None, metavar="DIR")
+    """folder of brake and figure (default: results/fit-brakes/RECORDING)"""
     json: bool = json_option()
 
 

@@ -26,26 +26,14 @@ WORK = "fitting the tire"
 class Options(configuration.Configuration):
     """Options of ``omni fit-tire``."""
 
-    data: Path = command_options.option(
-        positional=True,
-        metavar="DATA.csv",
-        description="file whose first line names the columns slip [1], load [N] and force [N]",
-    )
-    model: str = configuration.parameter(
-        "tmeasy", description="tire model, such as tmeasy, linear, magic_formula"
-    )
-    wheel_radius: float = configuration.parameter(
-        0.2,
-        unit="m",
-        above=0.0,
-        maximum=2.0,
-        description="of the wheel, from which stiffness and damping are estimated",
-    )
-    out: Path | None = command_options.option(
-        None,
-        metavar="DIR",
-        description="folder of the tire and the figure (default: results/fit-tire/DATA)",
-    )
+    data: Path = command_options.option(positional=True, metavar="DATA.csv")
+    """file whose first line names the columns slip [1], load [N] and force [N]"""
+    model: str = configuration.parameter("tmeasy")
+    """tire model, such as tmeasy, linear, magic_formula"""
+    wheel_radius: float = configuration.parameter(0.2, unit="m", above=0.0, maximum=2.0)
+    """of the wheel, from which stiffness and damping are estimated"""
+    out: Path | None = command_options.option(None, metavar="DIR")
+    """folder of the tire and the figure (default: results/fit-tire/DATA)"""
     json: bool = command_options.json_option()
 
 

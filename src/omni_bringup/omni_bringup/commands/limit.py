@@ -35,41 +35,21 @@ WORK = "bounding the stop"
 class Options(Configuration):
     """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
 
-    experiment: str | None = option(
-        None,
-        positional=True,
-        metavar="EXPERIMENT",
-        description="a file of config/experiments/, or a path that ends in .yaml "
-        "(default: straight_line)",
-    )
-    vehicle: str | None = parameter(
-        None, description="a file of config/vehicles/ instead of an experiment"
-    )
-    speed: float | None = parameter(
-        None,
-        description="of the vehicle before braking (default: 10)",
-        unit="m/s",
-        minimum=0.0,
-        maximum=50.0,
-    )
-    direction: float | None = parameter(
-        None,
-        description="of its motion, counter-clockwise from forward (default: 0)",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    friction: float | None = parameter(
-        None, description="factor of the ground (default: 1)", minimum=0.0, maximum=2.0
-    )
-    best: bool = parameter(
-        False,
-        description="also plan the shortest stops for several rotations, and draw them with the "
-        "laws beside them: minutes, needs CasADi",
-    )
-    out: Path | None = option(
-        None, metavar="DIR", description="folder of --best's figure (default: results/limit/NAME)"
-    )
+    experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
+    """a file of config/experiments/, or a path that ends in .yaml (default: straight_line)"""
+    vehicle: str | None = parameter(None)
+    """a file of config/vehicles/ instead of an experiment"""
+    speed: float | None = parameter(None, unit="m/s", minimum=0.0, maximum=50.0)
+    """of the vehicle before braking (default: 10)"""
+    direction: float | None = parameter(None, unit="deg", minimum=-360.0, maximum=360.0)
+    """of its motion, counter-clockwise from forward (default: 0)"""
+    friction: float | None = parameter(None, minimum=0.0, maximum=2.0)
+    """factor of the ground (default: 1)"""
+    best: bool = parameter(False)
+    """also plan the shortest stops for several rotations, and draw them with the laws beside them:
+    minutes, needs CasADi"""
+    out: Path | None = option(None, metavar="DIR")
+    """folder of --best's figure (default: results/limit/NAME)"""
     overrides: tuple[str, ...] = overrides_option()
     json: bool = json_option()
 

@@ -25,11 +25,8 @@ if TYPE_CHECKING:
 class Options(AreaOptions):
     """Options of ``omni nav2-polygons``."""
 
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="folder of YAML, picture and stops (default: results/nav2-polygons/VEHICLE)",
-    )
+    out: Path | None = option(None, metavar="DIR")
+    """folder of YAML, picture and stops (default: results/nav2-polygons/VEHICLE)"""
     json: bool = json_option()
 
 

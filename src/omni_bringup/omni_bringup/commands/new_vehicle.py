@@ -27,36 +27,29 @@ _USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
 class Options(Configuration):
     """Options of ``omni new-vehicle``."""
 
-    name: str = option(
-        positional=True, metavar="NAME", description="of the vehicle; its folder is called so"
-    )
-    length: float | None = parameter(None, unit="m", description="length of the chassis")
-    width: float | None = parameter(None, unit="m", description="width of the chassis")
-    mass: float | None = parameter(None, unit="kg", description="mass with the wheels")
-    wheel_radius: float | None = parameter(None, unit="m", description="radius of a wheel")
-    kind: str | None = parameter(
-        None,
-        choices=KINDS,
-        description="mecanum wheels in pairs (default), omni-wheels on a circle, or kiwi: three of "
-        "them",
-    )
-    wheels: int | None = parameter(None, description="how many (default: 4, a kiwi has 3)")
-    load: float | None = parameter(
-        None, unit="kg", description="mass of a load, to the front left (default: 0)"
-    )
-    drive_torque: float | None = parameter(
-        None,
-        unit="N m",
-        description="largest torque of a drive at its wheel (default: an estimate)",
-    )
-    brakes: str | None = parameter(
-        None,
-        description="what brakes: valves (on-off, default), spring (spring-applied, on-off), "
-        "proportional, or torque_drives",
-    )
-    out: Path | None = option(
-        None, metavar="DIR", description="new folder of the files (default: NAME)"
-    )
+    name: str = option(positional=True, metavar="NAME")
+    """of the vehicle; its folder is called so"""
+    length: float | None = parameter(None, unit="m")
+    """length of the chassis"""
+    width: float | None = parameter(None, unit="m")
+    """width of the chassis"""
+    mass: float | None = parameter(None, unit="kg")
+    """mass with the wheels"""
+    wheel_radius: float | None = parameter(None, unit="m")
+    """radius of a wheel"""
+    kind: str | None = parameter(None, choices=KINDS)
+    """mecanum wheels in pairs (default), omni-wheels on a circle, or kiwi: three of them"""
+    wheels: int | None = parameter(None)
+    """how many (default: 4, a kiwi has 3)"""
+    load: float | None = parameter(None, unit="kg")
+    """mass of a load, to the front left (default: 0)"""
+    drive_torque: float | None = parameter(None, unit="N m")
+    """largest torque of a drive at its wheel (default: an estimate)"""
+    brakes: str | None = parameter(None)
+    """what brakes: valves (on-off, default), spring (spring-applied, on-off), proportional, or
+    torque_drives"""
+    out: Path | None = option(None, metavar="DIR")
+    """new folder of the files (default: NAME)"""
     json: bool = json_option()
 
 

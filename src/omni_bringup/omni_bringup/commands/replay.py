@@ -25,47 +25,27 @@ WORK = "replaying the recorded inputs"
 class Options(Configuration):
     """Options of ``omni replay``."""
 
-    bag: Path = option(
-        positional=True, metavar="BAG", description="rosbag2 folder, or a single .mcap file"
-    )
-    nodes: tuple[str, ...] = option(
-        ("linescan_odometry",),
-        many=True,
-        metavar="NODE",
-        description="nodes to run, of linescan_odometry and brake_assist",
-    )
+    bag: Path = option(positional=True, metavar="BAG")
+    """rosbag2 folder, or a single .mcap file"""
+    nodes: tuple[str, ...] = option(("linescan_odometry",), many=True, metavar="NODE")
+    """nodes to run, of linescan_odometry and brake_assist"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
-    experiment: str | None = parameter(
-        None,
-        description="take the configuration of this experiment's last variant, not the recorded "
-        "one",
-    )
-    rate: float | None = option(
-        None,
-        metavar="R",
-        above=0.0,
-        description="speed as a multiple of the recorded one (default: as fast as the nodes "
-        "follow)",
-    )
-    offline: bool = parameter(
-        False, description="in one process and without topics; --rate is void"
-    )
-    check: bool = parameter(
-        False,
-        description="exit code 1 if the results differ from the recorded ones by more than "
-        "--tolerance",
-    )
+    experiment: str | None = parameter(None)
+    """take the configuration of this experiment's last variant, not the recorded one"""
+    rate: float | None = option(None, metavar="R", above=0.0)
+    """speed as a multiple of the recorded one (default: as fast as the nodes follow)"""
+    offline: bool = parameter(False)
+    """in one process and without topics; --rate is void"""
+    check: bool = parameter(False)
+    """exit code 1 if the results differ from the recorded ones by more than --tolerance"""
     tolerance: float = parameter(
         # Rounding differs between processors; the values are in SI units and of the order of one.
         1e-6,
         minimum=0.0,
         description="largest difference of a value, in its SI unit",
     )
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="new folder of the results (default: beside the recording, BAG_replayed_TIME)",
-    )
+    out: Path | None = option(None, metavar="DIR")
+    """new folder of the results (default: beside the recording, BAG_replayed_TIME)"""
     json: bool = json_option()
 
 

@@ -30,16 +30,10 @@ _SEEN = 0.2  # [s] of lines that are shown
 class Options(Configuration):
     """Options of ``omni report``."""
 
-    bags: tuple[Path, ...] = option(
-        positional=True,
-        metavar="BAG",
-        description="rosbag2 folder, or a single .mcap file; several are laid over each other",
-    )
-    out: Path | None = option(
-        None,
-        metavar="FILE",
-        description="the page (default: report.html beside the first recording)",
-    )
+    bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
+    """rosbag2 folder, or a single .mcap file; several are laid over each other"""
+    out: Path | None = option(None, metavar="FILE")
+    """the page (default: report.html beside the first recording)"""
     json: bool = json_option()
 
 

@@ -19,15 +19,12 @@ from omni_platform.configuration import Configuration, ConfigurationError
 class Options(Configuration):
     """Options of ``omni ros-params``."""
 
-    configuration: Path = option(
-        positional=True,
-        metavar="CONFIGURATION",
-        description="such as config/hardware/mecanum_agv.yaml, or the configuration.yaml of a run",
-    )
-    out: Path = option(metavar="DIR", description="folder of the files; made if it is missing")
-    force: bool = option(
-        False, description="write the files even if a roller angle seems to have a wrong sign"
-    )
+    configuration: Path = option(positional=True, metavar="CONFIGURATION")
+    """such as config/hardware/mecanum_agv.yaml, or the configuration.yaml of a run"""
+    out: Path = option(metavar="DIR")
+    """folder of the files; made if it is missing"""
+    force: bool = option(False)
+    """write the files even if a roller angle seems to have a wrong sign"""
     json: bool = json_option()
 
 

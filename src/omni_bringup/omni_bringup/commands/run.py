@@ -37,47 +37,25 @@ REPLACEABLE = ("brake_assist", "linescan_odometry")
 class Options(LoopOptions):
     """Options of ``omni run``."""
 
-    experiment: str = option(
-        "straight_line",
-        positional=True,
-        metavar="EXPERIMENT",
-        description="a file of config/experiments/, or a path that ends in .yaml",
-    )
-    variant: tuple[str, ...] = parameter((), description="run only this variant")
-    out: Path | None = option(
-        None,
-        metavar="DIR",
-        description="folder of the recordings and figures (default: bags/EXPERIMENT/TIME)",
-    )
-    ground: str | None = option(
-        None,
-        metavar="NAME|PICTURE",
-        description="a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with "
-        "--dpi",
-    )
-    dpi: float | None = parameter(
-        None, description="dots per inch of the picture on the ground, or to draw the ground in"
-    )
-    real_time: bool = parameter(
-        False,
-        description="pace the simulation by the wall clock instead of waiting for every reply",
-    )
-    compression: str = parameter(
-        "none",
-        choices=("none", "zstd", "lz4"),
-        description="of the recording; reduces noisy lines by about an eighth",
-    )
-    fsync: bool = parameter(
-        False,
-        description="wait for the disk at every flush, so that a power cut loses at most a second "
-        "of data",
-    )
-    replace: tuple[str, ...] = option(
-        (),
-        metavar="NODE=external",
-        description="do not start brake_assist or linescan_odometry; a node of your own in the "
-        "same ROS_DOMAIN_ID answers",
-    )
+    experiment: str = option("straight_line", positional=True, metavar="EXPERIMENT")
+    """a file of config/experiments/, or a path that ends in .yaml"""
+    variant: tuple[str, ...] = parameter(())
+    """run only this variant"""
+    out: Path | None = option(None, metavar="DIR")
+    """folder of the recordings and figures (default: bags/EXPERIMENT/TIME)"""
+    ground: str | None = option(None, metavar="NAME|PICTURE")
+    """a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi"""
+    dpi: float | None = parameter(None)
+    """dots per inch of the picture on the ground, or to draw the ground in"""
+    real_time: bool = parameter(False)
+    """pace the simulation by the wall clock instead of waiting for every reply"""
+    compression: str = parameter("none", choices=("none", "zstd", "lz4"))
+    """of the recording; reduces noisy lines by about an eighth"""
+    fsync: bool = parameter(False)
+    """wait for the disk at every flush, so that a power cut loses at most a second of data"""
+    replace: tuple[str, ...] = option((), metavar="NODE=external")
+    """do not start brake_assist or linescan_odometry; a node of your own in the same ROS_DOMAIN_ID
+    answers"""
     json: bool = json_option()
 
     @property

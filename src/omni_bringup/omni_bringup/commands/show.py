@@ -30,17 +30,12 @@ WORK = "drawing"
 class Options(configuration.Configuration):
     """Options of ``omni show``."""
 
-    name: str = command_options.option(
-        positional=True,
-        metavar="NAME",
-        description="one of ./omni list, or a path that ends in .yaml",
-    )
-    kind: str | None = command_options.option(
-        None, metavar="KIND", choices=EVERY, description="where two kinds share a name, or a path"
-    )
-    out: Path | None = command_options.option(
-        None, metavar="FILE", description="the picture (default: results/show/NAME.png)"
-    )
+    name: str = command_options.option(positional=True, metavar="NAME")
+    """one of ./omni list, or a path that ends in .yaml"""
+    kind: str | None = command_options.option(None, metavar="KIND", choices=EVERY)
+    """where two kinds share a name, or a path"""
+    out: Path | None = command_options.option(None, metavar="FILE")
+    """the picture (default: results/show/NAME.png)"""
     json: bool = command_options.json_option()
 
 

@@ -24,11 +24,11 @@ _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 class _Output(Configuration):
     """Options of every study besides its own."""
 
-    out: Path | None = option(
-        None, metavar="DIR", description="folder of the figures and data (results/STUDY)"
-    )
+    out: Path | None = option(None, metavar="DIR")
+    """folder of the figures and data (results/STUDY)"""
     json: bool = json_option()
-    strict: bool = option(False, description="end with exit code 1 if a metric misses its limit")
+    strict: bool = option(False)
+    """end with exit code 1 if a metric misses its limit"""
 
 
 def command(name: str) -> _StudyCommand:

@@ -47,51 +47,44 @@ _POSES = 50  # half a second of the vehicle's poses
 class Choice(Configuration):
     """Names of one kind that may be driven."""
 
-    chosen: str = parameter(description="The one that is driven now")
-    names: tuple[str, ...] = parameter(description="All that the page offers")
+    chosen: str = parameter()
+    """The one that is driven now"""
+    names: tuple[str, ...] = parameter()
+    """All that the page offers"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DriverConfiguration(Configuration):
     """Parameters of the node of the driver."""
 
-    wheels: Mapping[str, WheelMount] = parameter(description="Wheels of the platform by name")
-    chassis_length: float = parameter(description="Length of the platform", unit="m", above=0.0)
-    chassis_width: float = parameter(description="Width of the platform", unit="m", above=0.0)
-    patches: Mapping[str, FrictionPatch] = section(
-        dict, description="Patches of the ground to draw, by name"
-    )
-    choices: Mapping[str, Choice] = section(dict, description="Choices of the page by kind")
-    assist: bool = parameter(True, description="Whether the brake assistant starts switched on")
-    max_speed: float = parameter(
-        5.0, description="Speed that a full stick means", unit="m/s", above=0.0, maximum=50.0
-    )
-    max_yaw_rate: float = parameter(
-        1.5, description="Yaw rate that a full stick means", unit="rad/s", above=0.0, maximum=12.0
-    )
-    page_timeout: float = parameter(
-        0.3,
-        description="Time without a message of the open page after which the vehicle brakes fully",
-        unit="s",
-        above=0.0,
-        maximum=5.0,
-    )
-    command_timeout: float = parameter(
-        1.0,
-        description="Time after which the last cmd_vel is ignored; longer than the repeat period "
-        "of a keyboard",
-        unit="s",
-        above=0.0,
-        maximum=5.0,
-    )
-    stamped_cmd_vel: bool = parameter(
-        True, description="Whether cmd_vel is a TwistStamped; otherwise it is a Twist"
-    )
-    host: str = parameter("127.0.0.1", description="IP address of this machine for the page")
-    port: int = parameter(
-        0, description="TCP port of the page; 0 for any free one", minimum=0, maximum=65535
-    )
-    token: str = parameter("", description="Token of the page's address; a new one if empty")
+    wheels: Mapping[str, WheelMount] = parameter()
+    """Wheels of the platform by name"""
+    chassis_length: float = parameter(unit="m", above=0.0)
+    """Length of the platform"""
+    chassis_width: float = parameter(unit="m", above=0.0)
+    """Width of the platform"""
+    patches: Mapping[str, FrictionPatch] = section(dict)
+    """Patches of the ground to draw, by name"""
+    choices: Mapping[str, Choice] = section(dict)
+    """Choices of the page by kind"""
+    assist: bool = parameter(True)
+    """Whether the brake assistant starts switched on"""
+    max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)
+    """Speed that a full stick means"""
+    max_yaw_rate: float = parameter(1.5, unit="rad/s", above=0.0, maximum=12.0)
+    """Yaw rate that a full stick means"""
+    page_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=5.0)
+    """Time without a message of the open page after which the vehicle brakes fully"""
+    command_timeout: float = parameter(1.0, unit="s", above=0.0, maximum=5.0)
+    """Time after which the last cmd_vel is ignored; longer than the repeat period of a keyboard"""
+    stamped_cmd_vel: bool = parameter(True)
+    """Whether cmd_vel is a TwistStamped; otherwise it is a Twist"""
+    host: str = parameter("127.0.0.1")
+    """IP address of this machine for the page"""
+    port: int = parameter(0, minimum=0, maximum=65535)
+    """TCP port of the page; 0 for any free one"""
+    token: str = parameter("")
+    """Token of the page's address; a new one if empty"""
 
 
 class DriverNode(Node):

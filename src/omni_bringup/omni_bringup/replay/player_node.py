@@ -36,19 +36,20 @@ _QUIET = 0.3  # [s] without a result, after which none is on its way
 class PlayerConfiguration(Configuration):
     """Parameters of the player."""
 
-    bag: str = parameter(description="Recording to publish from: folder or .mcap file")
-    inputs: tuple[str, ...] = parameter(description="Topics to publish")
-    input_types: tuple[str, ...] = parameter(description="Type of each of them")
-    outputs: tuple[str, ...] = parameter(description="Topics on which the nodes answer")
-    output_types: tuple[str, ...] = parameter(description="Type of each of them")
-    rate: float = parameter(
-        0.0,
-        description="Speed as a multiple of the recorded one; 0 for as fast as the nodes follow",
-        minimum=0.0,
-    )
-    answer_timeout: float = parameter(
-        10.0, description="Longest wait for results", unit="s", above=0.0
-    )
+    bag: str = parameter()
+    """Recording to publish from: folder or .mcap file"""
+    inputs: tuple[str, ...] = parameter()
+    """Topics to publish"""
+    input_types: tuple[str, ...] = parameter()
+    """Type of each of them"""
+    outputs: tuple[str, ...] = parameter()
+    """Topics on which the nodes answer"""
+    output_types: tuple[str, ...] = parameter()
+    """Type of each of them"""
+    rate: float = parameter(0.0, minimum=0.0)
+    """Speed as a multiple of the recorded one; 0 for as fast as the nodes follow"""
+    answer_timeout: float = parameter(10.0, unit="s", above=0.0)
+    """Longest wait for results"""
 
     def check_consistency(self) -> None:
         """Refuse lists of different lengths."""

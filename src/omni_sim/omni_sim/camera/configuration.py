@@ -16,129 +16,52 @@ _MOST_WIDENING = 1.25  # of a view by the heave of the camera, beyond which it i
 class CameraConfiguration(Configuration):
     """Exposure and optics of the line cameras."""
 
-    noise: float = parameter(
-        1.0,
-        description="Standard deviation of white noise, in gray levels of an 8-bit scale",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    signal_to_noise_db: float = parameter(
-        0.0,
-        description="Full scale over the standard deviation of white noise, instead of noise; 0 "
-        "to use noise",
-        unit="dB",
-        minimum=0.0,
-        maximum=200.0,
-    )
-    bit_depth: int = parameter(
-        8, description="Bits of a pixel, 8 or 16", unit="bit", minimum=8, maximum=16
-    )
-    gain: float = parameter(
-        1.0, description="Factor from the ground's gray level to the camera's", above=0.0
-    )
-    offset: float = parameter(
-        0.0, description="Brightness added to every pixel, in gray levels of an 8-bit scale"
-    )
-    exposure_time: float = parameter(
-        0.0,
-        description="Time over which a line is exposed, half before and half after its stamp; "
-        "motion blurs the line meanwhile",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    lens: str = parameter(
-        TELECENTRIC,
-        description="Whether the magnification is the same at every height or goes with it",
-        choices=(TELECENTRIC, ORDINARY),
-    )
-    working_distance: float = parameter(
-        0.1,
-        description="Distance of an ordinary lens from the ground at which the field of view is "
-        "as configured",
-        unit="m",
-        above=0.0,
-        maximum=10.0,
-    )
-    height_error: float = parameter(
-        0.0,
-        description="Mounting height above that distance",
-        unit="m",
-        minimum=-10.0,
-        maximum=10.0,
-    )
-    shading: float = parameter(
-        0.0,
-        description="Share of the brightness lost at both ends of a line, by the square of the "
-        "distance from its middle",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    dirt_spots: int = parameter(
-        0, description="Specks of dirt on the optics, at random places", minimum=0, maximum=1000
-    )
-    dirt_size: float = parameter(
-        0.002,
-        description="Mean diameter of their blurred shadows, measured on the ground",
-        unit="m",
-        above=0.0,
-        maximum=1.0,
-    )
-    dirt_opacity: float = parameter(
-        0.5,
-        description="Share of the light lost in the middle of a shadow",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    photo_response: float = parameter(
-        0.0,
-        description="Standard deviation of the pixels' gains (PRNU)",
-        minimum=0.0,
-        maximum=0.5,
-    )
-    dark_signal: float = parameter(
-        0.0,
-        description="Standard deviation of the pixels' offsets (DSNU), in gray levels of an 8-bit "
-        "scale",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    dark_steps: float = parameter(
-        0.0,
-        description="Difference of the offsets of neighboring eighths of a line, which are read "
-        "out by different amplifiers, in gray levels of an 8-bit scale",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    stuck_pixels: int = parameter(
-        0, description="Pixels that are always black or always white", minimum=0, maximum=1000
-    )
-    hot_pixels: int = parameter(
-        0,
-        description="Pixels with 20 to 120 gray levels of dark signal",
-        minimum=0,
-        maximum=1000,
-    )
-    mud: float = parameter(
-        0.0,
-        description="Share of the view, from the end of the line, hidden by mud on the optics",
-        minimum=0.0,
-        maximum=0.9,
-    )
-    shadow: float = parameter(
-        0.0,
-        description="Share of the light lost in a shadow that does not move with the ground",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    shadow_speed: float = parameter(
-        0.0,
-        description="Frequency at which the shadow's edge oscillates along the line; 0 for an "
-        "edge fixed in the view",
-        unit="m/s",
-        minimum=0.0,
-        maximum=100.0,
-    )
+    noise: float = parameter(1.0, minimum=0.0, maximum=100.0)
+    """Standard deviation of white noise, in gray levels of an 8-bit scale"""
+    signal_to_noise_db: float = parameter(0.0, unit="dB", minimum=0.0, maximum=200.0)
+    """Full scale over the standard deviation of white noise, instead of noise; 0 to use noise"""
+    bit_depth: int = parameter(8, unit="bit", minimum=8, maximum=16)
+    """Bits of a pixel, 8 or 16"""
+    gain: float = parameter(1.0, above=0.0)
+    """Factor from the ground's gray level to the camera's"""
+    offset: float = parameter(0.0)
+    """Brightness added to every pixel, in gray levels of an 8-bit scale"""
+    exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time over which a line is exposed, half before and half after its stamp; motion blurs the
+    line meanwhile"""
+    lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
+    """Whether the magnification is the same at every height or goes with it"""
+    working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
+    """Distance of an ordinary lens from the ground at which the field of view is as configured"""
+    height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
+    """Mounting height above that distance"""
+    shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Share of the brightness lost at both ends of a line, by the square of the distance from its
+    middle"""
+    dirt_spots: int = parameter(0, minimum=0, maximum=1000)
+    """Specks of dirt on the optics, at random places"""
+    dirt_size: float = parameter(0.002, unit="m", above=0.0, maximum=1.0)
+    """Mean diameter of their blurred shadows, measured on the ground"""
+    dirt_opacity: float = parameter(0.5, minimum=0.0, maximum=1.0)
+    """Share of the light lost in the middle of a shadow"""
+    photo_response: float = parameter(0.0, minimum=0.0, maximum=0.5)
+    """Standard deviation of the pixels' gains (PRNU)"""
+    dark_signal: float = parameter(0.0, minimum=0.0, maximum=100.0)
+    """Standard deviation of the pixels' offsets (DSNU), in gray levels of an 8-bit scale"""
+    dark_steps: float = parameter(0.0, minimum=0.0, maximum=100.0)
+    """Difference of the offsets of neighboring eighths of a line, which are read out by different
+    amplifiers, in gray levels of an 8-bit scale"""
+    stuck_pixels: int = parameter(0, minimum=0, maximum=1000)
+    """Pixels that are always black or always white"""
+    hot_pixels: int = parameter(0, minimum=0, maximum=1000)
+    """Pixels with 20 to 120 gray levels of dark signal"""
+    mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
+    """Share of the view, from the end of the line, hidden by mud on the optics"""
+    shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Share of the light lost in a shadow that does not move with the ground"""
+    shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
+    """Frequency at which the shadow's edge oscillates along the line; 0 for an edge fixed in the
+    view"""
 
     @property
     def noise_deviation(self) -> float:

@@ -22,20 +22,12 @@ FULL_BRAKING = 1.0
 class ManualDriverConfiguration(Configuration):
     """Limits of an external driver."""
 
-    acceleration: float = parameter(
-        2.5, description="Largest change of the commanded velocity", unit="m/s^2", above=0.0
-    )
-    yaw_acceleration: float = parameter(
-        3.0, description="Largest change of the commanded yaw rate", unit="rad/s^2", above=0.0
-    )
-    driver_timeout: float = parameter(
-        0.3,
-        description="Time without a message of the driver (wall clock) after which the vehicle "
-        "brakes fully",
-        unit="s",
-        above=0.0,
-        maximum=10.0,
-    )
+    acceleration: float = parameter(2.5, unit="m/s^2", above=0.0)
+    """Largest change of the commanded velocity"""
+    yaw_acceleration: float = parameter(3.0, unit="rad/s^2", above=0.0)
+    """Largest change of the commanded yaw rate"""
+    driver_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=10.0)
+    """Time without a message of the driver (wall clock) after which the vehicle brakes fully"""
 
 
 class DemandInbox:

@@ -21,11 +21,16 @@ class DemandConfiguration(Configuration):
     pedal opens the clutch, the velocities are ignored.
     """
 
-    time: tuple[float, ...] = parameter((), description="Times of the rows, increasing", unit="s")
-    forward: tuple[float, ...] = parameter((), description="Velocity forward", unit="m/s")
-    left: tuple[float, ...] = parameter((), description="Velocity to the left", unit="m/s")
-    turn: tuple[float, ...] = parameter((), description="Yaw rate", unit="rad/s")
-    pedal: tuple[float, ...] = parameter((), description="Position of the pedal, 0..1")
+    time: tuple[float, ...] = parameter((), unit="s")
+    """Times of the rows, increasing"""
+    forward: tuple[float, ...] = parameter((), unit="m/s")
+    """Velocity forward"""
+    left: tuple[float, ...] = parameter((), unit="m/s")
+    """Velocity to the left"""
+    turn: tuple[float, ...] = parameter((), unit="rad/s")
+    """Yaw rate"""
+    pedal: tuple[float, ...] = parameter(())
+    """Position of the pedal, 0..1"""
 
     def check_consistency(self) -> None:
         """Refuse an invalid table.
@@ -51,59 +56,30 @@ class DemandConfiguration(Configuration):
 class ManeuverConfiguration(Configuration):
     """Demands of the scripted driver during a run."""
 
-    x: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
-    y: float = parameter(0.0, description="Start of base_link in the world frame", unit="m")
-    heading_deg: float = parameter(
-        0.0,
-        description="Heading of the body at the start, counter-clockwise from the x axis",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    speed: float = parameter(
-        10.0, description="Speed before braking", unit="m/s", minimum=0.0, maximum=50.0
-    )
-    direction_deg: float = parameter(
-        0.0,
-        description="Direction of motion, counter-clockwise from the body's forward axis",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    yaw_rate_deg: float = parameter(
-        0.0,
-        description="Yaw rate before braking, counter-clockwise",
-        unit="deg/s",
-        minimum=-720.0,
-        maximum=720.0,
-    )
-    hold_world_direction: bool = parameter(
-        False,
-        description="Keep the direction of motion in the world while the body turns "
-        "(turn-while-translate); otherwise it turns with the body",
-    )
-    brake_time: float = parameter(
-        1.0,
-        description="Time at which the brake pedal goes down",
-        unit="s",
-        minimum=0.0,
-        maximum=3600.0,
-    )
-    pedal: float = parameter(
-        1.0, description="Position of the pedal while braking", minimum=0.0, maximum=1.0
-    )
-    pedal_ramp_time: float = parameter(
-        0.0,
-        description="Time that the pedal takes to go down",
-        unit="s",
-        minimum=0.0,
-        maximum=60.0,
-    )
-    demands: DemandConfiguration = section(
-        DemandConfiguration,
-        description="Table in place of speed, direction, yaw rate, pedal and their times; in an "
-        "experiment or --set it may be the name of a CSV file or of a recording",
-    )
+    x: float = parameter(0.0, unit="m")
+    """Start of base_link in the world frame"""
+    y: float = parameter(0.0, unit="m")
+    """Start of base_link in the world frame"""
+    heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Heading of the body at the start, counter-clockwise from the x axis"""
+    speed: float = parameter(10.0, unit="m/s", minimum=0.0, maximum=50.0)
+    """Speed before braking"""
+    direction_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Direction of motion, counter-clockwise from the body's forward axis"""
+    yaw_rate_deg: float = parameter(0.0, unit="deg/s", minimum=-720.0, maximum=720.0)
+    """Yaw rate before braking, counter-clockwise"""
+    hold_world_direction: bool = parameter(False)
+    """Keep the direction of motion in the world while the body turns (turn-while-translate);
+    otherwise it turns with the body"""
+    brake_time: float = parameter(1.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Time at which the brake pedal goes down"""
+    pedal: float = parameter(1.0, minimum=0.0, maximum=1.0)
+    """Position of the pedal while braking"""
+    pedal_ramp_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=60.0)
+    """Time that the pedal takes to go down"""
+    demands: DemandConfiguration = section(DemandConfiguration)
+    """Table in place of speed, direction, yaw rate, pedal and their times; in an experiment or
+    --set it may be the name of a CSV file or of a recording"""
 
     @property
     def earliest_end(self) -> float:

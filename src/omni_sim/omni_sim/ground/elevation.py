@@ -46,72 +46,44 @@ class Terrain(NamedTuple):
 class WaveConfiguration(Configuration):
     """A straight, infinite wave of the ground."""
 
-    amplitude: float = parameter(
-        description="Amplitude, half the height from trough to crest",
-        unit="m",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    length: float = parameter(
-        description="Distance from crest to crest", unit="m", minimum=0.2, maximum=1.0e4
-    )
-    direction_deg: float = parameter(
-        0.0,
-        description="Direction across the crests, counter-clockwise from the x axis",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    phase_deg: float = parameter(
-        0.0,
-        description="Phase at the origin; 90 puts a crest there",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
+    amplitude: float = parameter(unit="m", minimum=0.0, maximum=10.0)
+    """Amplitude, half the height from trough to crest"""
+    length: float = parameter(unit="m", minimum=0.2, maximum=1.0e4)
+    """Distance from crest to crest"""
+    direction_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Direction across the crests, counter-clockwise from the x axis"""
+    phase_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Phase at the origin; 90 puts a crest there"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BumpConfiguration(Configuration):
     """A round bump or hollow of the ground."""
 
-    x: float = parameter(description="Center in the world", unit="m")
-    y: float = parameter(description="Center in the world", unit="m")
-    height: float = parameter(
-        description="Height at the center, negative for a hollow",
-        unit="m",
-        minimum=-10.0,
-        maximum=10.0,
-    )
-    radius: float = parameter(description="Radius of its rim", unit="m", minimum=0.1, maximum=1.0e4)
+    x: float = parameter(unit="m")
+    """Center in the world"""
+    y: float = parameter(unit="m")
+    """Center in the world"""
+    height: float = parameter(unit="m", minimum=-10.0, maximum=10.0)
+    """Height at the center, negative for a hollow"""
+    radius: float = parameter(unit="m", minimum=0.1, maximum=1.0e4)
+    """Radius of its rim"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ElevationConfiguration(Configuration):
     """Height of the ground; the parts add up, and the default is flat."""
 
-    grade: float = parameter(
-        0.0,
-        description="Rise over run of an even slope, 0.05 for 5 %",
-        minimum=0.0,
-        maximum=STEEPEST,
-    )
-    uphill_deg: float = parameter(
-        0.0,
-        description="Direction in which the slope rises, counter-clockwise from the x axis",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    waves: Mapping[str, WaveConfiguration] = section(dict, description="Waves by name")
-    bumps: Mapping[str, BumpConfiguration] = section(dict, description="Bumps and hollows by name")
-    sampling_distance: float = parameter(
-        0.05,
-        description="Distance from the wheel of the four points that span its road plane (5)",
-        unit="m",
-        minimum=1.0e-3,
-        maximum=1.0,
-    )
+    grade: float = parameter(0.0, minimum=0.0, maximum=STEEPEST)
+    """Rise over run of an even slope, 0.05 for 5 %"""
+    uphill_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Direction in which the slope rises, counter-clockwise from the x axis"""
+    waves: Mapping[str, WaveConfiguration] = section(dict)
+    """Waves by name"""
+    bumps: Mapping[str, BumpConfiguration] = section(dict)
+    """Bumps and hollows by name"""
+    sampling_distance: float = parameter(0.05, unit="m", minimum=1.0e-3, maximum=1.0)
+    """Distance from the wheel of the four points that span its road plane (5)"""
 
     def check_consistency(self) -> None:
         """Refuse ground that is steeper than the model permits.

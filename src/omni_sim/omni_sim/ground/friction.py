@@ -17,29 +17,21 @@ from omni_platform.quantities import FloatArray
 class FrictionPatch(Configuration):
     """A rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
 
-    shape: str = parameter(
-        "rectangle",
-        description="Shape of the patch; an ellipse has length and width as its axes, and a circle "
-        "both alike",
-        choices=("rectangle", "ellipse"),
-    )
+    shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
+    """Shape of the patch; an ellipse has length and width as its axes, and a circle both alike"""
 
-    x: float = parameter(description="Center of the patch", unit="m")
-    y: float = parameter(description="Center of the patch", unit="m")
-    length: float = parameter(description="Extent along the heading", unit="m", above=0.0)
-    width: float = parameter(description="Extent across the heading", unit="m", above=0.0)
-    heading_deg: float = parameter(
-        0.0,
-        description="Direction of the length, counter-clockwise from the x axis",
-        unit="deg",
-        minimum=-360.0,
-        maximum=360.0,
-    )
-    friction: float = parameter(
-        description="Friction factor mu/mu_0 on the patch, relative to the tire's own data",
-        minimum=0.0,
-        maximum=2.0,
-    )
+    x: float = parameter(unit="m")
+    """Center of the patch"""
+    y: float = parameter(unit="m")
+    """Center of the patch"""
+    length: float = parameter(unit="m", above=0.0)
+    """Extent along the heading"""
+    width: float = parameter(unit="m", above=0.0)
+    """Extent across the heading"""
+    heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
+    """Direction of the length, counter-clockwise from the x axis"""
+    friction: float = parameter(minimum=0.0, maximum=2.0)
+    """Friction factor mu/mu_0 on the patch, relative to the tire's own data"""
 
 
 class FrictionMap:

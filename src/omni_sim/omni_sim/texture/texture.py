@@ -40,30 +40,19 @@ _THREADS = 2
 class TextureConfiguration(Configuration):
     """Texture of the ground: a material, or a user's picture."""
 
-    kind: str = parameter("cork", description="Kind of ground", choices=(*KINDS, PICTURE))
-    size: float = parameter(
-        0.2,
-        description="Period of a material's texture in x and y; a picture has its own",
-        unit="m",
-        minimum=0.05,
-        maximum=1.0,
-    )
-    texels: int = parameter(
-        4096,
-        description="Texels per period in x and y of a material",
-        unit="1",
-        minimum=256,
-        maximum=8192,
-    )
-    seed: int = parameter(1, description="Seed of a material's pattern", minimum=0)
-    picture: str = parameter("", description="File of the kind picture, PNG, TIFF or JPEG")
-    dpi: float = parameter(
-        0.0,
-        description="Dots per inch on the ground; a picture needs them, of a material they take "
-        "the place of texels and round its period up to a multiple of 32 texels; 0 for texels",
-        minimum=0.0,
-        maximum=50000.0,
-    )
+    kind: str = parameter("cork", choices=(*KINDS, PICTURE))
+    """Kind of ground"""
+    size: float = parameter(0.2, unit="m", minimum=0.05, maximum=1.0)
+    """Period of a material's texture in x and y; a picture has its own"""
+    texels: int = parameter(4096, unit="1", minimum=256, maximum=8192)
+    """Texels per period in x and y of a material"""
+    seed: int = parameter(1, minimum=0)
+    """Seed of a material's pattern"""
+    picture: str = parameter("")
+    """File of the kind picture, PNG, TIFF or JPEG"""
+    dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
+    """Dots per inch on the ground; a picture needs them, of a material they take the place of
+    texels and round its period up to a multiple of 32 texels; 0 for texels"""
 
     def check_consistency(self) -> None:
         """Refuse a picture without scale, an unused picture, and too many texels.

@@ -42,39 +42,16 @@ _ModelFields: Any = dataclasses.make_dataclass(
 class TireConfiguration(_ModelFields):
     """A tire, by default TMeasy with Table 1; parameters of other models are ignored."""
 
-    model: str = parameter(
-        "tmeasy",
-        description="Tire model; its parameters are those under its name",
-        choices=tuple(MODELS),
-    )
-    stiffness: float = parameter(
-        2.0e5,
-        description="Stiffness c_x of the tire against horizontal deflection",
-        unit="N/m",
-        minimum=1.0e3,
-        maximum=1.0e8,
-    )
-    damping: float = parameter(
-        5000.0,
-        description="Damping d_x of the horizontal deflection",
-        unit="N s/m",
-        minimum=0.0,
-        maximum=1.0e7,
-    )
-    vertical_stiffness: float = parameter(
-        1.0e6,
-        description="Vertical stiffness c_z, which sets the dynamic rolling radius",
-        unit="N/m",
-        minimum=1.0e4,
-        maximum=1.0e9,
-    )
-    slip_speed: float = parameter(
-        1.0e-6,
-        description="Speed v_num that keeps the slip of a locked wheel finite",
-        unit="m/s",
-        minimum=1.0e-9,
-        maximum=0.1,
-    )
+    model: str = parameter("tmeasy", choices=tuple(MODELS))
+    """Tire model; its parameters are those under its name"""
+    stiffness: float = parameter(2.0e5, unit="N/m", minimum=1.0e3, maximum=1.0e8)
+    """Stiffness c_x of the tire against horizontal deflection"""
+    damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
+    """Damping d_x of the horizontal deflection"""
+    vertical_stiffness: float = parameter(1.0e6, unit="N/m", minimum=1.0e4, maximum=1.0e9)
+    """Vertical stiffness c_z, which sets the dynamic rolling radius"""
+    slip_speed: float = parameter(1.0e-6, unit="m/s", minimum=1.0e-9, maximum=0.1)
+    """Speed v_num that keeps the slip of a locked wheel finite"""
 
     @property
     def tire_model(self) -> TireModel:

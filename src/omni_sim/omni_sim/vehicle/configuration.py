@@ -29,68 +29,31 @@ from omni_sim.wheel.roller_geometry import RollerGeometry
 class DriveConfiguration(Configuration):
     """The drive of each wheel: an exact speed source behind a clutch (Appendix A)."""
 
-    clutch_threshold: float = parameter(
-        0.05,
-        description="Pedal position from which on the clutch is open",
-        above=0.0,
-        maximum=1.0,
-    )
-    stiffness: float = parameter(
-        5000.0,
-        description="Torque of the engaged clutch per difference of speed",
-        unit="N m s/rad",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    max_torque: float = parameter(
-        1500.0,
-        description="Largest torque of the engaged clutch",
-        unit="N m",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
+    clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
+    """Pedal position from which on the clutch is open"""
+    stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
+    """Torque of the engaged clutch per difference of speed"""
+    max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
+    """Largest torque of the engaged clutch"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelCondition(Configuration):
     """Deviations of a wheel from the others: a worn or oily tire, a faulty brake."""
 
-    friction: float = parameter(
-        1.0,
-        description="Factor on the friction of the ground under this wheel",
-        minimum=0.0,
-        maximum=2.0,
-    )
-    brake: float = parameter(
-        1.0, description="Factor on the torque of this wheel's brake", minimum=0.0, maximum=2.0
-    )
-    mounted: float = parameter(
-        0.0,
-        description="Mounting height of this wheel relative to the others; needs a suspension",
-        unit="m",
-        minimum=-0.1,
-        maximum=0.1,
-    )
-    open_valve: float = parameter(
-        0.0,
-        description="Smallest share of the pedal's pressure that the valve of this brake passes, "
-        "1 for one that cannot release",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    stuck_brake: float = parameter(
-        0.0,
-        description="Share of its torque that this brake exerts even with the pedal up",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    onset: float = parameter(
-        0.0,
-        description="Time from which brake, open_valve and stuck_brake apply",
-        unit="s",
-        minimum=0.0,
-        maximum=3600.0,
-    )
+    friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
+    """Factor on the friction of the ground under this wheel"""
+    brake: float = parameter(1.0, minimum=0.0, maximum=2.0)
+    """Factor on the torque of this wheel's brake"""
+    mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
+    """Mounting height of this wheel relative to the others; needs a suspension"""
+    open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Smallest share of the pedal's pressure that the valve of this brake passes, 1 for one that
+    cannot release"""
+    stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Share of its torque that this brake exerts even with the pedal up"""
+    onset: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Time from which brake, open_valve and stuck_brake apply"""
 
 
 _SOUND = WheelCondition()
@@ -100,69 +63,42 @@ _SOUND = WheelCondition()
 class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 
-    wheels: Mapping[str, geometry.WheelMount] = parameter(
-        description="Wheels by name; their order is the order of all wheel arrays"
-    )
-    chassis_length: float = parameter(
-        1.6,
-        description="Length of the chassis; only figures and placements of sensors depend on it",
-        unit="m",
-        above=0.0,
-    )
-    chassis_width: float = parameter(
-        1.2,
-        description="Width of the chassis; only figures and placements of sensors depend on it",
-        unit="m",
-        above=0.0,
-    )
-    body: loads.MassConfiguration = parameter(description="Chassis with its wheels and drives")
-    load: loads.MassConfiguration = section(
-        lambda: loads.MassConfiguration(mass=0.0, height=0.0), description="Movable load"
-    )
-    tire: TireConfiguration = section(TireConfiguration, description="Tire of every wheel")
-    wheel_model: str = parameter(
-        "single",
-        description="Model of every wheel: 'single' with one idealized roller (section 2.4.2), or "
-        "'rollers' with free rollers of their own (section 2.4.1), or 'mujoco' with such rollers "
-        "in MuJoCo, an optional package",
-        choices=("single", "rollers", "mujoco"),
-    )
-    contact: str = parameter(
-        "ideal",
-        description="Contact of the wheel model 'single': 'ideal' under the wheel's center, or "
-        "'roller', which moves along the roller on the ground and jumps to the next (8)-(10)",
-        choices=("ideal", "roller"),
-    )
-    rollers: RollerConfiguration = section(
-        RollerConfiguration,
-        description="Rollers of every wheel; used if the wheel model or its contact has rollers",
-    )
-    brake: BrakeConfiguration = section(BrakeConfiguration, description="Brake of every wheel")
-    drive: DriveConfiguration = section(DriveConfiguration, description="Drive of every wheel")
-    conditions: Mapping[str, WheelCondition] = section(
-        dict, description="Wheels, by name, whose tire or brake differs from the others"
-    )
-    suspension: SuspensionConfiguration = section(
-        SuspensionConfiguration, description="Springs of the chassis"
-    )
-    passive_losses: PassiveLossConfiguration = section(
-        PassiveLossConfiguration, description="Losses of every wheel's rollers"
-    )
-    wheel_inertia: float = parameter(
-        1.0,
-        description="Moment of inertia of a wheel about its axis",
-        unit="kg m^2",
-        above=0.0,
-        maximum=1.0e4,
-    )
-    load_transfer_time: float = parameter(
-        0.02,
-        description="Time constant with which wheel loads follow the acceleration; represents "
-        "pitch and roll on the tires",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-    )
+    wheels: Mapping[str, geometry.WheelMount] = parameter()
+    """Wheels by name; their order is the order of all wheel arrays"""
+    chassis_length: float = parameter(1.6, unit="m", above=0.0)
+    """Length of the chassis; only figures and placements of sensors depend on it"""
+    chassis_width: float = parameter(1.2, unit="m", above=0.0)
+    """Width of the chassis; only figures and placements of sensors depend on it"""
+    body: loads.MassConfiguration = parameter()
+    """Chassis with its wheels and drives"""
+    load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
+    """Movable load"""
+    tire: TireConfiguration = section(TireConfiguration)
+    """Tire of every wheel"""
+    wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
+    """Model of every wheel: 'single' with one idealized roller (section 2.4.2), or 'rollers' with
+    free rollers of their own (section 2.4.1), or 'mujoco' with such rollers in MuJoCo, an optional
+    package"""
+    contact: str = parameter("ideal", choices=("ideal", "roller"))
+    """Contact of the wheel model 'single': 'ideal' under the wheel's center, or 'roller', which
+    moves along the roller on the ground and jumps to the next (8)-(10)"""
+    rollers: RollerConfiguration = section(RollerConfiguration)
+    """Rollers of every wheel; used if the wheel model or its contact has rollers"""
+    brake: BrakeConfiguration = section(BrakeConfiguration)
+    """Brake of every wheel"""
+    drive: DriveConfiguration = section(DriveConfiguration)
+    """Drive of every wheel"""
+    conditions: Mapping[str, WheelCondition] = section(dict)
+    """Wheels, by name, whose tire or brake differs from the others"""
+    suspension: SuspensionConfiguration = section(SuspensionConfiguration)
+    """Springs of the chassis"""
+    passive_losses: PassiveLossConfiguration = section(PassiveLossConfiguration)
+    """Losses of every wheel's rollers"""
+    wheel_inertia: float = parameter(1.0, unit="kg m^2", above=0.0, maximum=1.0e4)
+    """Moment of inertia of a wheel about its axis"""
+    load_transfer_time: float = parameter(0.02, unit="s", minimum=0.0, maximum=10.0)
+    """Time constant with which wheel loads follow the acceleration; represents pitch and roll on
+    the tires"""
 
     @property
     def grip(self) -> quantities.FloatArray:

@@ -32,31 +32,16 @@ MAXIMUM_WHEELS = 32
 class MassConfiguration(Configuration):
     """A rigid mass on the platform, in the body frame."""
 
-    mass: float = parameter(description="Mass", unit="kg", minimum=0.0, maximum=1.0e5)
-    x: float = parameter(
-        0.0,
-        description="Center of gravity, forward of the platform center",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    y: float = parameter(
-        0.0,
-        description="Center of gravity, left of the platform center",
-        unit="m",
-        minimum=-LARGEST_OFFSET,
-        maximum=LARGEST_OFFSET,
-    )
-    height: float = parameter(
-        description="Center of gravity above the ground", unit="m", minimum=0.0, maximum=20.0
-    )
-    yaw_inertia: float = parameter(
-        0.0,
-        description="Moment of inertia about the vertical through its own center of gravity",
-        unit="kg m^2",
-        minimum=0.0,
-        maximum=1.0e9,
-    )
+    mass: float = parameter(unit="kg", minimum=0.0, maximum=1.0e5)
+    """Mass"""
+    x: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of gravity, forward of the platform center"""
+    y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Center of gravity, left of the platform center"""
+    height: float = parameter(unit="m", minimum=0.0, maximum=20.0)
+    """Center of gravity above the ground"""
+    yaw_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia about the vertical through its own center of gravity"""
 
 
 @dataclasses.dataclass(frozen=True)

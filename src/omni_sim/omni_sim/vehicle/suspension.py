@@ -37,31 +37,16 @@ _BALANCES = 100  # tried of a chassis at rest
 class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; by default there are none."""
 
-    stiffness: float = parameter(
-        0.0,
-        description="Vertical stiffness of each wheel with its suspension; 0: loads follow the "
-        "acceleration within load_transfer_time as on equal springs",
-        unit="N/m",
-        minimum=0.0,
-        maximum=1.0e8,
-    )
-    damping_ratio: float = parameter(
-        0.3, description="Damping ratio of the chassis' heave", minimum=0.0, maximum=2.0
-    )
-    pitch_inertia: float = parameter(
-        0.0,
-        description="Moment of inertia of body and load about the lateral axis through their "
-        "center of gravity; 0: that of a homogeneous box as long as the chassis",
-        unit="kg m^2",
-        minimum=0.0,
-    )
-    roll_inertia: float = parameter(
-        0.0,
-        description="Moment of inertia about the longitudinal axis; 0: of a box as wide as the "
-        "chassis",
-        unit="kg m^2",
-        minimum=0.0,
-    )
+    stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
+    """Vertical stiffness of each wheel with its suspension; 0: loads follow the acceleration within
+    load_transfer_time as on equal springs"""
+    damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
+    """Damping ratio of the chassis' heave"""
+    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0)
+    """Moment of inertia of body and load about the lateral axis through their center of gravity; 0:
+    that of a homogeneous box as long as the chassis"""
+    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0)
+    """Moment of inertia about the longitudinal axis; 0: of a box as wide as the chassis"""
 
 
 def fastest_motion(plant: Plant, suspension: Suspension) -> float:

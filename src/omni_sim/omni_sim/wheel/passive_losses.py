@@ -31,42 +31,19 @@ from omni_platform.kernels import lean
 class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 
-    rolling_resistance: float = parameter(
-        0.0,
-        description="Rolling resistance of the rollers per load, as far as it does not depend on "
-        "the load; about 0.015 for car tires on concrete",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    elasticity: float = parameter(
-        0.0,
-        description="C of Eq. (19), the resistance that grows with the load",
-        unit="m/N",
-        minimum=0.0,
-        maximum=1.0e-3,
-    )
-    roller_diameter: float = parameter(
-        0.08, description="D of Eq. (19)", unit="m", minimum=1.0e-3, maximum=10.0
-    )
-    section_ratio: float = parameter(
-        1.0,
-        description="h_t / w of Eq. (19), height over width of the rollers' tread",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    bearing_friction: float = parameter(
-        0.0,
-        description="Friction of the rollers' bearings per load, at the rollers' surface",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    roller_mass: float = parameter(
-        0.0,
-        description="Mass of the roller in contact, a solid cylinder",
-        unit="kg",
-        minimum=0.0,
-        maximum=1.0e3,
-    )
+    rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Rolling resistance of the rollers per load, as far as it does not depend on the load; about
+    0.015 for car tires on concrete"""
+    elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
+    """C of Eq. (19), the resistance that grows with the load"""
+    roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
+    """D of Eq. (19)"""
+    section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
+    """h_t / w of Eq. (19), height over width of the rollers' tread"""
+    bearing_friction: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Friction of the rollers' bearings per load, at the rollers' surface"""
+    roller_mass: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e3)
+    """Mass of the roller in contact, a solid cylinder"""
 
     @property
     def constant_share(self) -> float:

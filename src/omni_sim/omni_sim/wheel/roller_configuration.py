@@ -21,47 +21,22 @@ class RollerConfiguration(Configuration):
     a roller's contact patch, where the wheel as one tire has 250 mm.
     """
 
-    count: int = parameter(12, description="Rollers of a wheel, n", minimum=4, maximum=64)
-    radius: float = parameter(
-        0.045, description="Radius of a roller at its middle", unit="m", above=0.0, maximum=1.0
-    )
-    inertia: float = parameter(
-        8.0e-4,
-        description="Moment of inertia of a roller about its axis",
-        unit="kg m^2",
-        minimum=1.0e-7,
-        maximum=10.0,
-    )
-    stiffness: float = parameter(
-        2.0e6,
-        description="Stiffness of a roller's tread against horizontal deflection; replaces that "
-        "of the tire in the wheel model 'rollers'",
-        unit="N/m",
-        minimum=1.0e3,
-        maximum=1.0e8,
-    )
-    damping: float = parameter(
-        5000.0,
-        description="Damping of that deflection",
-        unit="N s/m",
-        minimum=0.0,
-        maximum=1.0e7,
-    )
-    overlap: float = parameter(
-        0.1,
-        description="Share of half a pitch before and after a change of rollers, in which both "
-        "carry the load",
-        minimum=0.01,
-        maximum=0.5,
-    )
-    gap: float = parameter(
-        0.0,
-        description="Gap between the ends of two neighboring rollers, along the rim, into which "
-        "the wheel sinks; needs a suspension. 0: they fill the wheel's circle",
-        unit="m",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    count: int = parameter(12, minimum=4, maximum=64)
+    """Rollers of a wheel, n"""
+    radius: float = parameter(0.045, unit="m", above=0.0, maximum=1.0)
+    """Radius of a roller at its middle"""
+    inertia: float = parameter(8.0e-4, unit="kg m^2", minimum=1.0e-7, maximum=10.0)
+    """Moment of inertia of a roller about its axis"""
+    stiffness: float = parameter(2.0e6, unit="N/m", minimum=1.0e3, maximum=1.0e8)
+    """Stiffness of a roller's tread against horizontal deflection; replaces that of the tire in the
+    wheel model 'rollers'"""
+    damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
+    """Damping of that deflection"""
+    overlap: float = parameter(0.1, minimum=0.01, maximum=0.5)
+    """Share of half a pitch before and after a change of rollers, in which both carry the load"""
+    gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
+    """Gap between the ends of two neighboring rollers, along the rim, into which the wheel sinks;
+    needs a suspension. 0: they fill the wheel's circle"""
 
 
 def roller_geometries(

@@ -40,13 +40,14 @@ class LineOptions(Configuration):
     """Grounds, distance, number of pairs, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("cork")
-    metric: str = parameter("pearson", choices=tuple(METRICS), description="distance between lines")
+    metric: str = parameter("pearson", choices=tuple(METRICS))
+    """distance between lines"""
     pairs: int = pairs_option(20)
     noise: float = noise_option()
-    texels: int = parameter(
-        8192, description="resolution of the ground over 0.2 m", minimum=256, maximum=8192
-    )
-    seed: int = parameter(1, description="of places and noise", minimum=0)
+    texels: int = parameter(8192, minimum=256, maximum=8192)
+    """resolution of the ground over 0.2 m"""
+    seed: int = parameter(1, minimum=0)
+    """of places and noise"""
 
     @property
     def kinds(self) -> list[str]:
@@ -75,7 +76,8 @@ class TextureOptions(Configuration):
         description=f"dots per inch of the grounds (default: {_DPI:g}; a picture needs its own)",
     )
     runs: int = runs_option(2)
-    seed: int = parameter(1, description="of places and noise", minimum=0)
+    seed: int = parameter(1, minimum=0)
+    """of places and noise"""
 
 
 def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str, GroundTexture]:

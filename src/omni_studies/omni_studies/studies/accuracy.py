@@ -96,21 +96,16 @@ class Case:
 class Options(Configuration):
     """Cases and their numbers."""
 
-    metric: str = parameter("pearson", choices=tuple(METRICS), description="distance between lines")
+    metric: str = parameter("pearson", choices=tuple(METRICS))
+    """distance between lines"""
     peak_recovery: int = option(
-        OdometryConfiguration.peak_recovery,
-        metavar="PX",
-        description="as the odometry's parameter of this name",
-        minimum=0,
-        maximum=16,
+        OdometryConfiguration.peak_recovery, metavar="PX", minimum=0, maximum=16
     )
-    pairs: int = parameter(
-        480,
-        description="pairs of lines for each resolution, noise and ground",
-        minimum=2 * _FRACTIONS,
-        maximum=100_000,
-    )
-    seed: int = parameter(1, description="of places and noise", minimum=0)
+    """as the odometry's parameter of this name"""
+    pairs: int = parameter(480, minimum=2 * _FRACTIONS, maximum=100_000)
+    """pairs of lines for each resolution, noise and ground"""
+    seed: int = parameter(1, minimum=0)
+    """of places and noise"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

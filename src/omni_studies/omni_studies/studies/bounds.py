@@ -28,10 +28,10 @@ _COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION
 class Options(CampaignOptions):
     """Number of stops, and workers."""
 
-    runs: int = parameter(
-        10_000, description="number of runs; four laws share a braking", minimum=4, maximum=10**7
-    )
-    seed: int = parameter(0, description="seed of the first braking; others follow", minimum=0)
+    runs: int = parameter(10_000, minimum=4, maximum=10**7)
+    """number of runs; four laws share a braking"""
+    seed: int = parameter(0, minimum=0)
+    """seed of the first braking; others follow"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -144,7 +144,8 @@ Options = LoopOptions
 class _StraightLine(LoopOptions):
     """The vehicle, and overrides of the experiment."""
 
-    vehicle: str = parameter(VEHICLE, description="a file of config/vehicles/")
+    vehicle: str = parameter(VEHICLE)
+    """a file of config/vehicles/"""
 
 
 OPTIONS = {"straight_line": _StraightLine}

@@ -121,10 +121,10 @@ class Options(Configuration):
         minimum=2,
         maximum=10_000,
     )
-    noise: float = parameter(
-        1.0, description="standard deviation in gray levels", minimum=0.0, maximum=50.0
-    )
-    seed: int = parameter(1, description="of places and noise", minimum=0)
+    noise: float = parameter(1.0, minimum=0.0, maximum=50.0)
+    """standard deviation in gray levels"""
+    seed: int = parameter(1, minimum=0)
+    """of places and noise"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

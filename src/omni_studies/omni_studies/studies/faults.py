@@ -30,8 +30,10 @@ _WORST = 20  # stops in the table of the worst
 class Options(CampaignOptions, LoopOptions):
     """Number of stops, and workers."""
 
-    runs: int = parameter(4000, description="number of stops", minimum=1, maximum=10_000_000)
-    seed: int = parameter(0, description="seed of the first; the others follow", minimum=0)
+    runs: int = parameter(4000, minimum=1, maximum=10_000_000)
+    """number of stops"""
+    seed: int = parameter(0, minimum=0)
+    """seed of the first; the others follow"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

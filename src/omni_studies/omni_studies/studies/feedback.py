@@ -39,16 +39,14 @@ _TURN = 2.0  # [deg] by which the 95th percentile of the rotation may be larger
 class Options(CampaignOptions):
     """Vehicles, sources and number of stops."""
 
-    vehicle: tuple[str, ...] = parameter(
-        _VEHICLES, description="a file of config/vehicles/, a path, or the folder of a vehicle"
-    )
-    source: tuple[str, ...] = parameter(
-        tuple(SOURCES), description="a source of the twist", choices=tuple(SOURCES)
-    )
-    runs: int = parameter(20, description="random stops of each vehicle", minimum=1, maximum=10000)
-    speed: float = parameter(
-        2.0, description="largest speed of the stops", unit="m/s", above=0.1, maximum=20.0
-    )
+    vehicle: tuple[str, ...] = parameter(_VEHICLES)
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    source: tuple[str, ...] = parameter(tuple(SOURCES), choices=tuple(SOURCES))
+    """a source of the twist"""
+    runs: int = parameter(20, minimum=1, maximum=10000)
+    """random stops of each vehicle"""
+    speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
+    """largest speed of the stops"""
 
 
 class Stop(NamedTuple):

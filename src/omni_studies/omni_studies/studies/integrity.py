@@ -78,12 +78,10 @@ class Options(CampaignOptions):
         minimum=2,
         maximum=10_000,
     )
-    method: str = parameter(
-        OdometryConfiguration.method,
-        description="of the odometry: estimator of displacements",
-        choices=METHODS,
-    )
-    seed: int = parameter(1, description="of grounds, places and noise", minimum=0)
+    method: str = parameter(OdometryConfiguration.method, choices=METHODS)
+    """of the odometry: estimator of displacements"""
+    seed: int = parameter(1, minimum=0)
+    """of grounds, places and noise"""
 
 
 class Drive(NamedTuple):

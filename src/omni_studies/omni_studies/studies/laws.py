@@ -104,20 +104,15 @@ _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 class Options(CampaignOptions):
     """Runs, and workers."""
 
-    without_optical: bool = parameter(
-        False, description="leave out the stop on the line cameras, which takes longest"
-    )
-    law: tuple[str, ...] = parameter(
-        (), description="a law of one's own, as module:Class, beside ours on every experiment"
-    )
-    random: int = parameter(
-        0,
-        description="run this many random stops in place of the experiments and compare every "
-        "--law with the first one (default: allocation alone)",
-        minimum=0,
-        maximum=10**6,
-    )
-    seed: int = parameter(0, description="seed of the first random stop", minimum=0)
+    without_optical: bool = parameter(False)
+    """leave out the stop on the line cameras, which takes longest"""
+    law: tuple[str, ...] = parameter(())
+    """a law of one's own, as module:Class, beside ours on every experiment"""
+    random: int = parameter(0, minimum=0, maximum=10**6)
+    """run this many random stops in place of the experiments and compare every --law with the first
+    one (default: allocation alone)"""
+    seed: int = parameter(0, minimum=0)
+    """seed of the first random stop"""
 
 
 class _Case(NamedTuple):

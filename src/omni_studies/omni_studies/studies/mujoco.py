@@ -44,10 +44,10 @@ Stops = Mapping[tuple[str, str, str], Stop]
 class Options(Configuration):
     """Vehicle and speed."""
 
-    vehicle: str = parameter("mecanum_forklift", description="vehicle in config/vehicles")
-    speed: float = parameter(
-        10.0, description="speed before braking", unit="m/s", above=0.5, maximum=20.0
-    )
+    vehicle: str = parameter("mecanum_forklift")
+    """vehicle in config/vehicles"""
+    speed: float = parameter(10.0, unit="m/s", above=0.5, maximum=20.0)
+    """speed before braking"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

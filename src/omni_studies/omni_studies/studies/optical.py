@@ -30,9 +30,8 @@ _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 class Options(Configuration):
     """Experiments to compare."""
 
-    experiment: tuple[str, ...] = parameter(
-        feedback_comparison.EXPERIMENTS, description="experiment to run"
-    )
+    experiment: tuple[str, ...] = parameter(feedback_comparison.EXPERIMENTS)
+    """experiment to run"""
     overrides: tuple[str, ...] = overrides_option()
 
 

@@ -30,8 +30,10 @@ _PERCENTILES = (50, 95, 100)
 class Options(CampaignOptions, LoopOptions):
     """Runs, and workers."""
 
-    runs: int = parameter(1000, description="number of runs", minimum=1, maximum=10_000_000)
-    seed: int = parameter(0, description="seed of the first run; the others follow", minimum=0)
+    runs: int = parameter(1000, minimum=1, maximum=10_000_000)
+    """number of runs"""
+    seed: int = parameter(0, minimum=0)
+    """seed of the first run; the others follow"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

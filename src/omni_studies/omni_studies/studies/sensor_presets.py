@@ -58,11 +58,8 @@ class Options(TextureOptions):
     ground: tuple[str, ...] = grounds_option("cork", "asphalt", "walking_tile")
     hard: tuple[str, ...] = grounds_option("brick", "planks", "bark")
     runs: int = runs_option(40)
-    method: str = parameter(
-        OdometryConfiguration.method,
-        description="of the odometry: estimator of displacements",
-        choices=METHODS,
-    )
+    method: str = parameter(OdometryConfiguration.method, choices=METHODS)
+    """of the odometry: estimator of displacements"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -45,9 +45,8 @@ class Options(TextureOptions):
 
     ground: tuple[str, ...] = grounds_option("cork", "asphalt")
     runs: int = runs_option(2, "of 40 ms for every angle")
-    sensors: tuple[str, ...] = parameter(
-        _SENSORS, description="a file of config/sensors/ whose first camera is used"
-    )
+    sensors: tuple[str, ...] = parameter(_SENSORS)
+    """a file of config/sensors/ whose first camera is used"""
     noise: float = noise_option()
 
 

@@ -104,29 +104,16 @@ def track(
 class Options(Configuration):
     """The maneuver."""
 
-    speed: float = parameter(
-        1.0,
-        unit="m/s",
-        description="constant velocity along x of the world",
-        minimum=-5.0,
-        maximum=5.0,
-    )
-    amplitude: float = parameter(
-        0.8,
-        unit="m/s",
-        description="of the velocity along y of the world",
-        minimum=-5.0,
-        maximum=5.0,
-    )
-    period: float = parameter(
-        5.0, unit="s", description="of the velocity along y", minimum=0.5, maximum=1000.0
-    )
-    yaw_rate_deg: float = parameter(
-        36.0, unit="deg/s", description="constant yaw rate", minimum=-180.0, maximum=180.0
-    )
-    duration: float = parameter(
-        10.0, unit="s", description="time driven", minimum=0.1, maximum=600.0
-    )
+    speed: float = parameter(1.0, unit="m/s", minimum=-5.0, maximum=5.0)
+    """constant velocity along x of the world"""
+    amplitude: float = parameter(0.8, unit="m/s", minimum=-5.0, maximum=5.0)
+    """of the velocity along y of the world"""
+    period: float = parameter(5.0, unit="s", minimum=0.5, maximum=1000.0)
+    """of the velocity along y"""
+    yaw_rate_deg: float = parameter(36.0, unit="deg/s", minimum=-180.0, maximum=180.0)
+    """constant yaw rate"""
+    duration: float = parameter(10.0, unit="s", minimum=0.1, maximum=600.0)
+    """time driven"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -30,11 +30,12 @@ _SETTLED = 0.15  # [s] after the pedal: locked, and the load has moved forward
 class Options(Configuration):
     """Vehicle and speed."""
 
-    vehicle: str = parameter("mecanum_forklift", description="a file of config/vehicles/")
-    speed: float = parameter(
-        5.0, unit="m/s", description="straight ahead", minimum=1.0, maximum=50.0
-    )
-    k: int = parameter(3, description="of the enhanced weighting", minimum=1, maximum=99)
+    vehicle: str = parameter("mecanum_forklift")
+    """a file of config/vehicles/"""
+    speed: float = parameter(5.0, unit="m/s", minimum=1.0, maximum=50.0)
+    """straight ahead"""
+    k: int = parameter(3, minimum=1, maximum=99)
+    """of the enhanced weighting"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -32,25 +32,18 @@ from omni_studies.study import StudyResult, StudyRun
 class Options(Configuration):
     """Identification and assumptions."""
 
-    identify: bool = parameter(
-        False,
-        description="seek the vehicle that gives Table 2 (minutes); its configuration files are "
-        "written beside the results",
-    )
-    sound: bool = parameter(
-        False,
-        description="seek only among vehicles whose load stands over the area between the wheels "
-        "and whose wheels carry no more than the tire is known for",
-    )
-    assumptions: bool = parameter(
-        False,
-        description="also run the vehicle with other tires, wheels and patches, one change at a "
-        "time",
-    )
-    seed: int = parameter(1, description="of the search", minimum=0)
-    generations: int = parameter(
-        GENERATIONS, description="generations of the search at most", minimum=1
-    )
+    identify: bool = parameter(False)
+    """seek the vehicle that gives Table 2 (minutes); its configuration files are written beside the
+    results"""
+    sound: bool = parameter(False)
+    """seek only among vehicles whose load stands over the area between the wheels and whose wheels
+    carry no more than the tire is known for"""
+    assumptions: bool = parameter(False)
+    """also run the vehicle with other tires, wheels and patches, one change at a time"""
+    seed: int = parameter(1, minimum=0)
+    """of the search"""
+    generations: int = parameter(GENERATIONS, minimum=1)
+    """generations of the search at most"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -32,12 +32,10 @@ _LARGEST_CHANGE, _LARGEST_CREEP = 0.01, 1e-3
 class Options(Configuration):
     """The tires and the vehicle."""
 
-    tire: tuple[str, ...] = parameter(
-        _TIRES, description="a file of config/tires/, or a path that ends in .yaml"
-    )
-    vehicle: str = parameter(
-        "mecanum_forklift", description="vehicle that stands, drives and brakes on them"
-    )
+    tire: tuple[str, ...] = parameter(_TIRES)
+    """a file of config/tires/, or a path that ends in .yaml"""
+    vehicle: str = parameter("mecanum_forklift")
+    """vehicle that stands, drives and brakes on them"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

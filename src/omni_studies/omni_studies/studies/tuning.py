@@ -40,45 +40,26 @@ Cost = tuple[BrakeLag, float, float, float]
 class Options(CampaignOptions, LoopOptions):
     """Settings to try, and limits of the recommendation."""
 
-    vehicle: str | None = configuration.parameter(
-        None,
-        description="a file of config/vehicles/, or a path that ends in .yaml (default: the "
-        "experiment's)",
-    )
-    experiment: str = configuration.parameter(
-        "turn_while_translate", description="whose maneuver and ground it brakes on"
-    )
-    max_rotation: float | None = command_options.option(
-        None,
-        metavar="DEG",
-        above=0.0,
-        description="recommend the setting that stops shortest without turning further than this",
-    )
-    max_distance: float | None = command_options.option(
-        None,
-        metavar="M",
-        above=0.0,
-        description="recommend the setting that turns least without needing more than this to stop",
-    )
-    k: tuple[int, ...] = command_options.option(
-        (1, 3, 5, 7, 11, 31),
-        metavar="K",
-        description="tuning constant of the enhanced weighting to try",
-    )
-    dwell: tuple[float, ...] = command_options.option(
-        (0.0, 0.02, 0.05, 0.1, 0.2),
-        metavar="S",
-        description="minimum dwell time of the valves to try",
-    )
+    vehicle: str | None = configuration.parameter(None)
+    """a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)"""
+    experiment: str = configuration.parameter("turn_while_translate")
+    """whose maneuver and ground it brakes on"""
+    max_rotation: float | None = command_options.option(None, metavar="DEG", above=0.0)
+    """recommend the setting that stops shortest without turning further than this"""
+    max_distance: float | None = command_options.option(None, metavar="M", above=0.0)
+    """recommend the setting that turns least without needing more than this to stop"""
+    k: tuple[int, ...] = command_options.option((1, 3, 5, 7, 11, 31), metavar="K")
+    """tuning constant of the enhanced weighting to try"""
+    dwell: tuple[float, ...] = command_options.option((0.0, 0.02, 0.05, 0.1, 0.2), metavar="S")
+    """minimum dwell time of the valves to try"""
     brakes: tuple[str, ...] = command_options.option(
-        ("0.005:0.01", "0.02:0.05"),
-        metavar="DEAD:LAG",
-        description="dead time and time constant [s] of other brakes to compare",
+        ("0.005:0.01", "0.02:0.05"), metavar="DEAD:LAG"
     )
-    situations: int = configuration.parameter(
-        8, minimum=1, description="slightly different maneuvers that a setting is judged by"
-    )
-    seed: int = configuration.parameter(1, description="of the situations", minimum=0)
+    """dead time and time constant [s] of other brakes to compare"""
+    situations: int = configuration.parameter(8, minimum=1)
+    """slightly different maneuvers that a setting is judged by"""
+    seed: int = configuration.parameter(1, minimum=0)
+    """of the situations"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

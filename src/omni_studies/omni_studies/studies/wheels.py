@@ -61,10 +61,10 @@ Outcomes = dict[str, dict[str, dict[int, Outcome]]]
 class Options(Configuration):
     """Extent of the averages."""
 
-    starts: int = parameter(
-        16, description="start angles of the wheels to average over", minimum=2, maximum=1000
-    )
-    seed: int = parameter(1, description="of the start angles", minimum=0)
+    starts: int = parameter(16, minimum=2, maximum=1000)
+    """start angles of the wheels to average over"""
+    seed: int = parameter(1, minimum=0)
+    """of the start angles"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

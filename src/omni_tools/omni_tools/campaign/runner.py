@@ -63,32 +63,16 @@ class CampaignError(WorkError):
 class CampaignOptions(Configuration):
     """Options of a study with many runs."""
 
-    workers: int | None = parameter(
-        None,
-        description="processes on this machine (default: one on every core); 1 needs no other one",
-        minimum=1,
-        maximum=1024,
-    )
-    scheduler: str | None = option(
-        None,
-        metavar="tcp://HOST:PORT",
-        description="run on this dask.distributed cluster, whose workers have this workspace",
-    )
-    resume: bool = parameter(
-        False,
-        description="keep the finished runs of an interrupted or shorter campaign and run what is "
-        "missing",
-    )
-    seeds: str = option(
-        "",
-        metavar="A:B",
-        description="run only this piece of the campaign, from A to before B",
-    )
-    merge: tuple[Path, ...] = option(
-        (),
-        metavar="DIR",
-        description="take the finished runs of a piece from its folder; may be repeated",
-    )
+    workers: int | None = parameter(None, minimum=1, maximum=1024)
+    """processes on this machine (default: one on every core); 1 needs no other one"""
+    scheduler: str | None = option(None, metavar="tcp://HOST:PORT")
+    """run on this dask.distributed cluster, whose workers have this workspace"""
+    resume: bool = parameter(False)
+    """keep the finished runs of an interrupted or shorter campaign and run what is missing"""
+    seeds: str = option("", metavar="A:B")
+    """run only this piece of the campaign, from A to before B"""
+    merge: tuple[Path, ...] = option((), metavar="DIR")
+    """take the finished runs of a piece from its folder; may be repeated"""
 
     def check_consistency(self) -> None:
         """Refuse contradicting options.

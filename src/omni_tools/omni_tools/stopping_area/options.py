@@ -13,60 +13,36 @@ from omni_tools.campaign.runner import CampaignOptions
 class AreaOptions(CampaignOptions):
     """Motions, grounds and loads of stopping areas, with coverage and confidence."""
 
-    vehicle: str = parameter(
-        "mecanum_forklift",
-        description="a file of config/vehicles/, or a path that ends in .yaml; the load in the "
-        "file is used as the worst case: maximum mass at maximum offset",
-    )
-    unassisted: bool = parameter(False, description="without the brake assistant")
-    speed: float = parameter(
-        2.0, description="largest, in every direction", unit="m/s", above=0.0, maximum=20.0
-    )
-    bands: int = parameter(
-        2,
-        description="of speed; more of them give smaller areas at low speeds, and with 1 the "
-        "ranges also fit collision monitors before 2026, which compare v_x instead of the speed",
-        minimum=1,
-        maximum=20,
-    )
-    yaw_rate: float = parameter(
-        0.5, description="largest, to either side", unit="rad/s", above=0.0, maximum=10.0
-    )
-    turns: int = parameter(
-        1,
-        description="bands of the yaw rate; with 3 straight motion has smaller areas",
-        minimum=1,
-        maximum=9,
-    )
-    friction_min: float = parameter(
-        0.6, description="lowest of the ground, as a factor", minimum=0.05, maximum=2.0
-    )
-    friction_max: float = parameter(
-        1.0, description="highest of the ground, as a factor", minimum=0.05, maximum=2.0
-    )
-    reaction_time: float = parameter(
-        0.2,
-        description="from an obstacle in the area to the pedal: sensor, monitor, network",
-        unit="s",
-        minimum=0.0,
-        maximum=5.0,
-    )
-    padding: float = parameter(
-        0.0, description="added around every area", unit="m", minimum=0.0, maximum=5.0
-    )
-    coverage: float = parameter(
-        0.99,
-        description="share of stops that stay within the area of their motion",
-        minimum=0.5,
-        maximum=0.9999,
-    )
-    confidence: float = parameter(
-        0.95, description="with which each area has it", minimum=0.5, maximum=0.9999
-    )
-    held_out: int = parameter(
-        2000, description="further stops by which the areas are checked", minimum=0
-    )
-    seed: int = parameter(1, description="of everything drawn", minimum=0)
+    vehicle: str = parameter("mecanum_forklift")
+    """a file of config/vehicles/, or a path that ends in .yaml; the load in the file is used as the
+    worst case: maximum mass at maximum offset"""
+    unassisted: bool = parameter(False)
+    """without the brake assistant"""
+    speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
+    """largest, in every direction"""
+    bands: int = parameter(2, minimum=1, maximum=20)
+    """of speed; more of them give smaller areas at low speeds, and with 1 the ranges also fit
+    collision monitors before 2026, which compare v_x instead of the speed"""
+    yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
+    """largest, to either side"""
+    turns: int = parameter(1, minimum=1, maximum=9)
+    """bands of the yaw rate; with 3 straight motion has smaller areas"""
+    friction_min: float = parameter(0.6, minimum=0.05, maximum=2.0)
+    """lowest of the ground, as a factor"""
+    friction_max: float = parameter(1.0, minimum=0.05, maximum=2.0)
+    """highest of the ground, as a factor"""
+    reaction_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=5.0)
+    """from an obstacle in the area to the pedal: sensor, monitor, network"""
+    padding: float = parameter(0.0, unit="m", minimum=0.0, maximum=5.0)
+    """added around every area"""
+    coverage: float = parameter(0.99, minimum=0.5, maximum=0.9999)
+    """share of stops that stay within the area of their motion"""
+    confidence: float = parameter(0.95, minimum=0.5, maximum=0.9999)
+    """with which each area has it"""
+    held_out: int = parameter(2000, minimum=0)
+    """further stops by which the areas are checked"""
+    seed: int = parameter(1, minimum=0)
+    """of everything drawn"""
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:

@@ -35,41 +35,26 @@ BRAKES = tuple(_BRAKES)
 class Measured(Configuration):
     """Measured size and mass of a vehicle."""
 
-    length: float = parameter(
-        unit="m", above=0.0, maximum=50.0, description="length of the chassis"
-    )
-    width: float = parameter(unit="m", above=0.0, maximum=50.0, description="width of the chassis")
-    mass: float = parameter(
-        unit="kg", above=0.0, maximum=1.0e5, description="mass of the vehicle with its wheels"
-    )
-    wheel_radius: float = parameter(
-        unit="m", above=0.0, maximum=2.0, description="radius of a wheel"
-    )
-    kind: str = parameter(
-        _MECANUM,
-        choices=(_MECANUM, _OMNI),
-        description="wheels: mecanum in pairs along the sides, or omni-wheels on a circle",
-    )
-    wheels: int = parameter(
-        4, minimum=3, maximum=12, description="how many; mecanum an even number"
-    )
-    load: float = parameter(
-        0.0, unit="kg", minimum=0.0, description="mass of a load, put to the front left"
-    )
-    drive_torque: float | None = parameter(
-        None,
-        unit="N m",
-        above=0.0,
-        maximum=1.0e5,
-        description="largest torque of a drive at its wheel; without it that of the brake",
-    )
+    length: float = parameter(unit="m", above=0.0, maximum=50.0)
+    """length of the chassis"""
+    width: float = parameter(unit="m", above=0.0, maximum=50.0)
+    """width of the chassis"""
+    mass: float = parameter(unit="kg", above=0.0, maximum=1.0e5)
+    """mass of the vehicle with its wheels"""
+    wheel_radius: float = parameter(unit="m", above=0.0, maximum=2.0)
+    """radius of a wheel"""
+    kind: str = parameter(_MECANUM, choices=(_MECANUM, _OMNI))
+    """wheels: mecanum in pairs along the sides, or omni-wheels on a circle"""
+    wheels: int = parameter(4, minimum=3, maximum=12)
+    """how many; mecanum an even number"""
+    load: float = parameter(0.0, unit="kg", minimum=0.0)
+    """mass of a load, put to the front left"""
+    drive_torque: float | None = parameter(None, unit="N m", above=0.0, maximum=1.0e5)
+    """largest torque of a drive at its wheel; without it that of the brake"""
 
-    brakes: str = parameter(
-        _VALVES,
-        choices=BRAKES,
-        description="what brakes: pressure by on-off valves, spring-applied on-off brakes, "
-        "proportional brakes, or drives with a torque command",
-    )
+    brakes: str = parameter(_VALVES, choices=BRAKES)
+    """what brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes, or
+    drives with a torque command"""
 
     def check_consistency(self) -> None:
         """Refuse wheels that do not fit the chassis, and invalid numbers of wheels."""

@@ -23,8 +23,10 @@ class Options(Configuration):
     """Options of ``omni bag export``."""
 
     bag: Path = bag_option()
-    format: str = parameter("csv", choices=("csv", "parquet"), description="of the tables")
-    topic: tuple[str, ...] = parameter((), description="export only this topic")
+    format: str = parameter("csv", choices=("csv", "parquet"))
+    """of the tables"""
+    topic: tuple[str, ...] = parameter(())
+    """export only this topic"""
     out: Path | None = out_option("exported")
     json: bool = json_option()
 

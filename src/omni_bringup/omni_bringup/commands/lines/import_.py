@@ -24,28 +24,22 @@ WORK = "reading and recording lines"
 class Options(FileOptions):
     """Options of ``omni lines import``."""
 
-    sources: tuple[str, ...] = option(
-        positional=True,
-        metavar="CAMERA=FILE",
-        description="name of a camera and the file or folder of its lines, such as left=left.npy",
-    )
-    sensors: str = parameter(
-        "three_generic",
-        description="the line cameras by name, a set of config/sensors or a YAML file; pixels "
-        "are taken from the lines",
-    )
-    rate: float | None = option(
-        None, above=0.0, unit="1/s", description="lines per second (default: that of the cameras)"
-    )
-    batch: float = parameter(
-        0.01, above=0.0, maximum=1.0, unit="s", description="time of the lines of a message"
-    )
-    start: float = parameter(0.0, minimum=0.0, unit="s", description="stamp of the first line")
-    experiment: str = parameter(
-        "straight_line", description="whose vehicle and settings go with the recording"
-    )
+    sources: tuple[str, ...] = option(positional=True, metavar="CAMERA=FILE")
+    """name of a camera and the file or folder of its lines, such as left=left.npy"""
+    sensors: str = parameter("three_generic")
+    """the line cameras by name, a set of config/sensors or a YAML file; pixels are taken from the
+    lines"""
+    rate: float | None = option(None, above=0.0, unit="1/s")
+    """lines per second (default: that of the cameras)"""
+    batch: float = parameter(0.01, above=0.0, maximum=1.0, unit="s")
+    """time of the lines of a message"""
+    start: float = parameter(0.0, minimum=0.0, unit="s")
+    """stamp of the first line"""
+    experiment: str = parameter("straight_line")
+    """whose vehicle and settings go with the recording"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
-    out: Path = option(metavar="DIR", description="new folder of the recording")
+    out: Path = option(metavar="DIR")
+    """new folder of the recording"""
     json: bool = json_option()
 
 

@@ -33,19 +33,16 @@ _PLACES = 200  # of the mean of a drive, as the odometry's own
 class Options(FileOptions):
     """Options of ``omni lines reference``."""
 
-    dark: tuple[str, ...] = option(
-        (), metavar="CAMERA=FILE", description="lines of a covered camera, such as left=dark.npy"
-    )
-    white: tuple[str, ...] = option(
-        (), metavar="CAMERA=FILE", description="lines of an even white surface"
-    )
-    drive: Path | None = option(
-        None, metavar="BAG", description="recorded drive, whose lines show the fixed pattern"
-    )
-    sensors: str = parameter(
-        "three_generic", description="the line cameras by name, as of `lines import`"
-    )
-    out: Path = option(metavar="DIR", description="folder of the tables, a file a camera")
+    dark: tuple[str, ...] = option((), metavar="CAMERA=FILE")
+    """lines of a covered camera, such as left=dark.npy"""
+    white: tuple[str, ...] = option((), metavar="CAMERA=FILE")
+    """lines of an even white surface"""
+    drive: Path | None = option(None, metavar="BAG")
+    """recorded drive, whose lines show the fixed pattern"""
+    sensors: str = parameter("three_generic")
+    """the line cameras by name, as of `lines import`"""
+    out: Path = option(metavar="DIR")
+    """folder of the tables, a file a camera"""
     json: bool = json_option()
 
 

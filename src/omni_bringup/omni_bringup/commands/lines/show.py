@@ -27,18 +27,17 @@ WORK = "matching lines"
 class Options(Configuration):
     """Options of ``omni lines show``."""
 
-    bag: Path = option(
-        positional=True, metavar="BAG", description="rosbag2 folder, of a run or an import"
-    )
-    sensor: tuple[str, ...] = option((), metavar="NAME", description="camera to show; all without")
-    start: float = parameter(
-        0.0, minimum=0.0, unit="s", description="since the first line of the recording"
-    )
-    duration: float = parameter(0.2, above=0.0, maximum=60.0, unit="s", description="that is shown")
+    bag: Path = option(positional=True, metavar="BAG")
+    """rosbag2 folder, of a run or an import"""
+    sensor: tuple[str, ...] = option((), metavar="NAME")
+    """camera to show; all without"""
+    start: float = parameter(0.0, minimum=0.0, unit="s")
+    """since the first line of the recording"""
+    duration: float = parameter(0.2, above=0.0, maximum=60.0, unit="s")
+    """that is shown"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
-    out: Path | None = option(
-        None, metavar="FILE", description="figure, .png or .svg (default: results/lines/BAG.png)"
-    )
+    out: Path | None = option(None, metavar="FILE")
+    """figure, .png or .svg (default: results/lines/BAG.png)"""
     json: bool = json_option()
 
 

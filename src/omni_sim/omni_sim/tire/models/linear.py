@@ -22,13 +22,12 @@ from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 class LinearConfiguration(Configuration):
     """A linear tire; the defaults are the tire of Table 1 at its first nominal load."""
 
-    largest_load: float = parameter(
-        6000.0, description="Largest permissible wheel load", unit="N", above=0.0
-    )
-    stiffness: float = parameter(
-        50000.0 / 3000.0, description="Slope dF/ds at zero slip per wheel load", above=0.0
-    )
-    friction: float = parameter(1.0, description="Largest force per wheel load", above=0.0)
+    largest_load: float = parameter(6000.0, unit="N", above=0.0)
+    """Largest permissible wheel load"""
+    stiffness: float = parameter(50000.0 / 3000.0, above=0.0)
+    """Slope dF/ds at zero slip per wheel load"""
+    friction: float = parameter(1.0, above=0.0)
+    """Largest force per wheel load"""
 
 
 class LinearParameters(NamedTuple):

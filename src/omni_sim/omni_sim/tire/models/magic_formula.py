@@ -37,35 +37,20 @@ _CURVATURE_RANGE = (-20.0, 0.95)
 class MagicFormulaConfiguration(Configuration):
     """A Magic Formula tire; the defaults resemble the longitudinal tire of Table 1."""
 
-    largest_load: float = parameter(
-        6000.0, description="Largest permissible wheel load", unit="N", above=0.0
-    )
-    friction: float = parameter(
-        1.25, description="Largest force per wheel load at small loads, a_2", above=0.0
-    )
-    friction_gradient: float = parameter(
-        -0.25 / 3000.0, description="Its change with the load, a_1", unit="1/N"
-    )
-    stiffness: float = parameter(
-        62500.0 / 3000.0,
-        description="Slope dF/ds at zero slip per wheel load at small loads, a_4",
-        above=0.0,
-    )
-    stiffness_gradient: float = parameter(
-        -12500.0 / 3000.0**2, description="Its change with the load, a_3", unit="1/N"
-    )
-    shape: float = parameter(
-        1.23,
-        description="Shape C; the force at unlimited slip is sin(C 90 deg) of the peak",
-        minimum=_SHAPE_RANGE[0],
-        maximum=_SHAPE_RANGE[1],
-    )
-    curvature: float = parameter(
-        -1.3,
-        description="Curvature E around the peak",
-        minimum=_CURVATURE_RANGE[0],
-        maximum=_CURVATURE_RANGE[1],
-    )
+    largest_load: float = parameter(6000.0, unit="N", above=0.0)
+    """Largest permissible wheel load"""
+    friction: float = parameter(1.25, above=0.0)
+    """Largest force per wheel load at small loads, a_2"""
+    friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N")
+    """Its change with the load, a_1"""
+    stiffness: float = parameter(62500.0 / 3000.0, above=0.0)
+    """Slope dF/ds at zero slip per wheel load at small loads, a_4"""
+    stiffness_gradient: float = parameter(-12500.0 / 3000.0**2, unit="1/N")
+    """Its change with the load, a_3"""
+    shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
+    """Shape C; the force at unlimited slip is sin(C 90 deg) of the peak"""
+    curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
+    """Curvature E around the peak"""
 
     def check_consistency(self) -> None:
         """Refuse forces and slopes that turn negative or fall with the load."""

@@ -33,36 +33,26 @@ from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 class TMeasyCurve(Configuration):
     """Force over slip in one direction at the two nominal loads, a half of Table 1."""
 
-    slope_1: float = parameter(
-        description="Slope dF/ds at zero slip and nominal load 1", unit="N", above=0.0
-    )
-    slope_2: float = parameter(
-        description="Slope dF/ds at zero slip and nominal load 2", unit="N", above=0.0
-    )
-    peak_slip_1: float = parameter(
-        description="Slip of the largest force at nominal load 1", above=0.0
-    )
-    peak_slip_2: float = parameter(
-        description="Slip of the largest force at nominal load 2", above=0.0
-    )
-    peak_force_1: float = parameter(
-        description="Largest force at nominal load 1", unit="N", above=0.0
-    )
-    peak_force_2: float = parameter(
-        description="Largest force at nominal load 2", unit="N", above=0.0
-    )
-    slide_slip_1: float = parameter(
-        description="Slip where sliding begins at nominal load 1", above=0.0
-    )
-    slide_slip_2: float = parameter(
-        description="Slip where sliding begins at nominal load 2", above=0.0
-    )
-    slide_force_1: float = parameter(
-        description="Force of full sliding at nominal load 1", unit="N", above=0.0
-    )
-    slide_force_2: float = parameter(
-        description="Force of full sliding at nominal load 2", unit="N", above=0.0
-    )
+    slope_1: float = parameter(unit="N", above=0.0)
+    """Slope dF/ds at zero slip and nominal load 1"""
+    slope_2: float = parameter(unit="N", above=0.0)
+    """Slope dF/ds at zero slip and nominal load 2"""
+    peak_slip_1: float = parameter(above=0.0)
+    """Slip of the largest force at nominal load 1"""
+    peak_slip_2: float = parameter(above=0.0)
+    """Slip of the largest force at nominal load 2"""
+    peak_force_1: float = parameter(unit="N", above=0.0)
+    """Largest force at nominal load 1"""
+    peak_force_2: float = parameter(unit="N", above=0.0)
+    """Largest force at nominal load 2"""
+    slide_slip_1: float = parameter(above=0.0)
+    """Slip where sliding begins at nominal load 1"""
+    slide_slip_2: float = parameter(above=0.0)
+    """Slip where sliding begins at nominal load 2"""
+    slide_force_1: float = parameter(unit="N", above=0.0)
+    """Force of full sliding at nominal load 1"""
+    slide_force_2: float = parameter(unit="N", above=0.0)
+    """Force of full sliding at nominal load 2"""
 
     def check_consistency(self) -> None:
         """Refuse a peak beyond the sliding point or below its force."""
@@ -120,14 +110,14 @@ class TMeasyConfiguration(Configuration):
     to the rollers of the individual-roller wheel.
     """
 
-    nominal_load_1: float = parameter(
-        3000.0, description="Nominal wheel load F_z1", unit="N", above=0.0
-    )
-    nominal_load_2: float = parameter(
-        6000.0, description="Largest permissible wheel load F_z2", unit="N", above=0.0
-    )
-    x: TMeasyCurve = section(_table_1_x, description="Longitudinal curve")
-    y: TMeasyCurve = section(_table_1_y, description="Lateral curve")
+    nominal_load_1: float = parameter(3000.0, unit="N", above=0.0)
+    """Nominal wheel load F_z1"""
+    nominal_load_2: float = parameter(6000.0, unit="N", above=0.0)
+    """Largest permissible wheel load F_z2"""
+    x: TMeasyCurve = section(_table_1_x)
+    """Longitudinal curve"""
+    y: TMeasyCurve = section(_table_1_y)
+    """Lateral curve"""
 
     def check_consistency(self) -> None:
         """Refuse curves that turn negative or cross between zero load and the largest."""
