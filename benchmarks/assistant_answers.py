@@ -6,8 +6,6 @@ received, over two hops of DDS, in wall-clock time under the load of this machin
 ``chrt -f 50``, the node has real-time priority too.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -5,8 +5,6 @@ CPU time is what the answer costs, wall-clock time what a vehicle waits for on a
 this one.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import time

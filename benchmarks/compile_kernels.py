@@ -4,8 +4,6 @@ A kernel's time excludes the kernels that it calls, which are compiled before it
 LLVM inlines of them. Run with ``./omni exec python benchmarks/compile_kernels.py --json``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -3,8 +3,6 @@
 Run with ``./omni exec python benchmarks/fast_loop.py``.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

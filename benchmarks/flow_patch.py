@@ -10,8 +10,6 @@ the axis.
     ./omni exec python benchmarks/flow_patch.py [--json] [--runs N]
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import itertools

@@ -5,8 +5,6 @@ simulated over elapsed time (the loop alone, without start and stop) for each va
 standard experiment, the two ways of running in turn, and the ratio of their times.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import statistics

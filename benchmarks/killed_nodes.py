@@ -5,8 +5,6 @@ both modes: no such run may end with exit code 0, and no vehicle may stop worse 
 undisturbed run and that without the assistant. Prints what did; the exit code is 1 then.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

@@ -4,8 +4,6 @@ All brake from 10 m/s straight ahead with a physics step of 0.5 ms, in turns; th
 runs counts. With ``--json`` one document for programs. MuJoCo is optional, see CONTRIBUTING.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -9,8 +9,6 @@ that of a process of its own, which takes a ground of 2400 dpi from the cache (t
 generated there), sets up cameras and turns them once around.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -14,8 +14,6 @@ comparison is left out:
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

@@ -4,8 +4,6 @@ A line of code is one that holds neither a blank, nor a comment, nor a docstring
 number is a number that a module gives a name beginning with a capital, as in ``_LIMIT = 0.3``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import io

@@ -3,8 +3,6 @@
 ``./omni exec python benchmarks/stop_times.py`` prints median and worst of 20, in seconds.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -3,8 +3,6 @@
 Prints the fastest of several runs, in microseconds per step and as real-time factor.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

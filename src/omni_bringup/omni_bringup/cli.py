@@ -6,8 +6,6 @@ refused or fails. Exit codes: 0 done, 1 failed, 2 refused before anything starte
 Ctrl-C (143 by SIGTERM).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -4,8 +4,6 @@
 site; it is not kept.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import sys

@@ -1,7 +1,5 @@
 """The result of a command, as `omni_bringup.cli` prints it for people and for programs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@
 ``docs/dissertation.yaml``.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Handling of Ctrl-C and SIGTERM by a command."""
 
-from __future__ import annotations
-
 import os
 import signal
 

@@ -4,8 +4,6 @@
 launch files.
 """
 
-from __future__ import annotations
-
 import atexit
 import shutil
 from functools import partial

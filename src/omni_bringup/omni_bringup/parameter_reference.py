@@ -3,8 +3,6 @@
 ``python -m omni_bringup.parameter_reference > docs/parameters.md`` writes it anew.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import typing

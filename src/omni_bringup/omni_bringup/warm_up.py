@@ -4,8 +4,6 @@ Started by the launcher after a build; the results are in the caches on disk. Tw
 in parallel. Shared kernels are compiled by one of them before, because numba's cache has no lock.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import time

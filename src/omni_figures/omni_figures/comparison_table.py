@@ -1,7 +1,5 @@
 """The metrics of an experiment's variants side by side, for a terminal."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

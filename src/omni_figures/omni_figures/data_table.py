@@ -1,7 +1,5 @@
 """Writes tables as CSV files, such as the data of a figure."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

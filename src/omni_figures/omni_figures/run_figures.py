@@ -1,7 +1,5 @@
 """The two figures of every run of an experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -6,8 +6,6 @@ many as there is room for. Every variant shows the same moments, so that they co
 vehicle or arrow would overlap an earlier one, a moment close by is shown, or none.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 

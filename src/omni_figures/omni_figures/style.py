@@ -5,8 +5,6 @@ Figures are made with matplotlib's objects, never with pyplot. Importing this mo
 ``omni.mplstyle`` to all figures of the process.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable
 from pathlib import Path

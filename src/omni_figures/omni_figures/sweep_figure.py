@@ -1,7 +1,5 @@
 """Figure of a sweep: metrics over the values of one key."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -6,8 +6,6 @@ One column per variant: linear velocity in the body frame, yaw rate, the sliding
     the truth, thin dashed lines what the odometry measured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

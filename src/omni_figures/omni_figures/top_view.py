@@ -4,8 +4,6 @@ One panel per variant, all at the same scale, so that distances compare by eye. 
 the start of braking; `snapshots` selects the moments.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Elements of the top view: ground, paths, a platform with its wheels."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

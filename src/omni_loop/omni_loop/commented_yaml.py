@@ -1,7 +1,5 @@
 """Writes configuration files with comments, for people to edit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -6,8 +6,6 @@ cameras, odometry and messages. A run gives the same bits as `loop.run_closed_lo
 step.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Reads a driver's demands from a CSV table or a recording."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

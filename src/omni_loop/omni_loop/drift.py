@@ -6,8 +6,6 @@ library where it is installed (``requirements/evo.lock``): ``evo_ape`` with the 
 ``evo_rpe --delta 1 --delta_unit m --pairs_from_reference``, whose pairs follow each other.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ result; every value can be reached by its dotted key. If a variant or an overrid
 part, that part is read first, and the other values for it are merged into it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Options ``--ground NAME|PICTURE --dpi X`` of a run or a study."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

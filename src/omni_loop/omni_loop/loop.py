@@ -4,8 +4,6 @@ It passes the same values between the same cores in the same order as the graph 
 so that a run gives the same bits either way. `steps` is the loop; everything else consumes it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping

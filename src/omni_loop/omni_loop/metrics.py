@@ -27,8 +27,6 @@ The odometry is compared with the truth at the control stamp where the brake ass
 at every stamp of the run where it measured.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Options of every command that runs the loop: overrides and user's classes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from omni_platform import command_options, configuration

@@ -1,7 +1,5 @@
 """The stops of a recorded drive: each is a run of its own, from the pedal to rest."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

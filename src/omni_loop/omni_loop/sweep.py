@@ -4,8 +4,6 @@
 A run gives the same bits as one over the graph.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Parameters of a wheel's brake, true for the simulator and nominal for the assistant."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from omni_platform.configuration import Configuration, parameter

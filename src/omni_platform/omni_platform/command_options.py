@@ -5,8 +5,6 @@ follow from them. A field ``peak_recovery`` becomes ``--peak-recovery N``, a boo
 switch, a tuple an option that may be repeated, and ``X | None`` an option that may be left out.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import re

@@ -1,7 +1,5 @@
 """URDF of a vehicle, for viewers and frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from xml.etree import ElementTree

@@ -7,8 +7,6 @@ and tuple classes that it refers to, directly or not. Several versions of a kern
 cache.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import enum

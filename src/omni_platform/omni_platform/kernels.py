@@ -8,8 +8,6 @@ also not in a tuple; its caller provides all arrays. A kernel that creates array
 short.
 """
 
-from __future__ import annotations
-
 from importlib.metadata import entry_points
 from typing import Any
 

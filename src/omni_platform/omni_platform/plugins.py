@@ -1,7 +1,5 @@
 """User's classes, named in a configuration as ``module:Class`` or as an entry point."""
 
-from __future__ import annotations
-
 import ast
 import difflib
 import importlib

@@ -1,7 +1,5 @@
 """Types of numbers in all packages: arrays of doubles in SI, stamps in integer nanoseconds."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

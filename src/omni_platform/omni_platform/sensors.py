@@ -6,8 +6,6 @@ axis, divided into `pixels`, and `width` across it, over which each pixel integr
 4.3.2).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ All have reliable delivery unless the receiving node's ``qos`` parameter relaxes
 `omni_ros.qos` for depths.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"

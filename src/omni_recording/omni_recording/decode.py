@@ -5,8 +5,6 @@ into Python code and runs it. A recording whose own definition of a type differs
 because its bytes would be decoded wrongly.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from omni_platform.quantities import SECOND_NS

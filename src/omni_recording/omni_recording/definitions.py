@@ -5,8 +5,6 @@ beside it, with the official type hashes. Reading these two takes less than a mi
 yields exactly the types of the running system, and needs no parser of the message language.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """The error that readers of recordings raise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from omni_platform.configuration import InputError

@@ -4,8 +4,6 @@ Only regular files inside the folder are opened, whatever ``metadata.yaml`` name
 ``.mcap`` file counts as a bag without metadata.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import heapq
 import re

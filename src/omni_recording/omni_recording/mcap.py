@@ -6,8 +6,6 @@ against the bytes that are there before anything is read, and the library parses
 only. Reading goes from the front and needs no index, so that it works on an unfinished recording.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import struct
 import zlib

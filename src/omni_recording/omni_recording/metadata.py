@@ -1,7 +1,5 @@
 """The metadata of a recording in the format of rosbag2 (version 9)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

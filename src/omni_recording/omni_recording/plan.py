@@ -1,7 +1,5 @@
 """Topics and stamps of a recording."""
 
-from __future__ import annotations
-
 import dataclasses
 import heapq
 from collections.abc import Mapping

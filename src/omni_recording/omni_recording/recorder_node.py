@@ -5,8 +5,6 @@ SIGTERM the node stores the messages received so far, closes the recording, and 
 ``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import time

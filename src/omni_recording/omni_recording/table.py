@@ -5,8 +5,6 @@ arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``.
 would need more than `MOST_COLUMNS` columns, such as an image, is not converted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

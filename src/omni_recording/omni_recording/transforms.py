@@ -5,8 +5,6 @@ can publish it. The recorder writes it by itself: the pose of every `nav_msgs/ms
 transform, and the frames that are fixed to the platform.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The environment that a node process runs in; needs no ROS to be imported."""
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

@@ -5,8 +5,6 @@ A nested configuration becomes ``parent.child``; a mapping of named entries beco
 known by name before they can be read.
 """
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Prefix of the frames of one of several vehicles."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

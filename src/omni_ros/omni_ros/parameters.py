@@ -1,7 +1,5 @@
 """Declares a component's configuration as ROS parameters."""
 
-from __future__ import annotations
-
 import difflib
 import sys
 import typing

@@ -1,7 +1,5 @@
 """Guard of topics that must have one publisher."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 

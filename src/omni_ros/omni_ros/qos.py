@@ -1,7 +1,5 @@
 """Quality of service of the graph's topics, with parameters to override it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

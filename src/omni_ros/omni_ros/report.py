@@ -3,8 +3,6 @@
 Standard output is not used because the DDS implementation prints its errors there.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

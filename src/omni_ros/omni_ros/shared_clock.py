@@ -1,7 +1,5 @@
 """Simulated time is published by the first of several simulators in a ROS domain."""
 
-from __future__ import annotations
-
 import time
 
 from rclpy.node import Node

@@ -1,7 +1,5 @@
 """Start of a node's process; a signal during the imports ends it without a traceback."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """How a node waits for its subscribers before it publishes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from omni_platform.configuration import Configuration, parameter

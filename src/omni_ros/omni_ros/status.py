@@ -1,7 +1,5 @@
 """The status of a node on `/diagnostics`, published at every change and at a fixed rate."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Hashable, Mapping

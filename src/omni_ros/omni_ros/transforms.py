@@ -1,7 +1,5 @@
 """Live transforms, if `tf2_msgs` is installed; ROS from PyPI does not have it."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Configuration of the simulated machine: vehicle, ground, sensors, maneuver and time steps."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

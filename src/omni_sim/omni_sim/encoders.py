@@ -4,8 +4,6 @@
 plus white noise; with unlimited resolution the true speed at the stamp.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple

@@ -15,8 +15,6 @@ and the time ``tau`` since the onset the reading is
 Faults of one channel are applied in their order.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ as a velocity over the time between, with the variance of noise and rounding. Ab
 speed the sensor has no value, which real ones report by their surface quality.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -11,8 +11,6 @@ gives the yaw rate of the stamp. Both have a scale error, a bias, white noise an
 receiving nodes know none of the errors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple

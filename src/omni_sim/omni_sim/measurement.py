@@ -4,8 +4,6 @@ The noise of a stamp is one row of standard normal draws, so that drawing row by
 all rows at once give the same numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The simulator's own messages: truth, IMU, flow sensors and the scene for viewers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

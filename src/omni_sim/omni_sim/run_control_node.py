@@ -6,8 +6,6 @@ outside is moved to its start by `~/reset` (`std_srvs/Trigger`) and to another p
 `initialpose`, which viewers publish; time is not reset, because other nodes could not follow.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """Progress and end of a run."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@
 one control period. Nothing here depends on ROS, on clocks or on the source of the enables.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

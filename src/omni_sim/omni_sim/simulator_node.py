@@ -9,8 +9,6 @@ means all brakes on. The contract (topics, types, QoS, parameters, timeouts) is 
 this package.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

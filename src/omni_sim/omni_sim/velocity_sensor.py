@@ -4,8 +4,6 @@ It can be set to fail for a while, in one of the ways in which real ones do: it 
 reading, reads zero, or reports that it has no value.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ They are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a m
 those of another ground, is omitted.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import statistics

@@ -18,8 +18,6 @@ With ``--check`` it changes nothing and ends with 1 if a page differs from ``doc
 a number there from a file by more than 2 % and one unit of its last printed digit.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

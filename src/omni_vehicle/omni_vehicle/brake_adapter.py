@@ -11,8 +11,6 @@ commanded depends on the brake:
 Missing and NaN inputs count as full braking.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

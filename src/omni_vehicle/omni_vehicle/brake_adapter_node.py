@@ -3,8 +3,6 @@
 The contract (topics, types, parameters, timeouts) is in the README of this package.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

@@ -14,8 +14,6 @@ A module with a ``PACKAGE`` has subcommands: the modules of that package, which 
 the module turns into commands if it is defined.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import keyword

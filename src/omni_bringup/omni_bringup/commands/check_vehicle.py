@@ -6,8 +6,6 @@ positions, twist sensor, IMU, order and dead times of the brakes. Each mistake i
 remedy.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

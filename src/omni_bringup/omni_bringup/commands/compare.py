@@ -4,8 +4,6 @@ Compute the metrics of each stop: distance, rotation, odometry error and drift (
 1 m).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Enable it with: eval "$(./omni completion)"
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

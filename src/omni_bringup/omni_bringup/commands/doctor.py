@@ -4,8 +4,6 @@ Check the parts of the installation, one line each, with a remedy for each failu
 check fails.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import platform

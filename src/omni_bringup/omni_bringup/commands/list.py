@@ -3,8 +3,6 @@
 Print names and descriptions; ./omni show NAME shows one of them.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

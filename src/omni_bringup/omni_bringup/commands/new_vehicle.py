@@ -4,8 +4,6 @@ Write a vehicle, its line cameras and a stop into a folder. Estimates are marked
 implausible values are noted. On a terminal it asks for values that are not given.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Callable, Sequence

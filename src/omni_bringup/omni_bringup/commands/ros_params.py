@@ -4,8 +4,6 @@ Turn a vehicle file, or the configuration of a run, into the parameter files of 
 assistant and a URDF; docs/real_vehicle.md explains their use.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -10,8 +10,6 @@ vehicle brakes fully
 - without a page, when `cmd_vel` sends nothing: the key must be held down.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

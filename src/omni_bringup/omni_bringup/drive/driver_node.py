@@ -3,8 +3,6 @@
 The contract (topics, parameters, timeouts) is in the README of this package.
 """
 
-from __future__ import annotations
-
 import asyncio
 import dataclasses
 import math

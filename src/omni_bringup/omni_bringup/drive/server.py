@@ -5,8 +5,6 @@ random token in its address. Another page in the same browser does not have the 
 another origin; a page whose host name was rebound to this address still sends its own host name.
 """
 
-from __future__ import annotations
-
 import hmac
 import http
 import importlib.resources

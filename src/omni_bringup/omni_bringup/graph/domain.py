@@ -1,7 +1,5 @@
 """A separate ROS domain for each run, so that runs on one machine do not interfere."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """Parameter files of the nodes of a real vehicle, from one file about the vehicle."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The nodes that the files in ``launch/`` start for `omni run` and `omni drive`, and their end."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

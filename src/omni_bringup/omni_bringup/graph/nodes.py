@@ -1,7 +1,5 @@
 """The nodes of a run, their parameters, and the topics that are recorded."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

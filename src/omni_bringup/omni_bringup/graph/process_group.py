@@ -1,7 +1,5 @@
 """Operating-system processes that start and end together."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """Files stored with the recording of a run: configuration, versions, seed, results."""
 
-from __future__ import annotations
-
 import datetime
 import importlib.metadata
 import json

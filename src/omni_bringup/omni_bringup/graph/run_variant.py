@@ -1,7 +1,5 @@
 """One variant of an experiment over the real graph: start, follow, stop, measure."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import tempfile

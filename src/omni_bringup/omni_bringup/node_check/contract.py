@@ -1,7 +1,5 @@
 """What a node's messages must be; each function returns a sentence for each breach."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Answer a simulator with enables, good and bad, and look at what its brakes do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

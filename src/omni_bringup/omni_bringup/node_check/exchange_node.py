@@ -4,8 +4,6 @@ The recording is published in real time, once for each phase: as it is, with a g
 with unusable values in it, and ended in the middle. Stamps go on from phase to phase.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import time

@@ -1,7 +1,5 @@
 """A replay over real processes: player, the nodes themselves, recorder."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Writes lines of cameras into recordings, and reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A replay in one process: the cores of the nodes on the recorded inputs, without topics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import SimpleNamespace

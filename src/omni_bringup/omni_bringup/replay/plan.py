@@ -1,7 +1,5 @@
 """The inputs that a replay takes from a recording and the outputs that it computes."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

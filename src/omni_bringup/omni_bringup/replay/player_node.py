@@ -6,8 +6,6 @@ result comes, for example while a sensor is missing, one more round is sent. At 
 the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import time

@@ -1,7 +1,5 @@
 """The known motion of a recorded drive: true, or from the speeds of the wheels."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks a recording: every byte is read and every known message decoded."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Two recordings of the same topic, message by message."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Collection, Iterator

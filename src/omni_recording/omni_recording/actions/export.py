@@ -1,7 +1,5 @@
 """The small topics of a recording as tables, CSV or Parquet, one file for each topic."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import dataclasses

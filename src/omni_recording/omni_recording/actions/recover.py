@@ -4,8 +4,6 @@ The recording itself is never changed: its complete messages are copied to a new
 index and the metadata that readers need.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Collection, Iterator, Mapping

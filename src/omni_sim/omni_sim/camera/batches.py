@@ -1,7 +1,5 @@
 """Batches of lines of the cameras along a trajectory, rendered in the background."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial

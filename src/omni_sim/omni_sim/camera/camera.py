@@ -6,8 +6,6 @@ noise, quantized to 8 or 16 bits. By default the exposure is instantaneous and t
 perfect; see `camera_configuration` for the other effects.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -4,8 +4,6 @@ Line j is exposed at j / rate. Times are compared with control stamps [ns] as
 integers, so that no line is lost or duplicated between two control periods.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Exposure, optics and noise of the line cameras (section 4.4)."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter

@@ -8,8 +8,6 @@ excess kurtosis under 0.01, cut off at 5.1 standard deviations, and many times f
 normal variates.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import statistics

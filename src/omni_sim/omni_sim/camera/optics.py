@@ -1,7 +1,5 @@
 """Optics, dirt, motion blur and faulty pixels of the cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Poses between the physics steps, where the lines are exposed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from omni_platform.kernels import lean

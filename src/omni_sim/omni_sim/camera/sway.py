@@ -13,8 +13,6 @@ rates of both; the heave only changes the magnification, of second order are the
 and the cosine of the tilt.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from omni_platform.quantities import FloatArray

@@ -4,8 +4,6 @@ Without commands the vehicle brakes fully (dead man's switch). The drive acceler
 from the velocity of the vehicle and does not follow steps of a joystick.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """The scripted driver: constant velocity and braking at a given time, or a table of demands."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Protocol

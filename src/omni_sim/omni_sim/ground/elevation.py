@@ -10,8 +10,6 @@ Every part is an analytic function ``z(x, y)``, smooth enough for the local road
 Without any part the ground is flat and none of this is computed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Friction of the ground as a function of world position: a base factor and patches on it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

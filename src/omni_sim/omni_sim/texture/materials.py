@@ -27,8 +27,6 @@ planks         boards of 50 mm with their grain along x between dark grooves
 =============  =====================================================================================
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 

@@ -5,8 +5,6 @@ band of rows of the picture independently, with the same texels for any band. So
 resolution needs memory only for its gray levels, and bands may be drawn in parallel.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple, Protocol

@@ -7,8 +7,6 @@ a sixteenth of the square, is blended with the continuation beyond the opposite 
 ground is seamless when tiled.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

@@ -4,8 +4,6 @@ Procedural materials (`materials`), all seamless when tiled, at any resolution, 
 the user's own scan or photo (`ground_picture`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from concurrent.futures import ThreadPoolExecutor

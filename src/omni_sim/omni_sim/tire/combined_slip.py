@@ -11,8 +11,6 @@ and one curve in the direction ``q``, whose numbers go smoothly from those of ``
 it is the curve of that direction exactly; a friction factor scales both curves and so the result.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

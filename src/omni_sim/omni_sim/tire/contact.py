@@ -5,8 +5,6 @@ than the first term grows, ``R`` has a maximum beyond the peak and a minimum beh
 these values the patch keeps its state, adhering or sliding.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from omni_platform.kernels import lean

@@ -11,8 +11,6 @@ falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the cu
 slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol

@@ -4,8 +4,6 @@ TMeasy has a curve for each direction, which `combined_slip` joins. Any other mo
 which then holds in all directions: the force is opposite to the slip.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from numba import types

@@ -5,8 +5,6 @@ under its own name, of which only those of the chosen one count. `Tire` evaluate
 characteristic for plots, fits and tests.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

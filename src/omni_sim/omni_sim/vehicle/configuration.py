@@ -1,7 +1,5 @@
 """Configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

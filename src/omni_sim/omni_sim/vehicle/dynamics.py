@@ -15,8 +15,6 @@ Kernels with one caller are inlined: passing their many arguments would take mor
 the time. Kernels with several callers are not inlined, which keeps compilation short.
 """
 
-from __future__ import annotations
-
 import math
 
 from omni_platform.kernels import lean, lean_inline

@@ -5,8 +5,6 @@ Arguments throughout: `position`, wheel contacts relative to the center of gravi
 zero-moment point relative to the center of gravity [m]; `loads`, receives the loads [N], (N,).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from omni_platform.kernels import lean

@@ -16,8 +16,6 @@ Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-ba
 2012. The package is optional, see `requirements/mujoco.in`.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 import os

@@ -4,8 +4,6 @@ Above the largest permissible load the parabola (3) has no physical meaning (sec
 the dynamics compute with the force at that load. This module reports it to the user.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

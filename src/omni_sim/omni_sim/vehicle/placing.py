@@ -1,7 +1,5 @@
 """Initial state of a vehicle on the ground, rolling without slip, with undeflected tires."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

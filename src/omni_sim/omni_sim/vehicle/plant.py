@@ -1,7 +1,5 @@
 """Converts a vehicle's configuration to the constants of the dynamics kernel."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ Equation (6) prints ``e_zR = e_x x e_yR`` for the radial direction, and so it is
 from the contact to the center of the wheel. Frames are world-parallel, z up.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -6,8 +6,6 @@ that stand under their centers. While two rollers of a wheel are in contact, its
 the lower one and with the other's force of the last step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

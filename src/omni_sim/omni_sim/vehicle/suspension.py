@@ -17,8 +17,6 @@ Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the wa
 gravity over a tilted chassis, and the work that the forces along the ground do on pitch and roll.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

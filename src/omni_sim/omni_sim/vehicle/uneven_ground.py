@@ -21,8 +21,6 @@ direction of its force (second order in the angle between them); without a `susp
 by twisted ground, as if the frame of the vehicle yielded.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated vehicle: masses, wheels, tires, brakes and ground."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -12,8 +12,6 @@ is rounded to whole physics steps. A brake that releases later than it is applie
 takes the largest torque asked between ``t - t_r`` and ``t - t_d``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

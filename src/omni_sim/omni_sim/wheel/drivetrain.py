@@ -10,8 +10,6 @@ clutch has ``k = 0``. The brake is Coulomb friction: it opposes rotation with it
 and holds the wheel at exactly zero speed where less suffices. It never reverses a wheel.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline

@@ -18,8 +18,6 @@ rolls as a whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia
 that carries load loses by the same resistance.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

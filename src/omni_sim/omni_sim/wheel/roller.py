@@ -21,8 +21,6 @@ is the first guess). The deflection has two components; the roller's spin is sol
 Neglected: that a roller's spin turns with the wheel.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Configuration of the rollers of a vehicle's wheels, and check that they fit."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -15,8 +15,6 @@ that fill the wheel's envelope, a circle of the radius ``r``, so the axis stays 
 With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

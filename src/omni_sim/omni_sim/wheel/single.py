@@ -21,8 +21,6 @@ Departure from the dissertation: ``v_num`` may be tiny, so that a locked wheel s
 as Coulomb friction does and never creeps.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline

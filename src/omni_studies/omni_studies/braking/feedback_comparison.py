@@ -4,8 +4,6 @@ The dissertation assumes ideal feedback in chapter 3 and treats the sensor of ch
 here the loop is closed with this sensor.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Assisted stops on the velocity sensor and on the line-scan odometry, side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes

@@ -5,8 +5,6 @@ with its yaw rate above, and the errors of the wheels below; Figures 40 and 42 c
 component by component, and Figure 41 errors wheel by wheel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

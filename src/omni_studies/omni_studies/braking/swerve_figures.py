@@ -1,7 +1,5 @@
 """Forces of locked wheels from above, and the sliding manifold in the plane of drift and turn."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any

@@ -4,8 +4,6 @@ Bounds take far longer to compute than runs. So a run is first compared with an 
 the bound, and with the bound itself only if it is below this estimate.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

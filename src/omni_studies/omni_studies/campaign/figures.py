@@ -1,7 +1,5 @@
 """Figures of the robustness campaign: every run, and distributions of the quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ sensor failures, and in addition deviations that a law may not know: brake lag, 
 errors of the nominal torque, mass and wheel inertia.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ noise, offset and sampling, which fails in some runs. Every value is rounded to 
 that the experiment file of a run reproduces it exactly.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import hashlib

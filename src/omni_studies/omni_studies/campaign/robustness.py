@@ -4,8 +4,6 @@ A run that violates a limit is repeated with one adversity after the other remov
 which the limit holds is its cause.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -10,8 +10,6 @@ Sensor faults are compared with the longer stop and the larger rotation of unass
 assisted braking without a fault; brake faults with unassisted braking with the same fault.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -6,8 +6,6 @@ them. Wheel odometry and dead reckoning are no error models: they use the simula
 IMU.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import deque

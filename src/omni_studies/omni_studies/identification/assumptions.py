@@ -1,7 +1,5 @@
 """Dependence of Table 2 on assumptions: tire, wheels and shape of the patch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Figures of Table 2: trade-off and sensitivities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The configuration files of an identified candidate: its vehicle and its experiment."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -10,8 +10,6 @@ The vehicle moves along the world's y axis, up the page as in Figure 43, and bra
 `base_link` at the origin.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -5,8 +5,6 @@ is fitted to each number. Its slope is the sensitivity. The scatter about the li
 switching of the brakes and to wheels at the edge of the patch.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

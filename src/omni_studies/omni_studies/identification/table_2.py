@@ -1,7 +1,5 @@
 """Table 2 of the dissertation: results of braking out of a turn under each control law."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from omni_loop.metrics import Metric

@@ -1,7 +1,5 @@
 """Figures of the studies of one line camera: maps of errors over two parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

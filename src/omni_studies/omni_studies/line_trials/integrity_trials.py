@@ -4,8 +4,6 @@ A drive is rendered once, converted to lines by every faulty camera, and process
 odometry, so that the odometry estimates properties of a camera only within the drive.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

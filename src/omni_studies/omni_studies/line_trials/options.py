@@ -1,7 +1,5 @@
 """Options and grounds that the studies of line cameras share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Figure of the sideslip meter's errors over speed and over the angle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """Trials of the sideslip meter: a wheel with constant sideslip over rendered ground."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

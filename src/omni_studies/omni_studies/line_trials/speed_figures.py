@@ -1,7 +1,5 @@
 """Figure of the largest sideways speed of line cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Matches over many views as comma-separated values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sideways motion over the two dimensions of the field of view (Figures 63, 64 and 71)."""
 
-from __future__ import annotations
-
 import math
 
 from omni_platform.quantities import FloatArray

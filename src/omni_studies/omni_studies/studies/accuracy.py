@@ -5,8 +5,6 @@ compared with the Cramer-Rao bound of each pair, the smallest variance of an unb
 the bias towards whole pixels ("locking") is fitted as a function of the fraction.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

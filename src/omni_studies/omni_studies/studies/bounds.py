@@ -4,8 +4,6 @@ The path of the center of gravity is compared with the bound over all headings, 
 a stop that keeps heading and line within half a degree with the bound of such stops.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ with IMU and wheel speeds. If an experiment uses these, the assisted variant is 
 them, as ``<variant>_twist_alone``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

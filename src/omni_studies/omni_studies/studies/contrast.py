@@ -4,8 +4,6 @@
 overlap from line to line.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

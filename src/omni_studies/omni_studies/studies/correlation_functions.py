@@ -4,8 +4,6 @@
 evaluated with `scipy.spatial.distance` at every shift, independent of the search of the odometry.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

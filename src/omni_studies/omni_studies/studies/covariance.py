@@ -9,8 +9,6 @@ are fitted on all grounds but one, and evaluated on that one. The odometry itsel
 the latter.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

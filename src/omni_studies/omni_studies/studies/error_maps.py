@@ -7,8 +7,6 @@ standard experiment. Along the fibers of wood the lines hardly change; across th
 along the axis is low and the lines change quickly.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@ local search. Sensor faults are compared with the longer stop and the larger rot
 and fault-free assisted braking, brake faults with all other brakes on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and sl
 shows where assistance does more harm than good.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

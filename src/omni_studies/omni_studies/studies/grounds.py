@@ -4,8 +4,6 @@ Shown are 100 x 100 mm of each ground, and for the generic camera (50 x 20 mm, 1
 of its lines, which average 20 mm across, and the frequency below which half of the power is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

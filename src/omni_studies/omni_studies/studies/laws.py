@@ -3,8 +3,6 @@
 Feedback is ideal unless the case states otherwise. A case is ``<experiment>_<law>_<brakes>``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

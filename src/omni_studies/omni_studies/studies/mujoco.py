@@ -6,8 +6,6 @@ assistant in the loop. MuJoCo is optional; without it the study prints how to in
 also shows why the wheels of that model are sprung.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 The velocity sensor is ideal except in ``ice_patch_noisy``, which uses that of Eqs. (60), (61).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Write a table of all runs, a table of violations with their causes, and an exper
 of the worst runs, which ``./omni run`` replays over the graph.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ the share of right medians at that speed, and on all grounds the share of usable
 The whole odometry is then driven with three of the sensors at that speed, ahead and sideways.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ grounds. The camera measures the sideways velocity. The forward velocity is eith
 or omega R of a wheel with 1 % longitudinal slip.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

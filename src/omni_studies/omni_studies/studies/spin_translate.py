@@ -6,8 +6,6 @@ from the reference alone, without any feedback of position or heading, so the tr
 accumulated slip of the tires. The vehicle starts in motion without slip, with its configured load.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -5,8 +5,6 @@ position; the forces are those of the simulation. The manifold of section 3.4 is
 weight of a wheel (Figure 28), and the wheels that may brake over sideways velocity and yaw rate.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

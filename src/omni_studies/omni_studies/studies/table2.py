@@ -4,8 +4,6 @@ Without options it runs the identified vehicle of ``config/``; ``--identify`` re
 ``--assumptions`` varies the assumptions.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Draw the tire models (Figures 4 to 6) and check convergence, rest and zero slip of vehicles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ Every weighting and k is run with every dwell time, with the brakes of the vehic
 ones, and evaluated by the worst of several situations (`omni_studies.tuning.trials`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ wheel angles. The study also refines the step, parks on a slope and after a stop
 a wheel costs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple

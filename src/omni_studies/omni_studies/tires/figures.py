@@ -1,7 +1,5 @@
 """Figures of a tire's steady characteristic, after Figures 4, 5 and 6 of the dissertation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

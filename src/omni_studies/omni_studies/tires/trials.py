@@ -4,8 +4,6 @@ Each trial runs in one process without sensors, on even ground, in several direc
 and returns the worst result.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

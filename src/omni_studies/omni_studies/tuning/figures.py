@@ -1,7 +1,5 @@
 """Figures of the trade-off of rotation and distance, and of the effect of slow valves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

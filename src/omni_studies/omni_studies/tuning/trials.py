@@ -7,8 +7,6 @@ worst of several *situations*: the maneuver and slight deviations from it, the s
 settings.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -4,8 +4,6 @@ CPU time is used because elapsed time depends on the load of the machine. The ve
 turns, so that a slow processor affects all of them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Emergency braking of a vehicle in different engines with the brake assistant."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

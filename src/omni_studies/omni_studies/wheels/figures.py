@@ -1,7 +1,5 @@
 """Figures that compare wheel models: contact, forces over the wheel angle, motions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Figures of a tracked maneuver: snapshots from above, wheel speeds and errors over time."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tracking of a reference motion over time."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -4,8 +4,6 @@ The forces of individual rollers depend on the wheel angle, so every trial runs 
 start angles; forces and motions are compared in the mean over them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Data of recorded stops for the fit of the brakes: motion, wheel speeds and commands."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

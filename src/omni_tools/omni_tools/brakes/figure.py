@@ -1,7 +1,5 @@
 """Figure of fitted brakes: measured and fitted stops, and the response to the pedal."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

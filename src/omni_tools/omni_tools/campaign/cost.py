@@ -1,7 +1,5 @@
 """Duration of a chunk of a campaign; the only module of this folder that reads the clock."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import TypeVar

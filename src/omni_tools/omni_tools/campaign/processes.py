@@ -4,8 +4,6 @@ They are forks of the process that made the first run, so that imports and loade
 Each receives its work through a pipe and ends with its parent.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

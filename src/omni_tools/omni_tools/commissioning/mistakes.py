@@ -6,8 +6,6 @@ Twist sensor, gyro and accelerometer are compared with the known motions directl
 the enables that they should follow.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -4,8 +4,6 @@ The vehicle is driven forward, to the left and counter-clockwise, each from rest
 measured distance or angle; then it is driven in any direction and braked.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -11,8 +11,6 @@ A local optimum is no proof that no shorter stop exists. `bounds` computes a cer
 the true minimum is between the two.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import math

@@ -15,8 +15,6 @@ the ground, stops are computed in which the plane would give wheel ``j`` a negat
 vehicle could tip over, the loads only need to carry the weight.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The Pareto front of distance against rotation: the shortest known stops and the laws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

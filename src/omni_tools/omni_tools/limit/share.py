@@ -1,7 +1,5 @@
 """Ratio of the bound to the distance of a stop."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -19,8 +19,6 @@ coefficient that this observation determines as well as the drives is not change
 neighboring batches are not independent.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Kymograph of a line camera: lines over time, displacements and correlations."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

@@ -6,8 +6,6 @@ each picture, as for an area camera. Arrays (NPY), tables (CSV, a line in a row)
 raw bytes hold lines alone; a video needs OpenCV.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import re

@@ -4,8 +4,6 @@ Eq. (85) is printed with a division by the frame rate: meters times seconds over
 A velocity error is the displacement error *times* the rate, and so it is computed here.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

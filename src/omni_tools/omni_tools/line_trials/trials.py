@@ -4,8 +4,6 @@ The camera moves at a known speed and angle, as in section 4.4; consecutive line
 full search and refined. Displacements are in pixels along the camera's axis.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Twists that the odometry estimates of a platform in uniform motion over a ground."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

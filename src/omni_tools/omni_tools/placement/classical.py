@@ -1,7 +1,5 @@
 """Common placements of cameras on a circle: tangential, radial and parallel."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

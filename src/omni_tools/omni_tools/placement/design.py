@@ -1,7 +1,5 @@
 """Comparison of placements of line cameras under a vehicle: best, given and common ones."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Placements of line cameras under a chassis, with the error of the velocity of every point."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Evaluation of a placement of line cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

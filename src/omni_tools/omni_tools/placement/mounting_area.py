@@ -5,8 +5,6 @@ the edge of the chassis, the wheels and the other cameras. Wheels have the width
 drawn, since the configuration has no wheel width.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

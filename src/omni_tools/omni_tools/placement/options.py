@@ -1,7 +1,5 @@
 """Options of a placement of line cameras, as a command line gives them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from omni_platform import command_options, configuration

@@ -1,7 +1,5 @@
 """Results of `sensor_design`: numbers, sentences and a file for experiments."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

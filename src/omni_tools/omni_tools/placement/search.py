@@ -11,8 +11,6 @@ better by more than a per cent. The result is rounded to values that can be dril
 with its neighbors tried again.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

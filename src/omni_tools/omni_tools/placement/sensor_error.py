@@ -18,8 +18,6 @@ both are fitted: a camera of the type is moved over a ground at several angles, 
 are processed by the odometry's `SensorOdometry`, and the model is fitted to the errors.
 """
 
-from __future__ import annotations
-
 import collections
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """Line cameras of one type at given positions, with names for the positions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

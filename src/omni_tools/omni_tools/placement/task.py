@@ -1,7 +1,5 @@
 """Task of a placement from the options of a command line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

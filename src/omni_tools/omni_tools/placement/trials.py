@@ -1,7 +1,5 @@
 """Measures the twist error of placements of line cameras on rendered lines."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@ milliseconds after a brake changes because of the tire's elasticity. The loads a
 ground.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from omni_loop.history import RunHistory

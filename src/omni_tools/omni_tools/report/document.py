@@ -4,8 +4,6 @@ Numbers over time are base64 texts of little-endian 32-bit floats, one text per 
 where there is no value: a third of the size of decimal numbers, and fast to read in a browser.
 """
 
-from __future__ import annotations
-
 import base64
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Forces of the wheels on the vehicle, as the recorded markers show them."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ by its hash. The content of recordings is data of that script: a block of JSON t
 escape from, and that the script inserts as text, never as markup.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

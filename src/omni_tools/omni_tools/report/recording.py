@@ -1,7 +1,5 @@
 """The data of a recording for a report."""
 
-from __future__ import annotations
-
 import dataclasses
 import stat
 from collections.abc import Iterator, Mapping, Sequence

@@ -16,8 +16,6 @@ friction. Two of three draws for the areas are at the ends of these ranges, wher
 rotation are largest; held-out stops come from both kinds of population.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

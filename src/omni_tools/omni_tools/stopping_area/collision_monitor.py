@@ -1,7 +1,5 @@
 """Stopping areas as the parameters of Nav2's collision monitor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figure of stopping areas: one panel for each direction of motion, a shade for each speed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Options of stopping areas, as a command line gives them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from omni_platform.command_options import overrides_option

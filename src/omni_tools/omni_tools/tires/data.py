@@ -5,8 +5,6 @@ The first line names the columns, in any order; other columns are ignored. ``loa
 that cannot be used is refused with the reason and the line.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import math

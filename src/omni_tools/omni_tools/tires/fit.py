@@ -7,8 +7,6 @@ follow by linear propagation. They are valid for independent residuals of equal 
 small enough for linear propagation. An unknown that ends on a bound counts as fixed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

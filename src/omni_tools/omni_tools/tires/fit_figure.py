@@ -1,7 +1,5 @@
 """Figure of a fitted tire: measured forces and the curves of the model."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

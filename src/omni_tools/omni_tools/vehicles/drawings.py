@@ -1,7 +1,5 @@
 """Descriptions and drawings of vehicles, tires, grounds and line cameras."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

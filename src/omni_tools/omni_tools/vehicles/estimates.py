@@ -1,7 +1,5 @@
 """Files of a vehicle from a few measurements, with every estimate marked."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

@@ -3,8 +3,6 @@
 Inspect recordings, check them, recover them and export tables; ROS is not needed.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

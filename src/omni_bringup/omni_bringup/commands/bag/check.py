@@ -4,8 +4,6 @@ Read a recording from end to end: every checksum, every message of a known type,
 the metadata, and gaps in the numbers of the messages. Exit code 1 if anything is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

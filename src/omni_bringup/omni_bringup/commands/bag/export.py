@@ -4,8 +4,6 @@ Write one table for every topic whose messages are at most 256 values: times in 
 units, joints by name. Images are left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Write every complete message into a new recording with index and metadata, and r
 The recording itself is not changed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,6 +4,4 @@ Import the lines of real cameras from files into a recording for `omni replay` a
 show the lines of a camera.
 """
 
-from __future__ import annotations
-
 PACKAGE = __name__

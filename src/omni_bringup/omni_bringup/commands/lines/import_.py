@@ -4,8 +4,6 @@ Make a recording of the lines in files: a folder of pictures (PNG, TIFF), one pi
 or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` take it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from dataclasses import dataclass

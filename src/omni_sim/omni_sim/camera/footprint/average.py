@@ -4,8 +4,6 @@ Larger texels preserve the integral over every area that they tile. Any number p
 possible: a texel includes its share of those that its edges cut. All arithmetic is in integers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

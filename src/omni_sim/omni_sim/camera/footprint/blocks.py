@@ -17,8 +17,6 @@ are tuples of four whole numbers.
 # numba finds an intrinsic's arguments by their names and writes the instructions from their types.
 # ruff: noqa: ARG001
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

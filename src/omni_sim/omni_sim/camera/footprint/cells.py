@@ -1,7 +1,5 @@
 """From sums of rows by class to pixels: cells of a quarter texel, their integral, and pixels."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -21,8 +21,6 @@ edges within a texel are approximated. The error is at most 0.08 gray levels (RM
 400 texels wide on the shipped grounds, and grows for fewer rows: 0.25 for 50.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 It is a thousand times slower than `integral` and the reference of its tests and benchmark.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

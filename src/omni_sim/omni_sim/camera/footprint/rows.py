@@ -5,8 +5,6 @@ its fraction chooses one of four accumulators, here called classes. Rows that a 
 part, along the two long sides of the footprint, are added with weights.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Each module defines ``MODEL``, a `TireModel`; the module's name is the model's name in YAML.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Mapping

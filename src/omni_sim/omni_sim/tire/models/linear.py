@@ -5,8 +5,6 @@ has no second state: it slides exactly while it is saturated. It is the simplest
 reference for the effects of the falling part and the load dependence of the other models.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, NamedTuple
 

@@ -15,8 +15,6 @@ rolls freely must not pull.
 A friction factor scales ``D``; with ``B C D`` kept, ``B`` falls and the slips grow alike.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any, NamedTuple

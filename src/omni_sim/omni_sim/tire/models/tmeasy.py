@@ -14,8 +14,6 @@ nominal loads both agree; at 1 kN the forces differ by up to 26 %. Above the sec
 parabola has no physical meaning, so the load is clamped there and the caller reports the overload.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 from typing import Any, NamedTuple
