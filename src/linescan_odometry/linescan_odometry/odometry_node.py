@@ -49,27 +49,21 @@ _ASSUMED = "the sideways motion is not measured but that of an axle that does no
 class SourceConfiguration(Configuration):
     """Choice of the odometry."""
 
-    own_odometry: str = parameter(
-        "",
-        description="Your own odometry class, my_module:MyOdometry, see docs/extending.md; empty "
-        "for the line-scan odometry",
-    )
+    own_odometry: str = parameter("")
+    """Your own odometry class, my_module:MyOdometry, see docs/extending.md; empty for the line-scan
+    odometry"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class InterfaceConfiguration(Configuration):
     """Inputs of the node and their synchronization."""
 
-    best_effort_cameras: bool = parameter(
-        False,
-        description="Accept cameras whose drivers offer best effort (sensor data), and lose lines "
-        "instead of delaying them",
-    )
-    publish_tf: bool = parameter(
-        True,
-        description="Publish odom -> base_link on /tf and the cameras' frames on /tf_static, where "
-        "tf2_msgs is installed",
-    )
+    best_effort_cameras: bool = parameter(False)
+    """Accept cameras whose drivers offer best effort (sensor data), and lose lines instead of
+    delaying them"""
+    publish_tf: bool = parameter(True)
+    """Publish odom -> base_link on /tf and the cameras' frames on /tf_static, where tf2_msgs is
+    installed"""
 
 
 class OdometryNode(Node):

@@ -70,29 +70,16 @@ _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DE
 class TimingConfiguration(Configuration):
     """How the node pairs the driver's demand with the feedback."""
 
-    lockstep: bool = parameter(
-        False,
-        description="Answer every pedal message with the feedback of the same step, however long "
-        "it takes, instead of answering in real time",
-    )
-    await_imu: bool = parameter(
-        False, description="Lockstep: whether an answer waits for the IMU of its step"
-    )
-    twist_period: float = parameter(
-        0.0,
-        description="Lockstep: time between two samples of the twist, each of which belongs to all "
-        "steps until the next; 0 where every step has its own",
-        unit="s",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    demand_timeout: float = parameter(
-        0.1,
-        description="Real time: time without a pedal message after which all brakes are on",
-        unit="s",
-        above=0.0,
-        maximum=10.0,
-    )
+    lockstep: bool = parameter(False)
+    """Answer every pedal message with the feedback of the same step, however long it takes, instead
+    of answering in real time"""
+    await_imu: bool = parameter(False)
+    """Lockstep: whether an answer waits for the IMU of its step"""
+    twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
+    """Lockstep: time between two samples of the twist, each of which belongs to all steps until the
+    next; 0 where every step has its own"""
+    demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
+    """Real time: time without a pedal message after which all brakes are on"""
 
 
 class BrakeAssistNode(Node):

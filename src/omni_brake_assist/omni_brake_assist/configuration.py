@@ -23,248 +23,108 @@ LAW_GROUP = "omni_brake_assist.laws"
 class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md says where each of them acts."""
 
-    target_slip: float = parameter(
-        0.13,
-        description="Set-point of slip control: slip at which a tire transmits its largest force",
-        minimum=0.01,
-        maximum=1.0,
-    )
-    observer_time: float = parameter(
-        0.025,
-        description="Time constant of the friction observer; disturbances take twice as long, the "
-        "mass and the return of the heading four times",
-        unit="s",
-        minimum=0.001,
-        maximum=1.0,
-    )
-    growth_time: float = parameter(
-        0.5,
-        description="Time constant with which the estimated friction capacity of a wheel grows "
-        "while all of it is used without a slide (probing)",
-        unit="s",
-        minimum=0.01,
-        maximum=100.0,
-    )
-    slip_time: float = parameter(
-        0.015,
-        description="Time constant of slip control: of a wheel's speed on its way to the set-point",
-        unit="s",
-        minimum=0.001,
-        maximum=1.0,
-    )
-    relaxation_speed: float = parameter(
-        3.0,
-        description="Feed-forward of slip control: sliding speed beyond the set-point while a tire "
-        "has yet to deflect (relaxation)",
-        unit="m/s",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    return_share: float = parameter(
-        0.36,
-        description="Control barrier function of the heading: its time constants as a share of the "
-        "time that is left of the stop",
-        minimum=0.01,
-        maximum=10.0,
-    )
-    line_time: float = parameter(
-        0.4,
-        description="Control barrier function of the direction of motion: its time constant",
-        unit="s",
-        minimum=0.01,
-        maximum=100.0,
-    )
-    heading_weight: float = parameter(
-        60.0,
-        description="Control allocation: cost of a yaw acceleration beyond its bounds, against "
-        "1 of the deceleration",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    line_weight: float = parameter(
-        12.0,
-        description="Control allocation: cost of a lateral acceleration beyond its bounds, against "
-        "1 of the deceleration",
-        minimum=0.0,
-        maximum=1.0e6,
-    )
-    locked_share: float = parameter(
-        0.02,
-        description="Share of the fastest hub's speed along the active direction below which a "
-        "wheel is locked, as the motion does not drive it",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
+    """Set-point of slip control: slip at which a tire transmits its largest force"""
+    observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
+    """Time constant of the friction observer; disturbances take twice as long, the mass and the
+    return of the heading four times"""
+    growth_time: float = parameter(0.5, unit="s", minimum=0.01, maximum=100.0)
+    """Time constant with which the estimated friction capacity of a wheel grows while all of it is
+    used without a slide (probing)"""
+    slip_time: float = parameter(0.015, unit="s", minimum=0.001, maximum=1.0)
+    """Time constant of slip control: of a wheel's speed on its way to the set-point"""
+    relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
+    """Feed-forward of slip control: sliding speed beyond the set-point while a tire has yet to
+    deflect (relaxation)"""
+    return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
+    """Control barrier function of the heading: its time constants as a share of the time that is
+    left of the stop"""
+    line_time: float = parameter(0.4, unit="s", minimum=0.01, maximum=100.0)
+    """Control barrier function of the direction of motion: its time constant"""
+    heading_weight: float = parameter(60.0, minimum=0.0, maximum=1.0e6)
+    """Control allocation: cost of a yaw acceleration beyond its bounds, against 1 of the
+    deceleration"""
+    line_weight: float = parameter(12.0, minimum=0.0, maximum=1.0e6)
+    """Control allocation: cost of a lateral acceleration beyond its bounds, against 1 of the
+    deceleration"""
+    locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
+    """Share of the fastest hub's speed along the active direction below which a wheel is locked, as
+    the motion does not drive it"""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeAssistConfiguration(Configuration):
     """Configuration of the brake assistant."""
 
-    wheels: Mapping[str, WheelMount] = parameter(
-        description="Wheels of the platform by name; their order is that of the brake enables"
-    )
-    enabled: bool = parameter(
-        True, description="Whether brakes may be released; the errors are computed either way"
-    )
-    law: str = parameter(
-        "sliding_mode",
-        description="Control law: sliding_mode is that of 2013, allocation shares the "
-        "braking between the wheels by what they can bear; my_module:MyLaw is a class of your "
-        "own, see docs/extending.md",
-    )
-    weighting: str = parameter(
-        "enhanced",
-        description="Weighting psi of the parallel component: zero keeps the orientation best, "
-        "cosine stops shortest, enhanced is between, by k",
-        choices=WEIGHTINGS,
-    )
-    k: int = parameter(
-        7,
-        description="Tuning constant of the enhanced weighting, odd; larger is closer to zero",
-        minimum=1,
-        maximum=999,
-    )
-    max_rotation: float = parameter(
-        0.3,
-        description="Change of heading, and of the direction of motion, that the law allocation "
-        "spends for a shorter way",
-        unit="deg",
-        minimum=0.0,
-        maximum=360.0,
-    )
-    nominal_mass: float = parameter(
-        1000.0,
-        description="Mass of the vehicle, roughly; the law allocation starts from it and learns",
-        unit="kg",
-        above=0.0,
-        maximum=1.0e6,
-    )
-    wheel_inertia: float = parameter(
-        1.0,
-        description="Nominal moment of inertia of a wheel about its axis, for the law allocation",
-        unit="kg m^2",
-        above=0.0,
-        maximum=1.0e4,
-    )
-    brake: BrakeConfiguration = section(
-        BrakeConfiguration, description="Nominal brake of each wheel, for the law allocation"
-    )
-    allocation: AllocationConfiguration = section(
-        AllocationConfiguration, description="Parameters of the law allocation"
-    )
-    minimum_dwell_time: float = parameter(
-        0.0,
-        description="Shortest time between two switchings of a valve; ignored where all brakes "
-        "must act",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    pedal_threshold: float = parameter(
-        0.05, description="Pedal position from which the driver brakes", above=0.0, maximum=1.0
-    )
-    speed_threshold: float = parameter(
-        0.3,
-        description="Speed of the fastest wheel center below which all brakes are on",
-        unit="m/s",
-        minimum=0.0,
-    )
-    speed_hysteresis: float = parameter(
-        0.3,
-        description="How far the speed must rise above the threshold again to resume assisting",
-        unit="m/s",
-        minimum=0.0,
-    )
-    minimum_reference_speed: float = parameter(
-        0.1,
-        description="Speed at the start of braking below which there is no line to keep",
-        unit="m/s",
-        above=0.0,
-    )
-    feedback_timeout: float = parameter(
-        0.05, description="Age at which feedback is stale", unit="s", above=0.0, maximum=10.0
-    )
-    maximum_time_step: float = parameter(
-        0.25,
-        description="Longest step between demands; across a longer gap in the feedback the heading "
-        "is not carried on and the line to keep is taken anew",
-        unit="s",
-        above=0.0,
-        maximum=60.0,
-    )
-    recovery_count: int = parameter(
-        3,
-        description="Consecutive valid twists before brakes are released, at the start and after "
-        "a fault",
-        minimum=1,
-        maximum=1000,
-    )
-    maximum_speed_deviation: float = parameter(
-        0.2,
-        description="Largest standard deviation of the velocity, in its worst direction; one that "
-        "is less sure is still weighed where there is an IMU",
-        unit="m/s",
-        above=0.0,
-    )
-    maximum_yaw_rate_deviation: float = parameter(
-        0.2, description="Largest standard deviation of the yaw rate", unit="rad/s", above=0.0
-    )
-    maximum_speed: float = parameter(
-        60.0, description="Largest plausible speed of the platform", unit="m/s", above=0.0
-    )
-    maximum_yaw_rate: float = parameter(
-        10.0, description="Largest plausible yaw rate", unit="rad/s", above=0.0
-    )
-    maximum_acceleration: float = parameter(
-        30.0,
-        description="Largest plausible acceleration between two feedbacks",
-        unit="m/s^2",
-        above=0.0,
-    )
-    maximum_yaw_acceleration: float = parameter(
-        60.0,
-        description="Largest plausible angular acceleration between two feedbacks",
-        unit="rad/s^2",
-        above=0.0,
-    )
-    speed_noise: float = parameter(
-        0.3,
-        description="Step in velocity that noise alone may cause between two feedbacks",
-        unit="m/s",
-        minimum=0.0,
-    )
-    yaw_rate_noise: float = parameter(
-        0.3,
-        description="Step in yaw rate that noise alone may cause between two feedbacks",
-        unit="rad/s",
-        minimum=0.0,
-    )
-    fault_detection: bool = parameter(
-        True,
-        description="Fault detection: whether the twist is compared with IMU and wheel speeds and "
-        "replaced by them where it is missing, and whether the effect of braking is monitored",
-    )
-    imu_x: float = parameter(
-        0.0, description="Mounting of the IMU, forward of the platform center", unit="m"
-    )
-    imu_y: float = parameter(
-        0.0, description="Mounting of the IMU, left of the platform center", unit="m"
-    )
-    feedback_delay: float = parameter(
-        0.0,
-        description="Age of the feedback beyond its stamp; compensated with the IMU",
-        unit="s",
-        minimum=0.0,
-        maximum=0.2,
-    )
-    frozen_time: float = parameter(
-        0.2,
-        description="Time after which an identical twist is implausible while braking above the "
-        "speed threshold (0: never)",
-        unit="s",
-        minimum=0.0,
-    )
+    wheels: Mapping[str, WheelMount] = parameter()
+    """Wheels of the platform by name; their order is that of the brake enables"""
+    enabled: bool = parameter(True)
+    """Whether brakes may be released; the errors are computed either way"""
+    law: str = parameter("sliding_mode")
+    """Control law: sliding_mode is that of 2013, allocation shares the braking between the wheels
+    by what they can bear; my_module:MyLaw is a class of your own, see docs/extending.md"""
+    weighting: str = parameter("enhanced", choices=WEIGHTINGS)
+    """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops
+    shortest, enhanced is between, by k"""
+    k: int = parameter(7, minimum=1, maximum=999)
+    """Tuning constant of the enhanced weighting, odd; larger is closer to zero"""
+    max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
+    """Change of heading, and of the direction of motion, that the law allocation spends for a
+    shorter way"""
+    nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
+    """Mass of the vehicle, roughly; the law allocation starts from it and learns"""
+    wheel_inertia: float = parameter(1.0, unit="kg m^2", above=0.0, maximum=1.0e4)
+    """Nominal moment of inertia of a wheel about its axis, for the law allocation"""
+    brake: BrakeConfiguration = section(BrakeConfiguration)
+    """Nominal brake of each wheel, for the law allocation"""
+    allocation: AllocationConfiguration = section(AllocationConfiguration)
+    """Parameters of the law allocation"""
+    minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Shortest time between two switchings of a valve; ignored where all brakes must act"""
+    pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
+    """Pedal position from which the driver brakes"""
+    speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0)
+    """Speed of the fastest wheel center below which all brakes are on"""
+    speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0)
+    """How far the speed must rise above the threshold again to resume assisting"""
+    minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0)
+    """Speed at the start of braking below which there is no line to keep"""
+    feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
+    """Age at which feedback is stale"""
+    maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
+    """Longest step between demands; across a longer gap in the feedback the heading is not carried
+    on and the line to keep is taken anew"""
+    recovery_count: int = parameter(3, minimum=1, maximum=1000)
+    """Consecutive valid twists before brakes are released, at the start and after a fault"""
+    maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0)
+    """Largest standard deviation of the velocity, in its worst direction; one that is less sure is
+    still weighed where there is an IMU"""
+    maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0)
+    """Largest standard deviation of the yaw rate"""
+    maximum_speed: float = parameter(60.0, unit="m/s", above=0.0)
+    """Largest plausible speed of the platform"""
+    maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0)
+    """Largest plausible yaw rate"""
+    maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0)
+    """Largest plausible acceleration between two feedbacks"""
+    maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0)
+    """Largest plausible angular acceleration between two feedbacks"""
+    speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0)
+    """Step in velocity that noise alone may cause between two feedbacks"""
+    yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0)
+    """Step in yaw rate that noise alone may cause between two feedbacks"""
+    fault_detection: bool = parameter(True)
+    """Fault detection: whether the twist is compared with IMU and wheel speeds and replaced by them
+    where it is missing, and whether the effect of braking is monitored"""
+    imu_x: float = parameter(0.0, unit="m")
+    """Mounting of the IMU, forward of the platform center"""
+    imu_y: float = parameter(0.0, unit="m")
+    """Mounting of the IMU, left of the platform center"""
+    feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
+    """Age of the feedback beyond its stamp; compensated with the IMU"""
+    frozen_time: float = parameter(0.2, unit="s", minimum=0.0)
+    """Time after which an identical twist is implausible while braking above the speed threshold
+    (0: never)"""
 
     def check_consistency(self) -> None:
         """Refuse a k that Eq. (58) does not allow and a platform that cannot be braked.

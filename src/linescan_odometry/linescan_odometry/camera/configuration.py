@@ -12,81 +12,43 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 class CameraConfiguration(Configuration):
     """Camera and selection of the lines in its frames."""
 
-    sensor: str = parameter(
-        description="Name of the line camera, one of `sensors` of the odometry: lines go to "
-        "line_scan/<name>/lines"
-    )
+    sensor: str = parameter()
+    """Name of the line camera, one of `sensors` of the odometry: lines go to
+    line_scan/<name>/lines"""
     source: str = parameter(
         description="Device (/dev/video0 or its number), GenTL producer (a file .cti, which may "
         "be followed by # and the serial number of the camera), or a file in place of a camera: a "
         "video, or pictures in an array (.npy), played in real time"
     )
-    frame_rate: float = parameter(
-        description="Frames per second, requested from a device", unit="1/s", above=0.0, maximum=1e5
-    )
-    rows: str = parameter(
-        "", description="Rows of a frame that are used, such as 240 or 236:244; empty for all"
-    )
-    band: bool = parameter(
-        True,
-        description="Whether the mean of the rows is one line per frame; otherwise every row is a "
-        "line",
-    )
-    columns: bool = parameter(False, description="Whether the columns of a frame are its rows")
-    row_time: float = parameter(
-        0.0,
-        description="Time between rows, where every row is a line: of a rolling shutter; 0 where "
-        "the rows of all frames follow each other evenly, as blocks of a line camera do",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    latency: float = parameter(
-        0.0,
-        description="Time from the exposure of a frame's last row to its stamp (of the driver "
-        "where it gives one, else of the arrival)",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    batch: float = parameter(
-        0.01, description="Time of the lines of a message", unit="s", above=0.0, maximum=1.0
-    )
-    length: float = parameter(
-        0.0,
-        description="Field of view along the axis, published in camera_info so that the odometry "
-        "can compare it with its own; 0 if unknown",
-        unit="m",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    frame_width: int = parameter(
-        0,
-        description="Requested from a device; 0 to keep its setting",
-        unit="px",
-        minimum=0,
-        maximum=16384,
-    )
-    frame_height: int = parameter(
-        0,
-        description="Requested from a device; 0 to keep its setting",
-        unit="px",
-        minimum=0,
-        maximum=16384,
-    )
-    pixel_format: str = parameter(
-        "",
-        description="Asked of a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a name "
-        "of GenICam (Mono8, Mono12); empty as it is, Mono8 of GenICam",
-    )
-    exposure: float = parameter(
-        0.0,
-        description="Exposure requested from a device, which disables its automatic exposure; 0 "
-        "to keep its setting",
-        unit="s",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
+    """Frames per second, requested from a device"""
+    rows: str = parameter("")
+    """Rows of a frame that are used, such as 240 or 236:244; empty for all"""
+    band: bool = parameter(True)
+    """Whether the mean of the rows is one line per frame; otherwise every row is a line"""
+    columns: bool = parameter(False)
+    """Whether the columns of a frame are its rows"""
+    row_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time between rows, where every row is a line: of a rolling shutter; 0 where the rows of all
+    frames follow each other evenly, as blocks of a line camera do"""
+    latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Time from the exposure of a frame's last row to its stamp (of the driver where it gives one,
+    else of the arrival)"""
+    batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
+    """Time of the lines of a message"""
+    length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
+    """Field of view along the axis, published in camera_info so that the odometry can compare it
+    with its own; 0 if unknown"""
+    frame_width: int = parameter(0, unit="px", minimum=0, maximum=16384)
+    """Requested from a device; 0 to keep its setting"""
+    frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)
+    """Requested from a device; 0 to keep its setting"""
+    pixel_format: str = parameter("")
+    """Asked of a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a name of GenICam
+    (Mono8, Mono12); empty as it is, Mono8 of GenICam"""
+    exposure: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
+    """Exposure requested from a device, which disables its automatic exposure; 0 to keep its
+    setting"""
 
     @property
     def cut(self) -> Cut:

@@ -41,25 +41,16 @@ _ROUNDING = 1e-6  # [deg] that sine and arcsine may add to it
 class SideslipWheel(Configuration):
     """A wheel whose sideslip angle is measured."""
 
-    sensor: str = parameter(
-        description="Line camera beside the wheel, parallel to its axis of rotation within 30 deg"
-    )
-    x: float = parameter(description="Wheel contact, forward of base_link", unit="m")
-    y: float = parameter(description="Wheel contact, left of base_link", unit="m")
-    steering_deg: float = parameter(
-        0.0,
-        description="Rolling direction, counter-clockwise from forward",
-        unit="deg",
-        minimum=-180.0,
-        maximum=180.0,
-    )
-    minimum_speed: float = parameter(
-        0.5,
-        description="Forward velocity of the wheel below which the angle has no meaning",
-        unit="m/s",
-        above=0.0,
-        maximum=100.0,
-    )
+    sensor: str = parameter()
+    """Line camera beside the wheel, parallel to its axis of rotation within 30 deg"""
+    x: float = parameter(unit="m")
+    """Wheel contact, forward of base_link"""
+    y: float = parameter(unit="m")
+    """Wheel contact, left of base_link"""
+    steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
+    """Rolling direction, counter-clockwise from forward"""
+    minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
+    """Forward velocity of the wheel below which the angle has no meaning"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,32 +27,15 @@ NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
 class KinematicsConfiguration(Configuration):
     """Kinematic constraint of a vehicle while its wheels grip."""
 
-    constraint: str = parameter(
-        NONE,
-        description="Constraint used if the sensors do not suffice: none, or that an axle "
-        "that is not steered does not slip sideways (differential and Ackermann drives)",
-        choices=(NONE, UNSTEERED_AXLE),
-    )
-    axle_x: float = parameter(
-        0.0,
-        description="That axle, forward of base_link",
-        unit="m",
-        minimum=-100.0,
-        maximum=100.0,
-    )
-    deviation: float = parameter(
-        0.02,
-        description="Standard deviation of the axle's sideways velocity while its wheels grip",
-        unit="m/s",
-        above=0.0,
-        maximum=100.0,
-    )
-    deviation_share: float = parameter(
-        0.005,
-        description="In addition to it, share of the largest velocity that a sensor measures",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    constraint: str = parameter(NONE, choices=(NONE, UNSTEERED_AXLE))
+    """Constraint used if the sensors do not suffice: none, or that an axle that is not steered does
+    not slip sideways (differential and Ackermann drives)"""
+    axle_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """That axle, forward of base_link"""
+    deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
+    """Standard deviation of the axle's sideways velocity while its wheels grip"""
+    deviation_share: float = parameter(0.005, minimum=0.0, maximum=1.0)
+    """In addition to it, share of the largest velocity that a sensor measures"""
 
     @property
     def axle(self) -> float | None:
