@@ -2,7 +2,7 @@
 
 A page may link to a module, a configuration or the README of a package. The site brings what is
 linked along below ``source/``, READMEs as pages and all else as text, so that it can be read
-without the workspace.
+without the workspace. The first use of each term on a page links to the glossary.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ _ROOT = Path(__file__).resolve().parent.parent
 _LINK = re.compile(r"\[([^\]\[]*)\]\(([^)\s#]+)((?:#[^)\s]*)?)\)")
 _SOURCE = "source"
 _PICTURES = (".png", ".svg", ".jpg")
+_GLOSSARY = "glossary.md"
+_LISTS = ("index.md", "options.md", "parameters.md", "api.md", "dissertation.md")  # no prose
+_TERM = re.compile(r"<dt>(.*?)</dt>")
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -106,3 +109,55 @@ def _uri(target: Path) -> str:
 
 def _brought(target: Path, config: Any) -> File:
     return File.generated(config, _uri(target), content=target.read_bytes())
+
+
+def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
+    """Link the first use of each term of the glossary on a page to its definition."""
+    del config, files
+    uri = page.file.src_uri
+    if uri == _GLOSSARY:
+        return _TERM.sub(lambda found: f'<dt id="{_anchor(found[1])}">{found[1]}</dt>', html)
+    if uri.startswith(_SOURCE) or uri in _LISTS:
+        return html
+    place = posixpath.relpath(_GLOSSARY.replace(".md", ".html"), posixpath.dirname(uri))
+    waiting = dict(_terms())
+    parts = re.split(r"(<[^>]*>)", html)
+    within = 0  # depth of elements that stay as they are
+    for i, part in enumerate(parts):
+        if part.startswith("<"):
+            if found := re.match(r"<(/?)(a|code|pre|h\d|script|summary)\b", part):
+                within += -1 if found[1] else 1
+        elif not within:
+            parts[i] = _linked(part, waiting, place)
+    return "".join(parts)
+
+
+def _terms() -> Iterator[tuple[str, str]]:
+    """Yield the words of the glossary, in small letters, and the anchor of each."""
+    text = (_ROOT / "docs" / _GLOSSARY).read_text(encoding="utf-8")
+    for term in re.findall(r"^(\S.*)\n:   ", text, re.M):
+        for word in re.split(r", | \(|\)", term):
+            if word:
+                yield word.lower(), _anchor(term)
+
+
+def _anchor(term: str) -> str:
+    return "term-" + re.sub(r"\W+", "-", term.lower()).strip("-")
+
+
+def _linked(text: str, waiting: dict[str, str], place: str) -> str:
+    """Return text with a link at each word that waits for its first use, and take it away."""
+    if not waiting:
+        return text
+    # The longest first: "line pair" before "line".
+    words = "|".join(re.escape(word) for word in sorted(waiting, key=len, reverse=True))
+
+    def link(found: re.Match[str]) -> str:
+        anchor = waiting.get(found[1].lower())
+        if anchor is None:
+            return found[0]
+        for word in [word for word, other in waiting.items() if other == anchor]:
+            del waiting[word]
+        return f'<a href="{place}#{anchor}">{found[0]}</a>'
+
+    return re.sub(rf"(?<![\w-])({words})s?(?![\w-])", link, text, flags=re.IGNORECASE)

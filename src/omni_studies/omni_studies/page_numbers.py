@@ -9,22 +9,33 @@ A page holds a template in a comment, and the filled template below it::
     <!-- /numbers -->
 
 ``{study:metric.case:.1f}`` names a metric of another study, and ``run_EXPERIMENT`` a run over the
-graph. ``docs/numbers.json`` keeps the numbers that templates use. This program takes them from
-given ``summary.json`` files and fills the pages::
+graph. ``{table.row_column}`` is a cell of ``table.csv`` in the folder of the study: the first cell
+of its row and the head of its column, with ``_`` for all but letters and digits. A line ``each:``
+repeats the next line for entries separated by semicolons; ``$1`` and ``$2`` stand for their parts
+before and after a comma, in braces with ``_`` as above::
 
-    ./omni exec python -m omni_studies.page_numbers results/*/summary.json
+    each: rear axle, 2 m; front axle, 3 m
+    | $1 at $2 | {loads.$1_mean:.0f} N |
+
+``docs/numbers.json`` keeps the numbers that templates use. This program takes them from
+given ``summary.json`` files and fills the pages; a study that ran with other options gets a NAME of
+its own before the file::
+
+    ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
 With ``--check`` it changes nothing and ends with 1 if a page differs from ``docs/numbers.json``, or
 a number there from a file by more than 2 % and one unit of its last printed digit.
 """
 
 import argparse
+import contextlib
+import csv
 import json
 import math
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +45,8 @@ Numbers = Mapping[str, Mapping[str, float | None]]
 _TOLERANCE = 0.02
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
-_PAGES = ("README.md", "docs/*.md", "src/*/README.md")
+_EACH = re.compile(r"^each: (.*)\n(.*)$", re.MULTILINE)
+_PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
 
 
 class Place(NamedTuple):
@@ -51,9 +63,33 @@ class Place(NamedTuple):
     form: str
 
 
+def expanded(template: str) -> str:
+    """Return a template whose lines after an ``each:`` are repeated for its entries."""
+
+    def lines(found: re.Match[str]) -> str:
+        return "\n".join(_with_entry(found[2], entry) for entry in found[1].split(";"))
+
+    return _EACH.sub(lines, template)
+
+
+def _with_entry(line: str, entry: str) -> str:
+    """Return a line with the parts of an entry for ``$1`` and the like."""
+    parts = re.split(r",\s*", entry.strip())
+    return re.sub(r"\{[^{}]*\}|\$\d", lambda place: _inserted(place[0], parts), line)
+
+
+def _inserted(place: str, parts: list[str]) -> str:
+    words = [_word(part) for part in parts] if place.startswith("{") else parts
+    return re.sub(r"\$(\d)", lambda number: words[int(number[1]) - 1], place)
+
+
+def _word(text: str) -> str:
+    return re.sub(r"\W+", "_", text).strip("_")
+
+
 def places(template: str, study: str) -> Iterator[Place]:
     """Yield the metrics that a template names; `study` is that of names without one."""
-    for found in _PLACE.finditer(template):
+    for found in _PLACE.finditer(expanded(template)):
         yield Place(found[1] or study, found[2], found[3] or "")
 
 
@@ -70,7 +106,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
         value = numbers.get(found[1] or study, {}).get(found[2])
         return "-" if value is None else format(value, found[3] or "")
 
-    return _PLACE.sub(number, template)
+    return _PLACE.sub(number, expanded(template))
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
@@ -94,16 +130,37 @@ def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
     return numbers
 
 
-def measured(files: list[Path]) -> dict[str, dict[str, float | None]]:
-    """Return the metrics of documents by study; those of runs over the graph as ``run_NAME``."""
+def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str, float | None]]:
+    """Return the numbers of documents by study; those of runs over the graph as ``run_NAME``.
+
+    Args:
+        arguments: paths of ``summary.json`` files, or ``NAME=path``.
+        used: the places to fill, which name the tables to read.
+    """
     found: dict[str, dict[str, float | None]] = {}
-    for file in files:
+    for argument in arguments:
+        own, _, path = argument.rpartition("=")
+        file = Path(path)
         document: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         beside_recording = (file.parent / "metadata.yaml").exists()
-        name = ("run_" if beside_recording else "") + document["name"]
-        metrics = found.setdefault(name, {})
-        metrics |= {key: metric["value"] for key, metric in document["metrics"].items()}
+        name = own or ("run_" if beside_recording else "") + document["name"]
+        numbers = found.setdefault(name, {})
+        numbers |= {key: metric["value"] for key, metric in document["metrics"].items()}
+        others = {place.metric for place in used if place.study == name} - set(numbers)
+        for table in {file.parent / f"{metric.partition('.')[0]}.csv" for metric in others}:
+            if table.exists():
+                numbers |= dict(_cells(table))
     return found
+
+
+def _cells(table: Path) -> Iterator[tuple[str, float]]:
+    """Yield name and value of the numbers in a table."""
+    with table.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            (_, first), *rest = row.items()
+            for head, cell in rest:
+                with contextlib.suppress(ValueError):
+                    yield f"{table.stem}.{_word(first)}_{_word(head)}", float(cell)
 
 
 def outdated(place: Place, old: float | None, new: float | None) -> bool:
@@ -118,11 +175,12 @@ def outdated(place: Place, old: float | None, new: float | None) -> bool:
 def main() -> int:
     """Fill the pages, or check them."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("files", nargs="*", type=Path, help="summary.json files of commands")
+    parser.add_argument("files", nargs="*", help="summary.json files of commands")
     parser.add_argument("--check", action="store_true", help="change nothing, say what is outdated")
     options = parser.parse_args()
     workspace = Path(os.environ.get("OMNI_WORKSPACE", "."))
-    numbers, new = stored(workspace), measured(options.files)
+    used = [place for _, study, text in templates(workspace) for place in places(text, study)]
+    numbers, new = stored(workspace), measured(options.files, used)
     kept: dict[str, dict[str, float | None]] = {}
     problems = []
     for page, study, template in templates(workspace):

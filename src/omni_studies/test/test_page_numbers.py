@@ -67,3 +67,26 @@ def test_a_number_typed_into_a_page_is_found(
     page.write_text(page.read_text().replace("| 2.4 deg", "| 2.2 deg"))
     assert run(monkeypatch, "--check") == 1
     assert "page.md: its numbers are not those" in capsys.readouterr().err
+
+
+def test_a_line_is_repeated_for_entries_and_reads_tables(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = workspace / "docs/page.md"
+    page.write_text(
+        "<!-- numbers: tires\n"
+        "each: soft tire, 1 bar; hard tire, 9 bar\n"
+        "| $1 at $2 | {grip.$1_mean_1:.1f} | {soft:grip.$1_mean_1:.1f} |\n"
+        "-->\n<!-- /numbers -->\n"
+    )
+    for folder, factor in (("a", 1.0), ("b", 2.0)):
+        (workspace / folder).mkdir()
+        table = f"tire,mean [1]\nsoft tire,{factor}\nhard tire,{3.0 * factor}\n"
+        (workspace / folder / "grip.csv").write_text(table)
+        summary(workspace / folder, "tires", {})
+    first, other = (str(workspace / folder / "tires.json") for folder in "ab")
+    assert run(monkeypatch, first, f"soft={other}") == 0
+    rows = "-->\n| soft tire at 1 bar | 1.0 | 2.0 |\n| hard tire at 9 bar | 3.0 | 6.0 |\n<!--"
+    assert rows in page.read_text()
+    (workspace / "a/grip.csv").write_text("tire,mean [1]\nsoft tire,1.5\nhard tire,3\n")
+    assert run(monkeypatch, "--check", first) == 1

@@ -44,20 +44,16 @@ class Sensitivity:
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return one row per number and parameter."""
-        rows = [
-            (number, quantity.name, quantity.step, quantity.unit, i, j)
-            for i, number in enumerate(self.numbers)
-            for j, quantity in enumerate(QUANTITIES)
-        ]
+        """Return one row per parameter: its step, and slope and scatter of each number."""
         return {
-            "number": [row[0] for row in rows],
-            "parameter": [row[1] for row in rows],
-            "step": [row[2] for row in rows],
-            "unit of the step": [row[3] for row in rows],
-            "change [deg or m]": [float(self.slope[row[4], row[5]]) for row in rows],
-            "change [tolerances]": [float(self.in_tolerances[row[4], row[5]]) for row in rows],
-            "scatter [deg or m]": [float(self.scatter[row[4], row[5]]) for row in rows],
+            "parameter": list(self.parameters),
+            "step": [quantity.step for quantity in QUANTITIES],
+            "unit of the step": [quantity.unit for quantity in QUANTITIES],
+            **dict(zip(self.numbers, self.slope, strict=True)),
+            **{
+                f"scatter {number}": row
+                for number, row in zip(self.numbers, self.scatter, strict=True)
+            },
         }
 
 

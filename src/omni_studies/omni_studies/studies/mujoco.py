@@ -100,6 +100,14 @@ def _metrics(stops: Stops) -> dict[str, Metric]:
                 metrics[f"distance_difference.{name}"] = Metric(
                     abs(ours.distance / other.distance - 1.0), "1"
                 )
+    for variant in _VARIANTS:
+        for quantity, unit in (("swerve_difference", "deg"), ("distance_difference", "1")):
+            values = [
+                metric.value
+                for name, metric in metrics.items()
+                if name.startswith(quantity) and f"_{variant}_" in name
+            ]
+            metrics[f"{quantity}.{variant}_largest"] = Metric(max(values), unit)
     return metrics
 
 

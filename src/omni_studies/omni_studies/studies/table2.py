@@ -1,18 +1,19 @@
 """Table 2: orientation change and stopping distance under every control law.
 
-Without options it runs the identified vehicle of ``config/``; ``--identify`` repeats the search,
-``--assumptions`` varies the assumptions.
+Without options the study brakes the identified vehicle of ``config/``. ``--identify`` repeats the
+search; ``--assumptions`` changes one assumption at a time.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_studies.identification import table_2
-from omni_studies.identification.assumptions import ASSUMPTIONS, EXPERIMENT, under
+from omni_studies.identification.assumptions import ASSUMPTIONS, EXPERIMENT, OTHERS, under
 from omni_studies.identification.figures import sensitivity_map, trade_off, weighting_functions
 from omni_studies.identification.files import write_files
 from omni_studies.identification.identification import (
@@ -31,17 +32,18 @@ class Options(Configuration):
     """Identification and assumptions."""
 
     identify: bool = parameter(False)
-    """seek the vehicle that gives Table 2 (minutes); its configuration files are written beside the
+    """search the vehicle that gives Table 2 (minutes) and write its configuration files beside the
     results"""
     sound: bool = parameter(False)
-    """seek only among vehicles whose load stands over the area between the wheels and whose wheels
-    carry no more than the tire is known for"""
+    """search only vehicles whose load is between the wheels and whose wheels carry no more than the
+    range of the tire"""
     assumptions: bool = parameter(False)
-    """also run the vehicle with other tires, wheels and patches, one change at a time"""
+    """also brake this vehicle, and two others that fit, with other tires, wheels and patches, one
+    change at a time"""
     seed: int = parameter(1, minimum=0)
-    """of the search"""
+    """seed of the search"""
     generations: int = parameter(GENERATIONS, minimum=1)
-    """generations of the search at most"""
+    """largest number of generations of the search"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -71,7 +73,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     measured = measure(bases)
     parameters = parameters_of(bases[table_2.CASES[0]])
     sensitivity = sensitivities(bases, parameters)
-    _write(measured, parameters, sensitivity, study)
+    _write(measured, sensitivity, study)
     metrics = table_2.metrics(measured)
     if options.assumptions:
         metrics |= _change_assumptions(study, parameters)
@@ -84,39 +86,37 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the ten numbers for every assumption, and return their ranges."""
-    rows: list[dict[str, float]] = []
-    for numbers in under(study.experiments, parameters):
-        study.report(len(rows) / len(ASSUMPTIONS), ASSUMPTIONS[len(rows)].name)
-        rows.append(numbers)
-    columns = {name: [row[name] for row in rows] for name in table_2.REFERENCES}
-    changed = [each.name for each in ASSUMPTIONS]
+    """Write the ten numbers of all vehicles for every assumption, and return the ranges of ours."""
+    vehicles = {"identified": parameters, **OTHERS}
+    names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
+    found = np.empty((len(vehicles), len(changed), len(names)))
+    for i, vehicle in enumerate(vehicles.values()):
+        for j, numbers in enumerate(under(study.experiments, vehicle)):
+            share = (i * len(changed) + j) / (len(vehicles) * len(changed))
+            study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
+            found[i, j] = [numbers[name] for name in names]
+    tables = {"": found[0], "low ": found.min(axis=0), "high ": found.max(axis=0)}
+    columns = {
+        end + name: table[:, k] for end, table in tables.items() for k, name in enumerate(names)
+    }
     study.columns("assumptions.csv", {"changed": changed, **columns})
-    return {
-        f"{name.replace('.', f'_{end}.')}": Metric(pick(values), table_2.unit(name))
-        for name, values in columns.items()
-        for end, pick in (("low", min), ("high", max))
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _write(
-    measured: Mapping[str, float],
-    parameters: Mapping[str, float],
-    sensitivity: Sensitivity,
-    study: StudyRun,
-) -> None:
-    names = list(table_2.REFERENCES)
-    document = {
-        "parameters": dict(parameters),
-        "change_per_step": {
-            number: dict(zip(sensitivity.parameters, map(_finite, row.tolist()), strict=True))
-            for number, row in zip(sensitivity.numbers, sensitivity.slope, strict=True)
+    study.columns(
+        "vehicles.csv",
+        {"number": [*parameters, *names]}
+        | {
+            name: [*vehicle.values(), *found[i, 0]]
+            for i, (name, vehicle) in enumerate(vehicles.items())
         },
+    )
+    return {
+        f"{name.replace('.', f'_{end}.')}": Metric(float(values[k]), table_2.unit(name))
+        for k, name in enumerate(names)
+        for end, values in (("low", found[0].min(axis=0)), ("high", found[0].max(axis=0)))
     }
+
+
+def _write(measured: Mapping[str, float], sensitivity: Sensitivity, study: StudyRun) -> None:
+    names = list(table_2.REFERENCES)
     table = {
         "number": names,
         "unit": [table_2.unit(name) for name in names],
@@ -125,8 +125,6 @@ def _write(
         "deviation": [measured[name] - table_2.REFERENCES[name] for name in names],
         "tolerance": [table_2.tolerance(name) for name in names],
     }
-    study.written.append(study.folder / "identification.json")
-    study.written[-1].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
     study.columns("table_2.csv", table)
     study.columns("sensitivity.csv", sensitivity.columns())
     study.figure("trade_off.png", trade_off(measured))

@@ -12,7 +12,7 @@ import pytest
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_studies.identification import assumptions, table_2
-from omni_studies.identification.assumptions import ASSUMPTIONS, under
+from omni_studies.identification.assumptions import ASSUMPTIONS, OTHERS, under
 from omni_studies.identification.files import write_files
 from omni_studies.identification.identification import (
     QUANTITIES,
@@ -138,20 +138,16 @@ def test_a_load_that_overhangs_or_a_wheel_beyond_its_tire_is_not_sound(bases: Ba
     assert cost(bases, inside, sound=True) == cost(bases, inside)
 
 
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_sound_vehicle_gives_table_2_as_well(bases: Bases, which: int) -> None:
-    """Those of docs/identification.md, all ten numbers within their tolerance."""
-    table = PAGE.split("with their load over the wheels")[1].split("Front left")[0]
-    cells = re.findall(r"`(\w+)`" + 3 * r" \| (-?[\d.]+)[^|]*", table)
-    values = {name: float(found[which]) for name, *found in cells}
-    found = rounded([values[quantity.name] for quantity in QUANTITIES])
-    variants = {case: configure(base, found) for case, base in bases.items()}
+@pytest.mark.parametrize("vehicle", OTHERS)
+def test_a_sound_vehicle_gives_table_2_as_well(bases: Bases, vehicle: str) -> None:
+    assert dict(OTHERS[vehicle]) == rounded([OTHERS[vehicle][one.name] for one in QUANTITIES])
+    variants = {case: configure(base, OTHERS[vehicle]) for case, base in bases.items()}
     assert unsound(variants["k7"].vehicle) == 0.0
     for name, value in measure(variants).items():
         assert abs(value - table_2.REFERENCES[name]) < 0.85 * table_2.tolerance(name)
 
 
-def test_the_page_tells_what_other_assumptions_come_to(
+def test_the_page_has_the_numbers_of_other_assumptions(
     bases: Bases, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Kernels of other tires and wheels take long to compile.
@@ -159,10 +155,12 @@ def test_the_page_tells_what_other_assumptions_come_to(
     monkeypatch.setattr(assumptions, "ASSUMPTIONS", quick)
     rows = under(ExperimentLibrary(CONFIG), parameters_of(bases["k7"]))
     for one, numbers in zip(quick, rows, strict=True):
-        told = re.search(rf"^\| {one.name} \|(.*)\|$", PAGE, re.M)
-        assert told, one.name
-        for cell, value in zip(told[1].split("|"), numbers.values(), strict=True):
-            assert float(cell) == pytest.approx(value, rel=0.03, abs=0.3), one.name
+        line = re.search(rf"^\| {one.name} \|(.*)\|$", PAGE, re.M)
+        assert line, one.name
+        for cell, value in zip(line[1].split("|"), numbers.values(), strict=True):
+            shown, low, high = map(float, re.findall(r"[\d.]+", cell))
+            assert shown == pytest.approx(value, rel=0.03, abs=0.6), one.name
+            assert low - 0.6 <= value <= high + 0.6
 
 
 def test_refinement_is_reproducible_and_makes_the_largest_deviation_smaller(bases: Bases) -> None:
