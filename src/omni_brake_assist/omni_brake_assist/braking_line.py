@@ -72,7 +72,7 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
     Args:
         line: changed in place.
         dt: time since the last sample [s].
-        yaw_rate: of the new one [rad/s].
+        yaw_rate: yaw rate of the new one [rad/s].
     """
     line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
     line.yaw_rate = yaw_rate

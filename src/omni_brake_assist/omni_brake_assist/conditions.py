@@ -62,7 +62,7 @@ class Condition(NamedTuple):
 
     Attributes:
         state: that the condition puts the assistant in.
-        level: for `/diagnostics`: OK, WARNING or ERROR.
+        level: level for `/diagnostics`: OK, WARNING or ERROR.
         words: reason for people; value, limit, within and wheel are filled in. Where it is empty,
             the part that finds the condition has the words.
     """

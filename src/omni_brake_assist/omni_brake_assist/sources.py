@@ -52,7 +52,7 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
     """Return all sources after a step.
 
     Args:
-        memory: of the assistant.
+        memory: memory of the assistant.
         wheels: names in the order of the configuration.
     """
     isolation, trust = memory.observer.isolation[0], memory.trust[0]

@@ -17,7 +17,8 @@ class StepPairing:
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
         imu: whether it waits for the IMU too.
-        twist_period_ns: between two samples of the twist [ns], 0 where every step has its own.
+        twist_period_ns: twist period between two samples of the twist [ns], 0 where every step has
+            its own.
     """
 
     def __init__(

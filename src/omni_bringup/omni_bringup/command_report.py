@@ -13,7 +13,7 @@ class Report:
     """The result of a command.
 
     Attributes:
-        name: of the JSON document.
+        name: name of the JSON document.
         metrics: entries of the document by ``quantity.case``.
         details: further entries of the document.
         text: lines, and tables of rich, that are printed without ``--json``; read only then.

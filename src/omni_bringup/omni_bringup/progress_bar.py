@@ -18,7 +18,7 @@ def progress_bar(name: str) -> Iterator[Progress]:
     """Show a progress bar on a terminal, or lines elsewhere, with an estimate of the time left.
 
     Args:
-        name: of the work.
+        name: name of the work.
     """
     if not sys.stderr.isatty():
         yield progress_lines(name)
@@ -40,7 +40,7 @@ def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
     """Print every few seconds that a command of unknown duration is still running.
 
     Args:
-        program: at the beginning of each line.
+        program: program at the beginning of each line.
         words: description of the work.
         every: time between lines [s].
     """
@@ -64,7 +64,7 @@ def progress_lines(name: str, clock: Callable[[], float] = time.monotonic) -> Pr
     """Return a function that prints a line at intervals, with an estimate of the time left.
 
     Args:
-        name: at the beginning of each line.
+        name: name at the beginning of each line.
         clock: returns the time [s].
     """
     begun = last = clock()

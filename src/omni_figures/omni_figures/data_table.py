@@ -18,7 +18,7 @@ def write_table(
     """Write a table and return its path.
 
     Args:
-        path: of the file.
+        path: path of the file.
         header: names of the columns.
         rows: texts and integers, which are written as they are, and other numbers.
         digits: significant ones of the other numbers.
@@ -37,7 +37,7 @@ def write_records(path: Path, records: Sequence[Any]) -> Path:
     """Write records of one type, a row each, under the names of their fields and their units.
 
     Args:
-        path: of the file.
+        path: path of the file.
         records: one instance or more of a `NamedTuple`, whose numbers carry their units:
             ``speed: Annotated[float, "m/s"]``.
     """
@@ -51,7 +51,7 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
     """Write columns of equal length under their names, numbers with six digits.
 
     Args:
-        path: of the file.
+        path: path of the file.
         columns: texts or numbers by ``name [unit]``.
 
     Raises:

@@ -22,9 +22,9 @@ def draw_run_figures(
     """Draw the top view (as Figures 24, 30) and the time series (as Figures 31, 32).
 
     Args:
-        configurations: of the variants; vehicle and ground are taken from the first.
-        histories: by variant, in the order of the panels.
-        folder: for the files.
+        configurations: configurations of the variants; vehicle and ground are taken from the first.
+        histories: histories by variant, in the order of the panels.
+        folder: folder for the files.
 
     Returns:
         The files written.

@@ -54,7 +54,8 @@ class Scene:
         chassis_length: along x of the body [m].
         chassis_width: along y of the body [m].
         wheels: mounts by wheel name.
-        center_of_gravity: of vehicle and load together, in the body frame [m], if known.
+        center_of_gravity: center of gravity of vehicle and load together, in the body frame [m], if
+            known.
         load: position of the load in the body frame [m], if there is one.
         patches: ground with a friction of its own.
     """

@@ -88,7 +88,7 @@ def velocity_arrow(
     Args:
         scene: the vehicle.
         history: its run.
-        index: of the stamp.
+        index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
 
     Returns:
@@ -109,7 +109,7 @@ def snapshot_outlines(
     Args:
         scene: the vehicle.
         history: its run.
-        index: of the stamp.
+        index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
 
     Returns:

@@ -49,13 +49,13 @@ def panels(
     """Return a figure with a grid of axes, labeled along its lower and left edge.
 
     Args:
-        title: of the figure.
-        rows: of axes.
-        columns: of axes.
+        title: title of the figure.
+        rows: number of rows of axes.
+        columns: number of columns of axes.
         size: width and height [in].
         x: label of all x axes.
         y: label of all y axes.
-        **kwargs: of `Figure.subplots`, as ``sharex=True``.
+        **kwargs: kwargs of `Figure.subplots`, as ``sharex=True``.
 
     Returns:
         The figure and its axes, shape (rows, columns).

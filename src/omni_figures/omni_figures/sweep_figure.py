@@ -15,8 +15,8 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
     """Draw four quantities over the first swept key, a line for each variant and other value.
 
     Args:
-        runs: of the sweep; at least one.
-        title: of the figure.
+        runs: runs of the sweep; at least one.
+        title: title of the figure.
     """
     key, *others = runs[0].values
     texts = list(dict.fromkeys(run.values[key] for run in runs))

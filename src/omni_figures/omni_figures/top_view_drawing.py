@@ -49,7 +49,7 @@ def draw_snapshot(
         axes: where to draw.
         scene: the vehicle.
         history: its run.
-        index: of the stamp.
+        index: index of the stamp.
         arrow_scale: length of the velocity arrow over speed [m / (m/s)].
         age: 0 for the last snapshot, towards 1 for the first; old ones are fainter.
     """

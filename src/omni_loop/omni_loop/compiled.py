@@ -69,7 +69,7 @@ class Record(NamedTuple):
             in the body frame [m/s, m/s, rad/s], shape (T, 6).
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
         trusted: whether all inputs were valid, so that brakes could be released, shape (T,).
-        energy: of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
+        energy: energy of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
         wheel_angle: [rad], shape (T, N).
         wheel_speed: [rad/s], shape (T, N).
         brake_torque: [N m], shape (T, N).
@@ -99,7 +99,7 @@ class FastRun:
     """One run of T control stamps.
 
     Attributes:
-        wheel_names: of the columns.
+        wheel_names: wheel names of the columns.
         period_ns: control period [ns].
         pedal: the driver's brake demand 0..1, shape (T,).
         record: time histories.

@@ -241,7 +241,7 @@ class ExperimentLibrary:
         """Read a vehicle alone.
 
         Args:
-            name: of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder with a
+            name: name of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder with a
                 ``vehicle.yaml``.
 
         Raises:
@@ -253,7 +253,7 @@ class ExperimentLibrary:
         """Read line cameras alone, without a check that their placement is regular.
 
         Args:
-            name: of a file in ``sensors/``, or a path that ends in ``.yaml``.
+            name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
 
         Raises:
             ConfigurationError: the name, a key or a value does not fit.
@@ -320,7 +320,7 @@ def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentC
     """Return the effective configuration stored with a recording, with overrides.
 
     Args:
-        text: of a ``configuration.yaml`` as a run writes it.
+        text: text of a ``configuration.yaml`` as a run writes it.
         overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
 
     Raises:

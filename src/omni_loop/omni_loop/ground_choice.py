@@ -41,7 +41,7 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
     Rendering a ground of 2400 dpi takes longer than the timeouts of the nodes.
 
     Args:
-        configurations: of the run's variants.
+        configurations: configurations of the run's variants.
         cache: folder from which the nodes load their ground.
 
     Raises:

@@ -49,9 +49,9 @@ class Moment:
     """Outputs of the parts of the loop at a control stamp.
 
     Attributes:
-        observation: of the plant.
-        feedback: of the estimator.
-        decision: of the controller.
+        observation: observation of the plant.
+        feedback: feedback of the estimator.
+        decision: decision of the controller.
     """
 
     observation: Observation
@@ -167,7 +167,7 @@ def record(
     """Return the history of moments.
 
     Args:
-        wheel_names: of the plant.
+        wheel_names: wheel names of the plant.
         moments: one per control stamp, with the twist of the odometry, None if there is none.
     """
     samples: dict[str, list[Any]] = {}

@@ -100,7 +100,7 @@ class RestCriterion:
     while it goes on, so the vehicle must have been at rest for a while.
 
     Attributes:
-        speed: of `base_link` [m/s].
+        speed: speed of `base_link` [m/s].
         yaw_rate: magnitude [rad/s].
         rocking_speed: speed that a vehicle at rest may still reach [m/s].
         rocking_yaw_rate: yaw rate that it may still reach [rad/s].
@@ -163,7 +163,7 @@ def results_document(
     reason in `note`.
 
     Args:
-        name: of the experiment.
+        name: name of the experiment.
         metrics_by_variant: what `run_metrics` returned, by variant.
     """
     entries: dict[str, dict[str, Any]] = {}

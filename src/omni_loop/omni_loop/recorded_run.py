@@ -81,7 +81,7 @@ def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) ->
 
     Args:
         bag: the recording of a vehicle.
-        types: of the topics, by name.
+        types: types of the topics, by name.
         required: topics that must exist.
 
     Raises:

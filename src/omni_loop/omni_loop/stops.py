@@ -27,7 +27,7 @@ def stops_of(history: RunHistory, rest: RestCriterion | None = None) -> tuple[Ru
     stop. A history without a stop, or with one stop that begins in motion, is returned unchanged.
 
     Args:
-        history: of a run or a drive.
+        history: history of a run or a drive.
         rest: when the vehicle counts as stopped.
     """
     spans = _spans(history, rest or RestCriterion())

@@ -24,9 +24,9 @@ class SweptRun:
     """One run of a sweep.
 
     Attributes:
-        variant: of the experiment.
-        values: of the swept keys, as texts.
-        metrics: by quantity.
+        variant: variant of the experiment.
+        values: values of the swept keys, as texts.
+        metrics: metrics by quantity.
     """
 
     variant: str

@@ -78,7 +78,7 @@ def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> No
     """Declare the parameters of `cls` as options; they are left out of what is parsed if not given.
 
     Args:
-        parser: of the command.
+        parser: parser of the command.
         cls: declares the options.
     """
     fields = {field.name: field for field in dataclasses.fields(cls)}

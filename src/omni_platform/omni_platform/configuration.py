@@ -113,8 +113,8 @@ def parameter(
 
     Args:
         default: value used where none is given; without it the key is required.
-        description: for people, shown by ``--help`` and ``ros2 param describe``; by default the
-            string below the field.
+        description: description for people, shown by ``--help`` and ``ros2 param describe``; by
+            default the string below the field.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
         minimum: smallest permitted value.
         maximum: largest permitted value.
@@ -133,7 +133,7 @@ def section(make: Callable[[], Any], *, description: str | None = None) -> Any:
 
     Args:
         make: returns the default value: the class, or ``dict``.
-        description: for people; by default the string below the field.
+        description: description for people; by default the string below the field.
     """
     metadata = {_METADATA: ParameterInfo(description)}
     return dataclasses.field(default_factory=make, metadata=metadata, kw_only=True)

@@ -24,8 +24,8 @@ def urdf(
     along the measuring direction.
 
     Args:
-        name: of the robot.
-        wheels: by name.
+        name: name of the robot.
+        wheels: wheels by name.
         sensors: line cameras and flow sensors by name.
         size: length and width of the platform [m]; that of the wheels' positions if None.
     """

@@ -48,7 +48,7 @@ def check_name(key: str, name: str, built_in: Collection[str], group: str) -> No
     """Refuse an unknown name of a class; nothing is imported.
 
     Args:
-        key: of the configuration.
+        key: key of the configuration.
         name: a built-in part, an entry point of `group`, or ``module:Class``.
         built_in: names of the built-in parts.
         group: group of entry points.
@@ -77,7 +77,7 @@ def load_class(
     The module is searched on the path of Python and in the working directory.
 
     Args:
-        key: of the configuration.
+        key: key of the configuration.
         name: an entry point of `group`, or ``module:Class``.
         built_in: names of the built-in parts, for messages.
         group: group of entry points.
@@ -117,8 +117,8 @@ def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
     """Create an instance of a user's class.
 
     Args:
-        key: of the configuration.
-        name: by which the class was found.
+        key: key of the configuration.
+        name: name by which the class was found.
         cls: the class.
         *arguments: arguments of its constructor.
 

@@ -88,7 +88,7 @@ def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
     Each row is the `velocity_row` of a sensor's position along one of its `directions`.
 
     Args:
-        sensors: by name.
+        sensors: sensors by name.
 
     Returns:
         Matrix of shape (R, 3), with one row for a line camera and two for a flow sensor, in the
@@ -106,8 +106,8 @@ def velocity_row(x: float, y: float, direction: float) -> tuple[float, float, fl
     """Return the row that maps the body twist to a point's velocity along a direction, Eq. (23).
 
     Args:
-        x: of the point, forward of base_link [m].
-        y: of the point, left of base_link [m].
+        x: coordinate x of the point, forward of base_link [m].
+        y: coordinate y of the point, left of base_link [m].
         direction: counter-clockwise from forward [rad].
 
     Returns:

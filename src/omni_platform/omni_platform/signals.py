@@ -24,7 +24,7 @@ class TwistSample(NamedTuple):
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
         value: ``(v_cx, v_cy, Omega)`` [m/s, m/s, rad/s], shape (3,).
-        covariance: of `value`, shape (3, 3), in the squares of its units.
+        covariance: covariance of `value`, shape (3, 3), in the squares of its units.
         validity: VALID, MISSING or INVALID.
     """
 
@@ -40,8 +40,8 @@ class Flow:
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        velocity: of its position, along its axis and to the left of it [m/s], shape (2,).
-        covariance: of `velocity` [m^2/s^2], shape (2, 2); all zero if unknown.
+        velocity: velocity of its position, along its axis and to the left of it [m/s], shape (2,).
+        covariance: covariance of `velocity` [m^2/s^2], shape (2, 2); all zero if unknown.
     """
 
     stamp_ns: int
@@ -54,7 +54,8 @@ class WheelSample(NamedTuple):
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        speed: of each wheel about its axis, in the order of the configuration [rad/s], shape (N,).
+        speed: speed of each wheel about its axis, in the order of the configuration [rad/s], shape
+            (N,).
         validity: VALID, MISSING or INVALID.
     """
 

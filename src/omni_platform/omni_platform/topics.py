@@ -19,7 +19,7 @@ class Topic(NamedTuple):
 
     Attributes:
         name: relative to the namespace.
-        type: of its messages.
+        type: type of its messages.
         publisher: the node that publishes it.
         latched: whether the last message is kept for later subscriptions.
     """

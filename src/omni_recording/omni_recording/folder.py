@@ -40,7 +40,7 @@ class Bag:
         files: its MCAP files in order of time.
         message_count: number of messages according to the metadata; None without metadata.
         counts: messages by topic according to the metadata; empty without metadata.
-        ros_distro: of the recorder; empty if unknown.
+        ros_distro: ROS distribution of the recorder; empty if unknown.
         namespace: removed from the topics of messages and summary, such as ``/robot1``.
     """
 

@@ -53,7 +53,7 @@ class RecordedChannel:
         type_name: such as ``sensor_msgs/msg/Image``; empty without a schema.
         definition: text of the type's definition.
         definition_encoding: language of that text, such as ``ros2msg``.
-        encoding: of the messages, such as ``cdr``.
+        encoding: encoding of the messages, such as ``cdr``.
         metadata: further entries of the recorder, such as ``offered_qos_profiles``.
     """
 
@@ -94,7 +94,7 @@ class McapSummary:
         first_ns: earliest log time [ns]; 0 without messages.
         last_ns: latest log time [ns]; 0 without messages.
         chunks: number of chunks.
-        compressions: of the chunks, sorted; an empty word for none.
+        compressions: compressions of the chunks, sorted; an empty word for none.
     """
 
     channels: tuple[RecordedChannel, ...]

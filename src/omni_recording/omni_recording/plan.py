@@ -88,7 +88,7 @@ class StampedRecording:
 
     Args:
         writer: the recording.
-        definitions: of each topic's messages.
+        definitions: definitions of each topic's messages.
     """
 
     def __init__(self, writer: Rosbag2Writer, definitions: Mapping[str, MessageDefinition]) -> None:

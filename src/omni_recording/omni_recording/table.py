@@ -33,7 +33,7 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
 
     Args:
         decoder: knows the fields of the type.
-        type_name: of the message.
+        type_name: name of the message.
         message: as `MessageDecoder.decode` returns it.
 
     Returns:

@@ -82,7 +82,7 @@ class TransformSerializer:
     """Serializes transforms.
 
     Attributes:
-        definition: of their type.
+        definition: definition of their type.
     """
 
     def __init__(self) -> None:

@@ -55,7 +55,7 @@ class Rosbag2Writer:
         folder: folder of the recording; made with its parents, and empty if it exists.
         topics: everything that will be written.
         chunk_size: size of the messages after which a chunk ends [B].
-        compression: of the chunks, a key of `COMPRESSIONS`.
+        compression: compression of the chunks, a key of `COMPRESSIONS`.
         synchronize: wait at every flush until the data are on the disk itself.
 
     Raises:

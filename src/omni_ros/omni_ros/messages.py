@@ -132,7 +132,7 @@ def planar_twist_with_covariance(
     Args:
         stamp_ns: stamp [ns].
         twist: (v_x, v_y, yaw rate) [m/s, m/s, rad/s], shape (3,).
-        covariance: of the twist, in the squares of its units, shape (3, 3).
+        covariance: covariance of the twist, in the squares of its units, shape (3, 3).
     """
     message = TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
     _set_planar(message.twist.twist, twist)
@@ -269,8 +269,8 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
     across it (one pixel per width of the field of view), ``k[2]`` the center [px].
 
     Args:
-        frame: of the sensor.
-        pixels: of a line.
+        frame: frame of the sensor.
+        pixels: pixels of a line.
         length: field of view along the axis [m]; 0 if unknown, which makes all entries zero, as for
             an uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.

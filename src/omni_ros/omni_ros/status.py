@@ -53,7 +53,7 @@ class StatusReporter:
 
     Args:
         node: the node.
-        period: of the steady clock [s], 0 for none.
+        period: period of the steady clock [s], 0 for none.
         first: status until the first update.
     """
 

@@ -31,7 +31,7 @@ class Encoders(NamedTuple):
     Attributes:
         grain: angle of a count [rad], 0 for none.
         noise: standard deviation [rad/s].
-        angle: at the last stamp, rounded down to counts [rad], shape (N,).
+        angle: angle at the last stamp, rounded down to counts [rad], shape (N,).
     """
 
     grain: float
@@ -62,7 +62,7 @@ def read_encoders(
         encoders: changed in place.
         step: number of the stamp; at the first there is no difference of angles, and the true
             speed is read.
-        period: between two stamps [s].
+        period: period between two stamps [s].
         angle: true ones [rad], shape (N,).
         speed: wheel speeds [rad/s], shape (N,).
         draw: standard normal noise, shape (N,).

@@ -100,7 +100,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
     """Lay out faults for the kernel.
 
     Args:
-        faults: by name.
+        faults: faults by name.
         wheels: number of encoders.
 
     Raises:
@@ -184,10 +184,10 @@ def corrupt(
     """Put the faults of a channel into a reading; once per stamp and channel.
 
     Args:
-        faults: of the run.
+        faults: faults of the run.
         channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
         step: number of the stamp.
-        period_ns: between two stamps [ns].
+        period_ns: period between two stamps [ns].
         draw: standard normal noise, shape (n,).
         values: changed in place, shape (n,).
     """

@@ -74,7 +74,7 @@ class FlowSensorArray:
         """Place the sensors under a vehicle with a constant twist so far.
 
         Args:
-            sensors: by name.
+            sensors: sensors by name.
             configuration: their errors.
             random: source of the noise.
             twist: body twist so far [m/s, m/s, rad/s], shape (3,).

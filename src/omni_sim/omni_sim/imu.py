@@ -119,7 +119,7 @@ def read_imu(
     Args:
         imu: changed in place.
         step: number of the stamp.
-        period: between two stamps [s].
+        period: period between two stamps [s].
         motion: x, y, yaw and body twist of `base_link`, shape (6,).
         tilt: level components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).

@@ -33,7 +33,7 @@ class Truth(NamedTuple):
 
     Attributes:
         step: number of the stamp.
-        period_ns: between two stamps [ns].
+        period_ns: period between two stamps [ns].
         motion: x, y, yaw and body twist of `base_link`, shape (6,).
         tilt: level components of the normal of the plane in which the vehicle moves [1].
         angle: wheel angles [rad], shape (N,).

@@ -27,7 +27,7 @@ class RunControl:
     Args:
         node: that provides the services.
         start: x, y [m], yaw [rad] of a vehicle that may be placed, shape (3,); None if it may not.
-        frame: in which places are given.
+        frame: frame in which positions are given.
     """
 
     def __init__(self, node: Node, start: FloatArray | None, frame: str) -> None:

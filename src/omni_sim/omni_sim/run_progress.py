@@ -60,10 +60,10 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
 
     Args:
         end: conditions for the end.
-        memory: of `rest_memory`, changed in place.
+        memory: memory of `rest_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         pedal: the driver's brake demand 0..1.
-        speed: of `rim_speed` [m/s].
+        speed: speed of `rim_speed` [m/s].
     """
     rest, time = memory[0], stamp_ns / SECOND_NS
     if pedal <= 0.0 or speed > end.rest_speed:

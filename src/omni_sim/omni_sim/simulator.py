@@ -42,7 +42,7 @@ class Observation:
         encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
         wheel_load: [N], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
-        slip: of the contact patches, Eq. (20) [1], shape (N,).
+        slip: slip of the contact patches, Eq. (20) [1], shape (N,).
         line_batches: lines since the last stamp, by camera.
         flows: measurements of the flow sensors at this stamp, by name.
     """

@@ -58,12 +58,12 @@ class SensorConstants(NamedTuple):
     """What a reading depends on; see `VelocitySensorConfiguration`.
 
     Attributes:
-        period_ns: of the samples [ns].
+        period_ns: period of the samples [ns].
         share: half widths of the noise on v_x, v_y, yaw rate, as shares of the value [1], (3,).
         offset: constant errors [m/s, m/s, rad/s], shape (3,).
-        fails_from_ns: from when [ns],
-        fails_until_ns: and until before when it fails [ns].
-        holds: whether it repeats its last reading while it fails,
+        fails_from_ns: time of the start of a failure [ns].
+        fails_until_ns: time of its end [ns].
+        holds: whether the sensor repeats its last reading while it fails,
         failed: or else what it reads then.
     """
 
@@ -129,7 +129,7 @@ def read(
 
     Args:
         sensor: constants.
-        memory: of `sensor_memory`, changed in place.
+        memory: memory of `sensor_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         twist: true body twist [m/s, m/s, rad/s], shape (3,).
         draw: noise of a sample, uniform in -1..1, shape (3,).

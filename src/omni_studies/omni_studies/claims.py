@@ -71,7 +71,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
 
     Args:
         study: its name.
-        metrics: by ``<quantity>.<case>``.
+        metrics: metrics by ``<quantity>.<case>``.
 
     Returns:
         The claims whose metrics exist.

@@ -98,8 +98,8 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
     Args:
         template: with places as in the module's docstring.
-        study: of metrics without one.
-        numbers: to fill in.
+        study: study of metrics without one.
+        numbers: numbers to fill in.
     """
 
     def number(found: re.Match[str]) -> str:

@@ -41,7 +41,7 @@ class StudyRun:
 
     Attributes:
         experiments: the configuration files by name.
-        folder: for its figures and data.
+        folder: folder for its figures and data.
         report: called with the progress.
         case: name of the study if its module has several.
         written: figures and data so far.
@@ -91,7 +91,7 @@ class StudyResult:
     """Results of a study.
 
     Attributes:
-        metrics: by ``<quantity>.<case>``.
+        metrics: metrics by ``<quantity>.<case>``.
         files: figures and data written.
         findings: sentences about the results.
         claims: evaluated with the metrics by `run_study`.

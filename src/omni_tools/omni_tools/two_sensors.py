@@ -39,7 +39,7 @@ class SensorDisplacement:
 
     Attributes:
         x: forward [m].
-        y: to the left [m].
+        y: coordinate y to the left [m].
     """
 
     x: float
@@ -52,7 +52,7 @@ class PlanarDisplacement:
 
     Attributes:
         x: forward, along the axes of the first instant [m].
-        y: to the left, along the axes of the first instant [m].
+        y: coordinate y to the left, along the axes of the first instant [m].
         angle: turn of the platform, counter-clockwise [rad].
     """
 
@@ -64,8 +64,8 @@ class PlanarDisplacement:
         """Return the displacement of another point, exact for a rigid platform.
 
         Args:
-            x: of the point from this one, forward at the first instant [m].
-            y: of the point from this one, to the left [m].
+            x: coordinate x of the point from this one, forward at the first instant [m].
+            y: coordinate y of the point from this one, to the left [m].
         """
         sine, less = math.sin(self.angle), 1.0 - math.cos(self.angle)
         return PlanarDisplacement(
@@ -91,8 +91,8 @@ def two_sensor_displacement(
     """Return the displacement of a point between two sensors, Eqs. (73)-(75).
 
     Args:
-        first: of the sensor to the left of the point.
-        second: of the sensor to the right of it.
+        first: reading of the sensor to the left of the point.
+        second: reading of the sensor to the right of it.
         d_1: distance of the first sensor from the point [m], not negative.
         d_2: distance of the second sensor from the point [m], not negative.
 
@@ -120,9 +120,9 @@ def first_sensor_displacement(
     The y of the second sensor is not needed: it may be a single line camera.
 
     Args:
-        first: of the left sensor, which is the reference point.
+        first: reading of the left sensor, which is the reference point.
         second_x: displacement of the right sensor forward [m].
-        distance: between the sensors, d_2 [m], above 0.
+        distance: distance between the sensors, d_2 [m], above 0.
 
     Raises:
         DisplacementError: as for `two_sensor_displacement`.

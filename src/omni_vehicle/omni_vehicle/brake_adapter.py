@@ -56,7 +56,7 @@ class WheelDemand:
     Attributes:
         pedal: braking demand, 0 to 1; NaN where it is unknown.
         enable: share of the demand that passes to each wheel, NaN where unknown, shape (N,).
-        speed: of the wheels [rad/s], NaN where unknown, shape (N,).
+        speed: speed of the wheels [rad/s], NaN where unknown, shape (N,).
         drive: command of the vehicle's own drive, passed on while the pedal is released [N m] or
             [rad/s], shape (N,).
     """
@@ -81,7 +81,7 @@ class BrakeAdapter:
         """Return the command of each wheel, shape (N,).
 
         Args:
-            demand: of the driver and of the assistant.
+            demand: demand of the driver and of the assistant.
             dt: time since the step before [s].
         """
         pedal = demand.pedal if 0.0 <= demand.pedal <= 1.0 else 1.0

@@ -47,8 +47,9 @@ class Hardware:
     """Configuration of the nodes of a real vehicle.
 
     Attributes:
-        brake_assist: of the assistant.
-        odometry: of line cameras and flow sensors; None where the twist comes from elsewhere.
+        brake_assist: configuration of the assistant.
+        odometry: odometry of line cameras and flow sensors; None where the twist comes from
+            elsewhere.
     """
 
     brake_assist: BrakeAssistConfiguration
@@ -60,8 +61,8 @@ class HardwareNode:
     """A node that the launch file starts.
 
     Attributes:
-        package: of the node.
-        executable: of the package, and the node's name.
+        package: package of the node.
+        executable: executable of the package, and the node's name.
         files: parameter files, the last of which holds.
         remappings: pairs of topics.
         ros_arguments: further words behind ``--ros-args``.
@@ -203,7 +204,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
     """Return the text of a parameter file for a node of any name and namespace.
 
     Args:
-        configuration: of the node.
+        configuration: configuration of the node.
         **others: further parameters.
     """
     # An empty list has no type in a parameter file; left out, the declared one holds.

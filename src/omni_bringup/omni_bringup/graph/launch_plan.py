@@ -40,8 +40,8 @@ class LaunchPlan:
         scratch: folder of the nodes' parameter files and reports; to be removed at the end.
         experiment: its name.
         variant: its name.
-        configuration: of the whole loop.
-        folder: of the recording, if there is one.
+        configuration: configuration of the whole loop.
+        folder: folder of the recording, if there is one.
         is_run: whether the simulation ends by itself and has results.
     """
 

@@ -49,7 +49,7 @@ class RecordingOptions:
     """How a run is recorded.
 
     Attributes:
-        compression: of the chunks: none, zstd or lz4.
+        compression: compression of the chunks: none, zstd or lz4.
         synchronize: wait for the disk at every flush, so that a power cut loses no flushed data.
     """
 

@@ -37,8 +37,8 @@ def check_unused(folder: Path, option: str = "--out") -> None:
     """Check that the folder for results is new or empty.
 
     Args:
-        folder: to be made.
-        option: by which it was given.
+        folder: folder to be made.
+        option: option by which it was given.
 
     Raises:
         ConfigurationError: it is a file or not empty.

@@ -50,7 +50,7 @@ class VariantResult:
         variant: its name.
         folder: the rosbag2 folder.
         history: arrays for analysis, read back from the bag.
-        metrics: by quantity.
+        metrics: metrics by quantity.
     """
 
     variant: str
@@ -110,7 +110,7 @@ def measured(
         report: the last one of the simulator.
         variant: name of the case.
         folder: rosbag2 folder of the run.
-        configuration: of the whole loop.
+        configuration: configuration of the whole loop.
     """
     # The loop's own time: the wall time between its first and its last step.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan

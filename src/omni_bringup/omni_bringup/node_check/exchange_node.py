@@ -42,8 +42,8 @@ class Answer:
     """A message of the node.
 
     Attributes:
-        phase: of `PHASES`, in which it was received.
-        stamp_ns: of the message [ns].
+        phase: phase of `PHASES`, in which it was received.
+        stamp_ns: time stamp of the message [ns].
         age: real time since the newest input with that stamp or an earlier one [s].
         silence: real time since the last input of any kind [s].
         message: the message.
@@ -63,7 +63,7 @@ class Exchange:
     Attributes:
         sent: stamps of the inputs that are answered, by phase [ns].
         faults: first and last stamp of the gap, or of the unusable values, by phase [ns].
-        answers: in the order in which they were received.
+        answers: answers in the order in which they were received.
         publishers: whether each publisher of the answers' topic is reliable.
     """
 
@@ -200,8 +200,8 @@ def watch(
 
     Args:
         partner: this process's node.
-        topics: by any key.
-        duration: for how long [s].
+        topics: topics by any key.
+        duration: duration of the exchange [s].
     """
     seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}
     for key, topic in topics.items():

@@ -27,8 +27,8 @@ def write_lines(
 
     Args:
         folder: rosbag2 folder to make.
-        lines: of each camera, oldest first, shape (m, n).
-        sensors: of which only the line rates are used.
+        lines: lines of each camera, oldest first, shape (m, n).
+        sensors: sensors of which only the line rates are used.
         batch_time: duration of the lines of a message [s].
         start_ns: stamp of the first line [ns].
 
@@ -61,7 +61,7 @@ def read_batches(
         bag: the recording.
         sensors: names of the cameras.
         start: since the first line of any of them [s].
-        duration: of the part that is read [s].
+        duration: duration of the part that is read [s].
 
     Raises:
         BagError: a message cannot be read, or there is none of a camera.

@@ -24,7 +24,7 @@ class ReplayPlan:
     """Topics of a replay.
 
     Attributes:
-        configuration: of the nodes.
+        configuration: configuration of the nodes.
         nodes: those that run, some of `NODES`.
         inputs: message type of each topic taken from the recording.
         outputs: message type of each topic that the nodes publish.
@@ -102,7 +102,7 @@ def replay_configuration(
 
     Args:
         bag: the recording; the configuration stored with it is used.
-        library: of the experiments.
+        library: library of the experiments.
         experiment: take the last variant of this one instead; None for that of the recording.
         overrides: ``dotted.key=value`` texts.
 

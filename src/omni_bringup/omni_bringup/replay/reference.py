@@ -28,7 +28,7 @@ def read_reference(
 
     Args:
         bag: the recording.
-        configuration: of the vehicle.
+        configuration: configuration of the vehicle.
         kind: one of `REFERENCES`; the truth of a simulation, if there is one, with `AUTO`.
 
     Raises:

@@ -22,7 +22,7 @@ class TopicComparison:
         identical: pairs whose bytes are the same.
         unpaired: messages of either whose stamp the other does not have.
         different_texts: pairs that differ in a text, in their columns, or in what is a number.
-        largest_difference: of two values, absolute.
+        largest_difference: largest difference of two values, absolute.
         worst: column and stamp [ns] of that difference; empty without one.
     """
 

@@ -32,8 +32,8 @@ class BagExport:
     """Files of an export.
 
     Attributes:
-        files: by topic.
-        rows: by topic.
+        files: files by topic.
+        rows: rows by topic.
         skipped: why a topic has no file, by topic.
     """
 
@@ -52,7 +52,7 @@ def export_bag(
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
-        folder: for the files; must be empty if it exists.
+        folder: folder for the files; must be empty if it exists.
         form: one of `FORMATS`.
         topics: only these; all that are small if empty.
 

@@ -47,7 +47,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
-        folder: of the new recording; must be empty if it exists.
+        folder: folder of the new recording; must be empty if it exists.
 
     Returns:
         The result; None if the recording is undamaged, in which case nothing is written.

@@ -17,8 +17,8 @@ class _Exposure:
     """Motion of a camera during a batch of m lines.
 
     Attributes:
-        stamp_ns: of the newest line [ns].
-        poses: of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
+        stamp_ns: time stamp of the newest line [ns].
+        poses: poses of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
         velocities: rates of `poses` [m/s, m/s, rad/s], shape (m, 3); None without motion blur.
     """
 
@@ -58,9 +58,9 @@ class LineExposures:
         """Return the lines of every camera with times in (start, end]; `complete` comes first.
 
         Args:
-            trajectory: from `Vehicle.advance`, shape (n + 1, 6).
+            trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
             start_ns: time of its first row, -1 for the line at time 0 as well [ns].
-            end_ns: of its last row [ns].
+            end_ns: time of its last row [ns].
         """
         taken: dict[float, _Exposure] = {}
         for rate, clock in self._clocks.items():

@@ -65,7 +65,7 @@ class LineCamera:
             sensor: mounting and field of view.
             texture: the ground.
             configuration: its exposure.
-            key: of its noise, see `line_exposure.noise_key`.
+            key: key of its noise, see `line_exposure.noise_key`.
         """
         self.sensor = sensor
         self._seen = seen(sensor, configuration)
@@ -220,7 +220,7 @@ class LineCameraArray:
             sensors: mounting and field of view of the cameras, by name.
             texture: the ground.
             configuration: exposure of all cameras.
-            seed: of the noise.
+            seed: seed of the noise.
 
         Raises:
             ConfigurationError: a footprint is longer or wider than the period of the ground, or

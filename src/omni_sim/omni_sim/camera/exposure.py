@@ -63,7 +63,7 @@ def expose(
         gain: contrast [1].
         offset: brightness [gray levels].
         noise: standard deviation [gray levels].
-        key: of the sensor's noise, see `noise_key`.
+        key: key of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
         lines: uint8 for 0..255 or uint16 for the same range as 0..65535, shape (m, pixels).
     """

@@ -126,7 +126,7 @@ def shade(
     """Return lines darkened by a shadow whose soft edge is fixed or oscillates in the view.
 
     Args:
-        grays: of the ground, shape (m, pixels).
+        grays: gray levels of the ground, shape (m, pixels).
         sensor: the camera.
         configuration: with the shadow.
         first_line: index of the first line since the start of the run.
@@ -164,8 +164,8 @@ def blur_samples(
         sensor: the camera, with its true field of view.
         exposure_time: [s].
         headings: direction of its axis in the world [rad], shape (m,).
-        velocities: of its footprint's center x, y and yaw rate in the world [m/s, m/s, rad/s],
-            shape (m, 3).
+        velocities: velocities of its footprint's center x, y and yaw rate in the world [m/s, m/s,
+            rad/s], shape (m, 3).
     """
     cosine, sine = np.cos(headings), np.sin(headings)
     along = np.abs(cosine * velocities[:, 0] + sine * velocities[:, 1])

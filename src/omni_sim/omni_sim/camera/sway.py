@@ -28,8 +28,8 @@ def swaying(
             (n + 1, 6).
         before: heave [m], gradients [1] and their rates [1/s] at its start, `Vehicle.ride`.
         after: the same at its end.
-        height: of the center of gravity [m].
-        period: from start to end [s].
+        height: height of the center of gravity [m].
+        period: period from start to end [s].
     """
     t = np.linspace(0.0, 1.0, len(trajectory))[:, None]
     start, end = before[1:3], after[1:3]

@@ -187,7 +187,7 @@ class ScriptedDriver:
 
         Args:
             stamp_ns: time since the start of the run [ns].
-            yaw: of the body in the world frame [rad].
+            yaw: yaw of the body in the world frame [rad].
 
         Returns:
             In the body frame [m/s, m/s, rad/s], shape (3,).

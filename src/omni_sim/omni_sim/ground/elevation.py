@@ -32,7 +32,7 @@ class Terrain(NamedTuple):
     """Height of the ground, for kernels.
 
     Attributes:
-        parts: from `ElevationConfiguration.table`, shape (K, 5), flat with K = 0.
+        parts: parts from `ElevationConfiguration.table`, shape (K, 5), flat with K = 0.
         sampling: distance of the four points that span a road plane, Eq. (5) [m].
     """
 
@@ -135,9 +135,9 @@ def elevation_at(table: FloatArray, x: float, y: float) -> float:
     """Return the height of the ground ``z(x, y)`` [m].
 
     Args:
-        table: from `ElevationConfiguration.table`, shape (K, 5).
-        x: in the world [m].
-        y: in the world [m].
+        table: table from `ElevationConfiguration.table`, shape (K, 5).
+        x: coordinate x in the world [m].
+        y: coordinate y in the world [m].
     """
     z = 0.0
     for k in range(table.shape[0]):

@@ -48,7 +48,7 @@ class FrictionMap:
 
         Args:
             base: friction factor outside all patches [1], at least 0.
-            patches: by name.
+            patches: patches by name.
         """
         if not (math.isfinite(base) and base >= 0.0):
             raise ValueError(f"friction factor {base} must be at least 0")

@@ -315,12 +315,12 @@ def _stones(
 
     Args:
         size: period [m].
-        generator: of places, sizes and grays.
+        generator: generator of places, sizes and grays.
         radii: least and greatest long half axis [m].
         coverage: their total area over that of the ground [1].
         gray: mean and standard deviation of their gray levels.
         flattest: least ratio of the axes.
-        limits: of the gray levels.
+        limits: limits of the gray levels.
     """
     least, greatest = radii
     mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
@@ -372,10 +372,10 @@ def _lattice(
 
     Args:
         size: period [m].
-        generator: of the values.
+        generator: generator of the values.
         spacing_y: about the distance of two nodes along y [m].
         spacing_x: the same along x.
-        deviation: of the interpolated values.
+        deviation: deviation of the interpolated values.
     """
     cells = _per_period(size, spacing_y), _per_period(size, spacing_x)
     lattice: NDArray[np.float64] = generator.uniform(-1.0, 1.0, cells)

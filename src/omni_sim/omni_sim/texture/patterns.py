@@ -148,8 +148,9 @@ class Bond:
     """Rows along x of rectangles with joints between them, such as bricks or boards.
 
     Attributes:
-        gray: of each rectangle, shape (rows, columns); a single column is a board without an end.
-        joint_gray: of the joints.
+        gray: gray level of each rectangle, shape (rows, columns); a single column is a board
+            without an end.
+        joint_gray: joint gray of the joints.
         joint: their width [periods].
         softness: width of the transition at their edges [periods].
         staggered: whether every other row is moved by half a rectangle.
@@ -199,8 +200,8 @@ class Studs:
     """Square studs with rounded corners and bevelled edges on a grid, lit from the upper left.
 
     Attributes:
-        gray: of the top of each stud, shape (c, c).
-        groove_gray: between studs.
+        gray: gray level of the top of each stud, shape (c, c).
+        groove_gray: groove gray between studs.
         top: half edge of a stud's flat top [cells].
         bevel: width of its sloping edge [cells].
         corner: radius of its corners [cells].

@@ -63,7 +63,7 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     Args:
         x: longitudinal curve.
         y: lateral curve.
-        norms: from `slip_norms` [1].
+        norms: norms from `slip_norms` [1].
         q: unit vector of the normalized slip [1].
     """
     c, s = abs(q[0]), abs(q[1])

@@ -49,7 +49,7 @@ class Landmarks(NamedTuple):
 
     Attributes:
         load: half of the largest load in the data, and that load [N].
-        slope: at zero slip [N].
+        slope: slope at zero slip [N].
         peak_force: [N].
         peak_slip: [1].
     """
@@ -65,7 +65,7 @@ class FitRecipe:
     """How a model is fitted to measured forces by P unknowns within bounds.
 
     Attributes:
-        keys: of the model's configuration, dotted, one for every value, P of them.
+        keys: keys of the model's configuration, dotted, one for every value, P of them.
         lower: least unknowns, shape (P,).
         upper: largest unknowns, shape (P,).
         loads: number of distinct loads that the model needs to be determined.
@@ -163,7 +163,7 @@ def contact_friction(
         damping: ``D = d + c dt`` [N s/m].
         gain: ``kappa = 1 + D m`` [1].
         speed: ``V = r_D |omega| + v_num`` [m/s].
-        curve: from `curve_at`.
+        curve: curve from `curve_at`.
         sliding: whether the patch slid in the step before.
 
     Returns:

@@ -19,7 +19,7 @@ def passive_parameters(tire: TireConfiguration) -> Any:
     """Return the constants of a tire's model across the roller's axis.
 
     Args:
-        tire: of every roller.
+        tire: tire of every roller.
     """
     if tire.model != "tmeasy":
         return tire.kernel_parameters

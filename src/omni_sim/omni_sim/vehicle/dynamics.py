@@ -84,7 +84,7 @@ def advance(state: State, control: Control, log: Log) -> None:
     """Advance a vehicle in place.
 
     Args:
-        state: of the vehicle.
+        state: state of the vehicle.
         control: inputs, constant over the call.
         log: holds the number of steps and receives the results.
     """
@@ -161,7 +161,7 @@ def _carry(state: State, body: Record, pressing: float, pull: Pair) -> bool:
     """Distribute the weight over the wheels; return whether fewer than three carry it.
 
     Args:
-        state: of the vehicle; its loads are written.
+        state: state of the vehicle; its loads are written.
         body: `state.BODY`.
         pressing: load per mass on the ground [m/s^2].
         pull: force of the wheels in the body frame [N].
@@ -192,7 +192,7 @@ def base_motion(body: Record, center: Pair, motion: FloatArray) -> None:
 
     Args:
         body: `state.BODY`.
-        center: of gravity in the body frame [m].
+        center: center of gravity in the body frame [m].
         motion: receives x, y [m], yaw [rad, not wrapped] in the world frame, then the velocity in
             the body frame [m/s, m/s, rad/s], shape (6,).
     """
@@ -382,8 +382,8 @@ def _step_wheels(
     """Advance all wheels by one step.
 
     Args:
-        state: of the vehicle.
-        rollers: of that state; the kernel is compiled with and without rollers.
+        state: state of the vehicle.
+        rollers: rollers of that state; the kernel is compiled with and without rollers.
         step: quantities common to all wheels.
         brake: largest torque of each brake in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).

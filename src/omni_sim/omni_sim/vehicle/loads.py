@@ -51,7 +51,7 @@ class MassProperties:
     Attributes:
         mass: m [kg].
         center: ``r_g``, center of gravity in the body frame [m], shape (2,).
-        height: of the center of gravity above the ground [m].
+        height: height of the center of gravity above the ground [m].
         yaw_inertia: J about the vertical through the center of gravity [kg m^2].
     """
 
@@ -123,8 +123,8 @@ def wheel_loads(
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
-        plane: from `load_plane`.
-        hull: from `support_polygon`.
+        plane: plane from `load_plane`.
+        hull: hull from `support_polygon`.
         weight: m g [N].
         z_x: zero-moment point relative to the center of gravity, ``-h a_x / g`` [m].
         z_y: the same point in y, ``-h a_y / g`` [m].

@@ -83,7 +83,7 @@ class MujocoVehicle(Vehicle):
         """Build the vehicle and place it, rolling on its springs at rest.
 
         Args:
-            configuration: of the vehicle.
+            configuration: configuration of the vehicle.
             *others: the other arguments of `Vehicle`.
             suspension: stiffness of each wheel's spring [N/m].
             height_offset: error of each wheel's mounting height [m], a number or shape (N,).
@@ -126,7 +126,7 @@ class MujocoVehicle(Vehicle):
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
-            twist: of base_link in the body frame [m/s, m/s, rad/s].
+            twist: twist of base_link in the body frame [m/s, m/s, rad/s].
         """
         super().place(pose, twist)
         data, (x, y, yaw), moving = self._data, np.asarray(pose), np.asarray(twist)
@@ -150,7 +150,7 @@ class MujocoVehicle(Vehicle):
         """Return the wheel speeds that the drive commands for a body twist, Eq. (28).
 
         Args:
-            twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
+            twist: twist in the body frame [m/s, m/s, rad/s], shape (..., 3).
 
         Returns:
             Wheel speeds with the nominal radii [rad/s], shape (..., N).
@@ -264,7 +264,7 @@ def _model(
 
     Args:
         vehicle: its configuration.
-        loads: of the wheels at rest [N], shape (N,).
+        loads: loads of the wheels at rest [N], shape (N,).
         offsets: error of each wheel's mounting height [m], shape (N,).
         suspension: stiffness of each wheel's spring [N/m].
         physics_step: [s].

@@ -19,7 +19,7 @@ class Overload:
     Attributes:
         model: name of the tire model.
         limit: largest load that it covers [N].
-        largest_load: of each overloaded wheel at the end of a control period [N].
+        largest_load: largest load of each overloaded wheel at the end of a control period [N].
         time: total time of overload, summed over the wheels [s].
     """
 
@@ -51,7 +51,7 @@ class OverloadWatch:
         """Start without overload.
 
         Args:
-            wheel_names: in the order of all wheel arrays.
+            wheel_names: wheel names in the order of all wheel arrays.
             model: name of the tire model.
             limit: largest load that it covers [N].
             physics_step: [s].

@@ -21,10 +21,10 @@ def place(
 
     Args:
         state: changed in place.
-        masses: of the vehicle.
+        masses: masses of the vehicle.
         pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
-        twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
-        angle: of the wheels [rad], shape (N,).
+        twist: twist of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
+        angle: angle of the wheels [rad], shape (N,).
     """
     x, y, yaw = pose
     g = masses.center

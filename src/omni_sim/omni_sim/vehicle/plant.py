@@ -25,10 +25,10 @@ def build_plant(
     """Lay out the constants of a vehicle for the kernel.
 
     Args:
-        configuration: of the vehicle.
-        kinematics: of its wheels.
+        configuration: configuration of the vehicle.
+        kinematics: kinematics of its wheels.
         masses: body and load together.
-        friction: of the ground.
+        friction: friction of the ground.
         physics_step: [s].
     """
     geometry = kinematics.geometry
@@ -92,10 +92,10 @@ def build_losses(
     """Lay out the passive losses, and the plant with their coupling to its forces.
 
     Args:
-        configuration: of the vehicle.
-        kinematics: of its wheels.
+        configuration: configuration of the vehicle.
+        kinematics: kinematics of its wheels.
         masses: body and load together.
-        plant: from `build_plant`; returned unchanged without losses.
+        plant: plant from `build_plant`; returned unchanged without losses.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
@@ -125,7 +125,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
     """Return the individual rollers of a vehicle, if its wheels have them.
 
     Args:
-        configuration: of the vehicle.
+        configuration: configuration of the vehicle.
     """
     if configuration.wheel_model != "rollers":
         return None
@@ -149,7 +149,7 @@ def build_suspension(
     """Lay out the springs of a chassis.
 
     Args:
-        configuration: of the vehicle.
+        configuration: configuration of the vehicle.
         masses: body and load together.
     """
     springs, n = configuration.suspension, len(configuration.wheels)

@@ -30,10 +30,10 @@ def plane_of_points(
 
     Args:
         front: height of the point before the projection [m].
-        back: of the point behind it [m].
-        left: of the point on its left [m].
-        right: of the point on its right [m].
-        distance: of the points from the projection [m].
+        back: gray level of the point behind it [m].
+        left: gray level of the point on its left [m].
+        right: gray level of the point on its right [m].
+        distance: distance of the points from the projection [m].
 
     Returns:
         Height of the plane at the projection [m], then ``e_n`` along forward, left and up [1].
@@ -54,7 +54,7 @@ def road_plane_at(
         terrain: height of the ground.
         x: projection of the wheel center in the world [m].
         y: position in y [m].
-        cos: of the direction that counts as forward.
+        cos: cosine of the direction that counts as forward.
         sin: its sine [1].
 
     Returns:
@@ -77,7 +77,7 @@ class RoadPlane:
     """The plane that approximates the ground under a wheel.
 
     Attributes:
-        point: of the plane above or below the wheel's projection [m], shape (3,).
+        point: point of the plane above or below the wheel's projection [m], shape (3,).
         normal: ``e_n``, upwards [1], shape (3,).
     """
 

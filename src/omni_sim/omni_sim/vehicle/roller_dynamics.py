@@ -56,8 +56,8 @@ def _step_contact(
         rollers: state of the roller is changed and its force added to the wheel's in place.
         step: quantities common to all wheels.
         touch: the roller.
-        spin: of the wheel under all torques but that of this roller.
-        drive: of the wheel.
+        spin: spin of the wheel under all torques but that of this roller.
+        drive: drive of the wheel.
 
     Returns:
         Wheel speed [rad/s], brake torque [N m].
@@ -148,12 +148,12 @@ def step_roller_wheel(
 
     Args:
         plant: constants.
-        rollers: of all wheels; state and force of wheel `i` are changed in place.
+        rollers: rollers of all wheels; state and force of wheel `i` are changed in place.
         wheel: `state.WHEEL`, with the load of this step; changed in place.
         step: quantities common to all wheels.
         i: index of the wheel.
         brake: torque that its brake can exert [N m].
-        drive: of the wheel.
+        drive: drive of the wheel.
     """
     count, pitch = rollers.state.shape[1], plant.roller_pitch
     omega, load = wheel.speed, wheel.load

@@ -96,16 +96,16 @@ class Plant(NamedTuple):
         dt: physics step [s].
         mass: m [kg].
         yaw_inertia: J about the center of gravity [kg m^2].
-        center: of gravity in the body frame [m].
-        height: of the center of gravity [m].
+        center: center of gravity in the body frame [m].
+        height: height of the center of gravity [m].
         filter_share: weight of the newest acceleration in the low-pass [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
-        radius: of the unloaded wheels [m], shape (N,).
+        radius: radius of the unloaded wheels [m], shape (N,).
         mobility: W of the wheels [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
-        position: of the wheels from the center of gravity [m], shape (N, 2).
-        plane: from `loads.load_plane`.
-        hull: from `loads.support_polygon`.
+        position: position of the wheels from the center of gravity [m], shape (N, 2).
+        plane: plane from `loads.load_plane`.
+        hull: hull from `loads.support_polygon`.
         wheel_inertia: I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         tire: constants of the tire model; their type chooses it.
@@ -115,7 +115,7 @@ class Plant(NamedTuple):
         vertical_stiffness: c_z [N/m].
         slip_speed: v_num [m/s].
         friction: factor of the ground outside the patches [1].
-        patches: from `friction.FrictionMap`, shape (P, 8).
+        patches: patches from `friction.FrictionMap`, shape (P, 8).
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
         brake_power: largest of a wheel's brake [W].
@@ -160,7 +160,7 @@ class Losses(NamedTuple):
         wheel: constants of the wheels, `LOSS`, shape (N,); none, (0,), without losses.
         constant: friction per load [1].
         growing: friction per load and load, Eq. (19) [1/N].
-        inertia: of a roller against its surface speed [kg].
+        inertia: inertia of a roller against its surface speed [kg].
     """
 
     wheel: Structured
@@ -174,13 +174,13 @@ class Rollers(NamedTuple):
 
     Attributes:
         tire_y: constants of the tire model in the direction y.
-        inertia: of a roller [kg m^2].
-        stiffness: of a roller's tread [N/m].
-        damping: of a roller's tread [N s/m].
+        inertia: inertia of a roller [kg m^2].
+        stiffness: stiffness of a roller's tread [N/m].
+        damping: damping of a roller's tread [N s/m].
         overlap: see `roller_configuration.RollerConfiguration`.
         constant: friction that opposes a roller's turning, at its surface per load [1].
         growing: that friction per load and load, Eq. (19) [1/N].
-        state: of the rollers, `ROLLER`, shape (N, n).
+        state: state of the rollers, `ROLLER`, shape (N, n).
         push: forces [N] and moment about the center of gravity [N m] of each wheel in the last
             step, body frame, shape (N, 3).
     """
@@ -205,7 +205,8 @@ class Suspension(NamedTuple):
         pitch_inertia: I_p [kg m^2].
         roll_inertia: I_r [kg m^2].
         mounted: mounting height of each wheel relative to the others [m], shape (N,).
-        half_gap: from a roller's end to the middle of the gap between two, along the rim [m].
+        half_gap: half gap from a roller's end to the middle of the gap between two, along the rim
+            [m].
         ground: height under each wheel over the vehicle's plane [m], shape (N,).
         sunk: depth of each wheel in a gap between rollers [m], shape (N,).
         chassis: `CHASSIS`, shape (1,).
@@ -229,15 +230,15 @@ class State(NamedTuple):
         plant: constants.
         terrain: height of the ground.
         losses: along the passive directions.
-        suspension: of the chassis.
+        suspension: suspension of the chassis.
         body: `BODY`, shape (1,).
         contacts: `CONTACT` of the last step, shape (N,); they change only if there is a roller
             pitch, and individual rollers leave them alone.
         rollers: individual rollers, if any; kernels are compiled with and without them.
         wheels: `WHEEL`, shape (N,).
         counters: `COUNTERS`, shape (1,).
-        pressure: in the brakes.
-        loads: of the wheels in the current step [N], shape (N,).
+        pressure: pressure in the brakes.
+        loads: loads of the wheels in the current step [N], shape (N,).
     """
 
     plant: Plant
@@ -259,7 +260,7 @@ class Control(NamedTuple):
     Attributes:
         brake: torque of a brake at the full pressure of the pedal [N m].
         enable: commanded share of the pressure that each valve passes [1], shape (N,).
-        drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
+        drive_stiffness: drive stiffness of the clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
         in_world: whether its linear part keeps its direction in the world while the body turns.
         force_x: constant force at the center of gravity, world frame [N].
@@ -285,7 +286,7 @@ class Step(NamedTuple):
         ahead: velocity of the center of gravity [m/s] and yaw rate [rad/s] at the end of the step
             if the forces did not change, in the body frame.
         drive: commanded twist in the body frame [m/s, m/s, rad/s].
-        drive_stiffness: of the clutches [N m s/rad], 0 when disengaged.
+        drive_stiffness: drive stiffness of the clutches [N m s/rad], 0 when disengaged.
     """
 
     place: Pair
@@ -328,10 +329,10 @@ class Energies(NamedTuple):
     """Energies of a vehicle [J].
 
     Attributes:
-        translation: of the center of gravity.
-        rotation: of the body about it.
-        spin: of the wheels and individual rollers.
-        elastic: of the tires' deflection.
+        translation: translation of the center of gravity.
+        rotation: rotation of the body about it.
+        spin: spin of the wheels and individual rollers.
+        elastic: elastic of the tires' deflection.
         height: ``m g Z`` over the level z = 0.
     """
 

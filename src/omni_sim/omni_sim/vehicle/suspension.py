@@ -62,8 +62,8 @@ def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: floa
     Args:
         plant: constants.
         suspension: its springs, with the ground under the wheels; the chassis is written.
-        angle: of the wheels [rad], shape (N,).
-        weight: on the ground [N].
+        angle: angle of the wheels [rad], shape (N,).
+        weight: weight on the ground [N].
     """
     basis = _lever_arms(plant)
     for i in range(len(angle)):
@@ -94,9 +94,9 @@ def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
 
     Args:
         plant: constants.
-        half_gap: from a roller's end to the middle of the gap, along the rim [m].
+        half_gap: half gap from a roller's end to the middle of the gap, along the rim [m].
         wheel: its index.
-        angle: of the wheel [rad].
+        angle: angle of the wheel [rad].
     """
     if half_gap <= 0.0:
         return 0.0
@@ -123,7 +123,7 @@ def sprung_loads(
         plant: constants.
         suspension: its springs and state, changed in place.
         wheels: `state.WHEEL`, shape (N,).
-        weight: on the ground [N].
+        weight: weight on the ground [N].
         pull: force of the wheels along the ground in the body frame [N].
         loads: receives the wheel loads [N], shape (N,).
 

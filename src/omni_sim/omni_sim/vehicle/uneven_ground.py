@@ -60,7 +60,7 @@ def stand(
     Args:
         terrain: height of the ground.
         position: wheel contacts relative to the center of gravity in the body frame [m], (N, 2).
-        plane: from `loads.load_plane`.
+        plane: plane from `loads.load_plane`.
         place: center of gravity in the world [m].
         heading: cosine and sine of the yaw.
         heights: receives the ground's height under the wheels over the vehicle's plane [m], (N,).
@@ -104,7 +104,7 @@ def orientation(yaw: float, forward: float, left: float) -> FloatArray:
     """Return the rotation from the body to the world, shape (3, 3).
 
     Args:
-        yaw: in the frame of the vehicle's plane [rad].
+        yaw: yaw in the frame of the vehicle's plane [rad].
         forward: gradient of that plane forward [1].
         left: gradient to the left [1].
     """

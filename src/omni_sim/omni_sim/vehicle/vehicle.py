@@ -39,8 +39,9 @@ class Vehicle:
     calibrated drive.
 
     Attributes:
-        configuration: of the vehicle.
-        kinematics: of the unloaded wheels, with the names and the order of all wheel arrays.
+        configuration: configuration of the vehicle.
+        kinematics: kinematics of the unloaded wheels, with the names and the order of all wheel
+            arrays.
         masses: body and load together.
         physics_step: [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
@@ -59,14 +60,14 @@ class Vehicle:
         """Build the vehicle and place it, rolling perfectly.
 
         Args:
-            configuration: of the vehicle.
-            friction: of the ground; by default ``mu/mu_0 = 1`` everywhere.
+            configuration: configuration of the vehicle.
+            friction: friction of the ground; by default ``mu/mu_0 = 1`` everywhere.
             physics_step: [s].
             pose: x, y [m], yaw [rad] of base_link in the world frame.
-            twist: of base_link in the body frame [m/s, m/s, rad/s].
-            elevation: of the ground; flat by default.
-            wheel_angle: of the wheels when placed, 0 with a roller's middle on the ground [rad],
-                a number or shape (N,).
+            twist: twist of base_link in the body frame [m/s, m/s, rad/s].
+            elevation: elevation of the ground; flat by default.
+            wheel_angle: wheel angle of the wheels when placed, 0 with a roller's middle on the
+                ground [rad], a number or shape (N,).
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
@@ -150,7 +151,7 @@ class Vehicle:
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
-            twist: of base_link in the body frame [m/s, m/s, rad/s].
+            twist: twist of base_link in the body frame [m/s, m/s, rad/s].
         """
         where, moving = _finite("pose", pose, (3,)), _finite("twist", twist, (3,))
         placing.place(self.state, self.masses, where, moving, self._start_angle)
@@ -210,7 +211,7 @@ class Vehicle:
         """Return the wheel speeds that the drive commands for a body twist, Eqs. (28), (32).
 
         Args:
-            twist: in the body frame [m/s, m/s, rad/s], shape (..., 3).
+            twist: twist in the body frame [m/s, m/s, rad/s], shape (..., 3).
 
         Returns:
             With the rolling radii under the static loads [rad/s], shape (..., N).
@@ -334,7 +335,7 @@ class Vehicle:
 
         Args:
             x: forward of base_link [m].
-            y: to the left of it [m].
+            y: coordinate y to the left of it [m].
         """
         heave, forward, left = self.ride[:3]
         g_x, g_y = self.masses.center

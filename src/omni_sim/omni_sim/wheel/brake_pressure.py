@@ -25,9 +25,9 @@ class BrakePressure(NamedTuple):
     """Pressure in the brakes of N wheels, as the torque that it lets each exert.
 
     Attributes:
-        remainder: of a difference to what is asked, after a step [1].
-        mean_remainder: of such a difference, on average over a step [1].
-        asked: of each brake, by pedal and valve [N m], shape (N,).
+        remainder: remainder of a difference to what is asked, after a step [1].
+        mean_remainder: mean remainder of such a difference, on average over a step [1].
+        asked: demanded torque of each brake, by pedal and valve [N m], shape (N,).
         torque: that each can exert at the end of the step [N m], shape (N,).
         acting: that each can exert on average over the step [N m], shape (N,).
         delayed: torque asked in the last D steps of the longer delay [N m], shape (D, N).

@@ -22,8 +22,8 @@ class Hub(NamedTuple):
 
     Attributes:
         lever: ``g = r_D (n_w . u)`` [m].
-        velocity: of the wheel center along the active direction at the end of the step without
-            the force of this tire [m/s].
+        velocity: velocity of the wheel center along the active direction at the end of the step
+            without the force of this tire [m/s].
         mobility: change of this velocity per force [m/s per N].
     """
 
@@ -64,9 +64,9 @@ class WheelStep(NamedTuple):
     """A wheel after a step.
 
     Attributes:
-        force: on the vehicle along the active direction [N].
-        deflection: of the tire [m].
-        speed: of the wheel [rad/s].
+        force: force on the vehicle along the active direction [N].
+        deflection: deflection of the tire [m].
+        speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         patch_velocity: sliding velocity of the patch [m/s].
         sliding: whether it slides.
@@ -132,11 +132,11 @@ def wheel_step(
 
     Args:
         tire: constants.
-        curve: of any tire model, from `tire.model.curve_at`.
-        patch: of the tire at the start of the step.
+        curve: curve of any tire model, from `tire.model.curve_at`.
+        patch: patch of the tire at the start of the step.
         hub: coupling of force and motion.
-        spin: of the wheel at the start of the step.
-        drive: of the wheel.
+        spin: spin of the wheel at the start of the step.
+        drive: drive of the wheel.
     """
     if drive.stiffness <= 0.0:
         step: WheelStep = _braked(tire, curve, patch, hub, spin, 0.0)

@@ -85,7 +85,7 @@ def passive_force(
         before: force of the last step [N].
         mobility: change of the surface speed per force [m/s per N].
         capacity: largest friction, rolling resistance and bearing [N].
-        inertia: of the roller against its surface speed [kg].
+        inertia: inertia of the roller against its surface speed [kg].
         dt: step [s].
     """
     rate = inertia / dt

@@ -70,11 +70,11 @@ class RollerHub(NamedTuple):
 
     Attributes:
         lever: ``r_D u`` in components along the roller's axis and across it [m].
-        velocity: of the contact as part of the vehicle at the end of the step without the force
-            of this roller, in the same components [m/s].
+        velocity: velocity of the contact as part of the vehicle at the end of the step without the
+            force of this roller, in the same components [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].
-        spin: of the roller at the start of the step [rad/s].
-        inertia: of the roller [kg m^2].
+        spin: spin of the roller at the start of the step [rad/s].
+        inertia: inertia of the roller [kg m^2].
         spin_lever: surface speed of the roller per spin, across its axis [m].
     """
 
@@ -90,15 +90,15 @@ class RollerStep(NamedTuple):
     """A wheel and the roller on the ground after a step.
 
     Attributes:
-        force: on the vehicle along the roller's axis and across it [N].
+        force: force on the vehicle along the roller's axis and across it [N].
         deflection: along the axis and across it [m].
-        spin: of the roller [rad/s].
-        speed: of the wheel [rad/s].
+        spin: spin of the roller [rad/s].
+        speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         sliding: whether the patch slides.
-        direction: of the friction, a unit vector.
-        slip: in that direction [1].
-        limit: of the friction there [N].
+        direction: direction of the friction, a unit vector.
+        slip: slip in that direction [1].
+        limit: limit of the friction there [N].
     """
 
     force: Pair
@@ -126,10 +126,10 @@ def roller_step(
     Args:
         tire: constants of the roller's tread.
         curves: along the roller's axis and across it, from `tire.model.curve_at`.
-        patch: of the roller at the start of the step.
+        patch: patch of the roller at the start of the step.
         hub: coupling of force and motion.
         wheel: spin of the wheel at the start of the step.
-        drive: of the wheel.
+        drive: drive of the wheel.
     """
     lever, deflection = hub.lever, patch.deflection
     effective = tire.damping + tire.stiffness * tire.dt

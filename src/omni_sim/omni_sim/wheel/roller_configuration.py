@@ -44,7 +44,7 @@ def roller_geometries(
 
     Args:
         wheels: mounts by wheel name.
-        rollers: of every wheel.
+        rollers: rollers of every wheel.
         squeeze: deflection of a tire under the largest load [m].
 
     Raises:

@@ -35,7 +35,7 @@ def nearest_roller(angle: float, pitch: float) -> float:
     """Return the number of the roller that is lowest, not wrapped to 0..n-1 [1].
 
     Args:
-        angle: of the wheel, 0 with roller 0 lowest [rad].
+        angle: angle of the wheel, 0 with roller 0 lowest [rad].
         pitch: ``2 pi / n`` [rad].
     """
     return math.floor(angle / pitch + 0.5)

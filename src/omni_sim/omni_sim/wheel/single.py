@@ -63,8 +63,8 @@ def tire_force(
 
     Args:
         tire: constants.
-        curve: of any tire model, from `tire.model.curve_at`.
-        patch: at the start of the step.
+        curve: curve of any tire model, from `tire.model.curve_at`.
+        patch: patch at the start of the step.
         free_velocity: sliding velocity of the rim at the end of the step without the tire's
             force, ``v_free`` [m/s].
         mobility: ``m``, change of this velocity per force [m/s per N].

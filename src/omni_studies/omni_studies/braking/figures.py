@@ -69,7 +69,7 @@ def compare_errors(runs: Mapping[str, RunHistory], title: str) -> Figure:
     """Draw the errors of two runs over one another, one row for each wheel.
 
     Args:
-        runs: by name; two of them, of one vehicle.
+        runs: runs by name; two of them, of one vehicle.
         title: printed above.
     """
     first = next(iter(runs.values()))

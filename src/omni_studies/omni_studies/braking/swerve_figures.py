@@ -31,9 +31,9 @@ class LockedWheels:
 
     Attributes:
         vehicle: the sliding vehicle.
-        force: of each wheel along its active direction [N], shape (N,).
-        load: of each wheel [N], shape (N,).
-        center: of gravity in the body frame [m], shape (2,).
+        force: force of each wheel along its active direction [N], shape (N,).
+        load: load of each wheel [N], shape (N,).
+        center: center of gravity in the body frame [m], shape (2,).
     """
 
     vehicle: VehicleConfiguration
@@ -67,7 +67,7 @@ def draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
     """Draw the vehicle from above with the force of each locked wheel and their sum.
 
     Args:
-        cases: by name, of `_TITLES`; the vehicle moves upwards in the figure.
+        cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     style.draw_title(figure, "Locked wheels push along their rollers (the vehicle slides upwards)")
@@ -124,8 +124,8 @@ def draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fig
     """Draw the zero lines of each wheel's error, and the number of wheels that may brake.
 
     Args:
-        manifolds: of the same vehicle by weighting; the line to keep is straight ahead.
-        speed: of the vehicle along it [m/s].
+        manifolds: manifolds of the same vehicle by weighting; the line to keep is straight ahead.
+        speed: speed of the vehicle along it [m/s].
     """
     figure = Figure(figsize=(11.0, 4.8), layout="constrained")
     style.draw_title(figure, f"Which wheels may brake at {speed:g} m/s along the line")

@@ -36,7 +36,7 @@ class Held(NamedTuple):
     """A stop under each of the `LAWS`, and its bounds.
 
     Attributes:
-        seed: of the braking.
+        seed: seed of the braking.
         vehicle: name of its file.
         any_heading: bound of the path of the center of gravity, or its upper estimate [m].
         any_heading_slack: tolerance of the bound, NaN if the estimate was sufficient [m].

@@ -21,7 +21,7 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
     """Draw every run, assisted over unassisted, with the limits.
 
     Args:
-        results: of the campaign.
+        results: results of the campaign.
     """
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     figure.suptitle("Every run: above the line, a limit is violated")
@@ -57,7 +57,7 @@ def draw_distributions(results: Sequence[Outcome]) -> Figure:
     """Draw cumulative distributions of the runs.
 
     Args:
-        results: of the campaign.
+        results: results of the campaign.
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     figure.suptitle("Cumulative share of runs")

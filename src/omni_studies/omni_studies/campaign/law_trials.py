@@ -72,8 +72,8 @@ class LawTrials:
         """Return the experiment of a seed.
 
         Args:
-            seed: of what is drawn.
-            kind: of the brakes, `PROPORTIONAL` or `ON_OFF`.
+            seed: seed of the random draws.
+            kind: kind of the brakes, `PROPORTIONAL` or `ON_OFF`.
             law: its name, empty for all brakes on; ``allocation@field=value`` has another value of
                 a parameter of `AllocationConfiguration`.
         """
@@ -107,7 +107,7 @@ def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric
     """Return how the laws compare with the first one and with all brakes on.
 
     Args:
-        trials: of whole seeds, in the order of `LawTrials`.
+        trials: trials of whole seeds, in the order of `LawTrials`.
         laws: their names.
     """
     shape = -1, len(_KINDS), 1 + len(laws)

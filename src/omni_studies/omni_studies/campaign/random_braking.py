@@ -109,7 +109,7 @@ class RandomBraking:
         """Return the text of an experiment file that runs a seed, unassisted and assisted.
 
         Args:
-            seed: of the run.
+            seed: seed of the run.
             words: description of the run.
         """
         drawn = draw(seed)
@@ -143,7 +143,7 @@ def draw(seed: int) -> Tree:
     """Draw the differences of a run from ``straight_line`` as a tree of configuration values.
 
     Args:
-        seed: of the run; one seed is always the same run.
+        seed: seed of the run; one seed is always the same run.
     """
     random = np.random.default_rng([seed])
     vehicle = str(random.choice(list(VEHICLES)))

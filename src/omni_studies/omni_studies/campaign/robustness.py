@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     """Result of a run.
 
     Attributes:
-        seed: of the run.
+        seed: seed of the run.
         vehicle: name of its file.
         orientation_unassisted: change of orientation without the assistant [deg].
         orientation_assisted: change of orientation with the assistant [deg].

@@ -72,12 +72,13 @@ class Fault(NamedTuple):
     """A fault.
 
     Attributes:
-        channel: of the sensors, two of them joined by ``+``, or ``brake``.
+        channel: channel of the sensors, two of them joined by ``+``, or ``brake``.
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
-        axis: of the channel, or the wheel; -1 for all.
+        axis: axis of the channel, or the wheel; -1 for all.
         onset: time from the pedal on [s].
-        amplitude: in the unit of the first channel; a second one has the same share of its range.
-        period: of a ramp, sine or delay [s].
+        amplitude: amplitude in the unit of the first channel; a second one has the same share of
+            its range.
+        period: period of a ramp, sine or delay [s].
     """
 
     channel: str
@@ -108,7 +109,7 @@ class Stop(NamedTuple):
     """Result of a stop with a fault.
 
     Attributes:
-        seed: of the run.
+        seed: seed of the run.
         law: entries of `Setting`; `imu` is 0 or 1.
         imu: as above.
         case: as above.
@@ -154,9 +155,9 @@ class FaultyStops:
     """Draws and runs stops from their seeds.
 
     Args:
-        library: of experiments and vehicles.
-        changes: of every assistant and vehicle, as ``dotted.key=value``; a law among them is the
-            only one then.
+        library: library of experiments and vehicles.
+        changes: changes of every assistant and vehicle, as ``dotted.key=value``; a law among them
+            is the only one then.
     """
 
     def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:

@@ -26,15 +26,15 @@ class Source:
     """A source of the body twist.
 
     Attributes:
-        label: for tables.
+        label: label for tables.
         basis: source of the numbers.
         kind: error model, wheel odometry, or wheel odometry before braking and none after.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
         relative: standard deviation per speed [1].
         scale: standard deviation of the constant error of the scale [1].
-        period: of the samples [s].
-        latency: from the measurement to the message [s].
+        period: period of the samples [s].
+        latency: latency from the measurement to the message [s].
         lost: share of samples without a measurement [1].
         maximum_speed: largest measurable speed [m/s].
     """
@@ -121,8 +121,8 @@ class SourceEstimator:
 
     Args:
         source: the error model.
-        kinematics: of the wheels, for wheel odometry.
-        seed: of the noise.
+        kinematics: kinematics of the wheels, for wheel odometry.
+        seed: seed of the noise.
     """
 
     def __init__(self, source: Source, kinematics: PlatformKinematics, seed: int) -> None:

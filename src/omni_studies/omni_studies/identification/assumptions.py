@@ -14,10 +14,10 @@ class Assumption(NamedTuple):
     """A changed assumption.
 
     Attributes:
-        name: of the change.
-        overrides: of the experiment.
+        name: name of the change.
+        overrides: overrides of the experiment.
         sought: parameters of the search that are set to the value of another.
-        patch_width: of the slippery patch, over its own [1].
+        patch_width: patch width of the slippery patch, over its own [1].
     """
 
     name: str

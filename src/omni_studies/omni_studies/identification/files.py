@@ -19,7 +19,7 @@ def write_files(configuration: ExperimentConfiguration, folder: Path) -> tuple[P
 
     Args:
         configuration: any variant of the candidate.
-        folder: for both files.
+        folder: folder for both files.
 
     Returns:
         Vehicle file and experiment file.

@@ -32,12 +32,12 @@ class Quantity:
     """A parameter of the search.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
         low: smallest value.
         high: largest value.
-        step: of the sensitivities.
-        decimals: of the rounded value in a configuration file.
+        step: step of the sensitivities.
+        decimals: decimals of the rounded value in a configuration file.
         description: one line.
     """
 
@@ -92,7 +92,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
     Args:
         base: a variant of ``turn_while_translate``, with all other values.
-        parameters: by the names of `QUANTITIES`.
+        parameters: parameters by the names of `QUANTITIES`.
 
     Raises:
         ConfigurationError: the vehicle would tip over at rest.
@@ -181,7 +181,7 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
     """Run the cases of Table 2; return the ten numbers, NaN where a vehicle does not stop.
 
     Args:
-        configurations: by case.
+        configurations: configurations by case.
     """
     measured = {}
     for case, configuration in configurations.items():
@@ -223,7 +223,7 @@ def cost(
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
-        parameters: by the names of `QUANTITIES`.
+        parameters: parameters by the names of `QUANTITIES`.
         exponent: even; a larger one gives more weight to the largest deviation.
         sound: whether vehicles that are `unsound` get a higher cost than all others.
     """
@@ -278,7 +278,7 @@ def search(
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
-        seed: of every random draw.
+        seed: seed of every random draw.
         generations: largest number for each search; the first ends when its cost is below 1, the
             second when no deviation is above 0.7 tolerances.
         sound: whether to exclude vehicles that are `unsound`.

@@ -44,11 +44,11 @@ def draw_error_maps(
     """Draw mean errors over two parameters with lines of equal overlap; white means no error.
 
     Args:
-        title: of the figure.
+        title: title of the figure.
         rows: maps of the mean magnitude of (84) [px] by their titles, shape (y, x).
-        overlap: of consecutive lines, same shape, 0..1.
+        overlap: overlap of consecutive lines, same shape, 0..1.
         scales: along x and y; by default those of `view_grid`.
-        levels: of the lines of equal overlap.
+        levels: levels of the lines of equal overlap.
         grounds: picture at the beginning of each row, by title.
     """
     if scales is None:

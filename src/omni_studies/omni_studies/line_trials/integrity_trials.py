@@ -43,7 +43,7 @@ class Motion:
     """A circle or a straight line with a linearly changing speed.
 
     Attributes:
-        twist: at the start (v_x, v_y [m/s], yaw rate [rad/s]).
+        twist: twist at the start (v_x, v_y [m/s], yaw rate [rad/s]).
         growth: rate of change of the twist, relative to the start [1/s].
     """
 
@@ -123,11 +123,11 @@ class Ground:
     """A ground and its orientation.
 
     Attributes:
-        kind: of `omni_sim.texture.texture.KINDS`, or a picture's file.
-        angle: of the driving direction from the texture's x (the grain) [rad]; NaN for any.
+        kind: kind of `omni_sim.texture.texture.KINDS`, or a picture's file.
+        angle: angle of the driving direction from the texture's x (the grain) [rad]; NaN for any.
         dpi: dots per inch on the ground of a picture.
-        seed: of a kind's pattern.
-        texels: of a kind, per period of 0.2 m.
+        seed: seed of a kind's pattern.
+        texels: texels of a kind, per period of 0.2 m.
     """
 
     kind: str
@@ -153,7 +153,7 @@ class Tally:
     Attributes:
         ratio: error of the velocity along the axis over its stated deviation, NaN where it was
             not measured, shape (m,).
-        error: of that velocity [m/s], shape (m,).
+        error: error of that velocity [m/s], shape (m,).
         reasons: reasons of unmeasured batches, and remarks on measured ones.
     """
 
@@ -187,13 +187,13 @@ def drive_over(
 
     Args:
         ground: the ground.
-        faults: by name.
+        faults: faults by name.
         drives: numbers of the drives; each has a random start, and the motions are used in turn.
-        batches: of each camera in a drive.
-        seed: of positions, headings and noise.
+        batches: batches of each camera in a drive.
+        seed: seed of positions, headings and noise.
         motions: the motions.
         sensors: the line cameras.
-        **settings: of the odometry.
+        **settings: settings of the odometry.
     """
     repeats = any(fault.repeats for fault in faults.values())
     view = _Views(ground, tuple(sensors.items()), seed)

@@ -25,7 +25,7 @@ def draw_sideslip(
     """Draw RMS errors over the speed and, for one speed, errors over the true angle.
 
     Args:
-        trials: of ground and sensor, by increasing speed.
+        trials: trials of ground and sensor, by increasing speed.
         fastest: speed at 60 % overlap by sensor [m/s].
         speed: the one whose errors are drawn over the angle [m/s].
         slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.

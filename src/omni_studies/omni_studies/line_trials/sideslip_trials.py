@@ -20,8 +20,8 @@ class Angles:
     """Measurements of some angles at one speed.
 
     Attributes:
-        speed: of the wheel over ground [m/s].
-        overlap: of consecutive lines across the camera's axis at angle 0, 0..1.
+        speed: speed of the wheel over ground [m/s].
+        overlap: overlap of consecutive lines across the camera's axis at angle 0, 0..1.
         truth: sideslip angles [rad], shape (A,).
         angle: measured angles, NaN if unmeasured [rad], shape (A, batches).
         deviation: stated standard deviations, NaN if unmeasured [rad], shape (A, batches).
@@ -54,7 +54,8 @@ class Angles:
         """Return the RMS error [rad] if the forward velocity is wrong.
 
         Args:
-            wheel_speed: over the true forward velocity, such as 0.99 for a wheel that slips.
+            wheel_speed: wheel speed over the true forward velocity, such as 0.99 for a wheel that
+                slips.
         """
         forward = wheel_speed * self.speed * np.cos(self.truth)
         return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
@@ -70,7 +71,7 @@ def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
     """Move a camera to the contact of a wheel, along its axis of rotation.
 
     Args:
-        name: of the camera.
+        name: name of the camera.
         sensor: the camera; its position and heading are replaced.
 
     Raises:
@@ -92,7 +93,7 @@ class RollingWheel:
             sensor: the camera; its position and heading are those of the wheel.
             texture: the ground.
             noise: standard deviation [gray levels].
-            seed: of the noise.
+            seed: seed of the noise.
         """
         self._configuration = camera_at_a_wheel(_CAMERA, sensor)
         self._sensor = self._configuration.sensors[_CAMERA]
@@ -110,10 +111,10 @@ class RollingWheel:
         """Roll at every angle from random positions, with the true forward velocity.
 
         Args:
-            speed: of the wheel over ground [m/s].
-            angles: of sideslip [rad], shape (A,).
+            speed: speed of the wheel over ground [m/s].
+            angles: angles of sideslip [rad], shape (A,).
             places: number of random positions for each angle.
-            batches: of 10 ms from each.
+            batches: batches of 10 ms from each.
             generator: draws the positions.
         """
         found = np.full((3, len(angles), places * batches), math.nan)

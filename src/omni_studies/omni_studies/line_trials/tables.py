@@ -20,7 +20,7 @@ def write_matches(
     """Write one row for every case and motion.
 
     Args:
-        path: of the file.
+        path: path of the file.
         names: column names of the parts of a case.
         motions: the motions.
         cases: the matches of each motion, by case.

@@ -34,7 +34,7 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
     """Return the smallest overlap above which every view has at least a share of right pairs.
 
     Args:
-        overlap: of each view.
+        overlap: overlap of each view.
         right: share of its pairs that are right.
         share: required share.
 

@@ -48,11 +48,11 @@ class Case:
     """Errors of one resolution, noise and ground.
 
     Attributes:
-        pixels: of a line.
+        pixels: pixels of a line.
         noise: [gray levels].
         ground: its kind.
         metric: name of the distance.
-        fraction: of the true displacements [px], shape (m,).
+        fraction: fraction of the true displacements [px], shape (m,).
         error: unrounded [px], shape (m,).
         wrong: share of pairs that are off by a pixel or more, Eq. (84).
         bound: smallest possible variance [px^2], shape (m,).
@@ -144,12 +144,12 @@ def trial(
     """Render and match pairs of lines at random displacements with evenly spread fractions.
 
     Args:
-        pixels: of a line; gives the field of view, too.
+        pixels: pixels of a line; gives the field of view, too.
         noise: standard deviation [gray levels].
-        kind: of ground.
+        kind: kind of ground.
         metric: name of the distance.
         pairs: how many.
-        seed: of positions, displacements and noise.
+        seed: seed of positions, displacements and noise.
         recovery: distance within which a peak displaced by noise is searched again [px].
     """
     view = _VIEWS[pixels]
@@ -181,8 +181,8 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
     """Return the largest bias of displacements towards whole pixels [px].
 
     Args:
-        fraction: of the true displacements [px], evenly spread, shape (m,).
-        error: of the measured ones [px], shape (m,).
+        fraction: fraction of the true displacements [px], evenly spread, shape (m,).
+        error: error of the measured ones [px], shape (m,).
 
     Returns:
         The largest magnitude of ``a sin 2 pi f + b sin 4 pi f``, fitted to the errors.

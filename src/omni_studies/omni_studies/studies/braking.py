@@ -57,7 +57,7 @@ class ExperimentRuns:
     """Variants of an experiment, run to their end.
 
     Attributes:
-        configurations: by variant.
+        configurations: configurations by variant.
         histories: runs by variant.
         feedback: twists that the assistant received [m/s, m/s, rad/s], (T, 3), by variant.
     """

@@ -33,12 +33,12 @@ class Trial:
 
     Attributes:
         shape: width over length.
-        overlap: of two lines, 0..1.
+        overlap: overlap of two lines, 0..1.
         contrast: standard deviation along the line without noise [gray levels].
-        correlation: at the true displacement, rounded, without noise.
+        correlation: correlation at the true displacement, rounded, without noise.
         right_share: share of pairs that are right within a pixel.
-        rmse: of refined displacements of these pairs [px].
-        errors: of all pairs, under `ERROR_COLUMNS`.
+        rmse: root mean square error of refined displacements of these pairs [px].
+        errors: errors of all pairs, under `ERROR_COLUMNS`.
     """
 
     shape: float

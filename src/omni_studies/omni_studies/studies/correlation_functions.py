@@ -42,7 +42,7 @@ class Curve:
 
     Attributes:
         shift: [px], shape (m,).
-        distance: at each, shape (m,).
+        distance: distance at each, shape (m,).
         truth: displacement [px].
     """
 

@@ -117,7 +117,7 @@ class _Case:
 
     Attributes:
         figure: number in the dissertation.
-        title: of the figure.
+        title: title of the figure.
         metrics: function of a case's name and its motions with their matches.
         conditions: conditions on every ground, by name.
         columns: number of maps in a row, that of the grounds if None.

@@ -54,8 +54,8 @@ class Stop(NamedTuple):
         seed: number of the case.
         vehicle: its file.
         stop: number of the stop, the same for all sources.
-        law: of control, or ``unassisted``.
-        source: of the twist.
+        law: law of control, or ``unassisted``.
+        source: source of the twist.
         distance: stopping distance [m].
         rotation: change of orientation [deg].
     """

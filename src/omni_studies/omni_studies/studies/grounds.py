@@ -47,7 +47,7 @@ class Look:
     Attributes:
         patch: gray levels of the shown section, shape (k, k).
         contrast: mean standard deviation along lines of the camera [gray levels].
-        frequency: of the spectrum [cycles per mm], shape (f,).
+        frequency: frequency of the spectrum [cycles per mm], shape (f,).
         spectrum: mean power density of the lines [gray levels^2 mm], shape (f,).
         median_frequency: frequency below which half of the power is [cycles per mm].
         texels_per_pixel: texels of the ground per pixel of the camera.

@@ -89,8 +89,9 @@ class Drive(NamedTuple):
 
     Attributes:
         seed: number of the drive.
-        ground: by name.
-        counts: for each fault its name and the fields of `Counts`, such as ``mud 144 2 ...``.
+        ground: ground by name.
+        counts: counts for each fault its name and the fields of `Counts`, such as ``mud 144 2
+            ...``.
     """
 
     seed: int

@@ -196,7 +196,7 @@ class LawStops:
 
         Args:
             library: where the experiments are.
-            cases: by name; the number of a case is its index.
+            cases: cases by name; the number of a case is its index.
         """
         self._library = library
         self._cases = tuple(cases)

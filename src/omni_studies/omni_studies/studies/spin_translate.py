@@ -37,8 +37,8 @@ class SpinTranslate:
 
     Attributes:
         speed: constant velocity along x of the world [m/s].
-        amplitude: of the velocity along y of the world [m/s].
-        period: of the velocity along y [s].
+        amplitude: amplitude of the velocity along y of the world [m/s].
+        period: period of the velocity along y [s].
         yaw_rate: constant [rad/s].
     """
 

@@ -77,9 +77,9 @@ def load_figure(tire: Tire, loads: FloatArray, title: str) -> Figure:
     """Draw force over slip at several loads (Figure 5).
 
     Args:
-        tire: of any model.
+        tire: tire of any model.
         loads: wheel loads [N] up to the largest of the model, shape (n,).
-        title: of the figure.
+        title: title of the figure.
     """
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
     slip = np.linspace(0.0, 0.6, 700)
@@ -160,7 +160,7 @@ def model_figure(tires: Mapping[str, Tire], loads: tuple[float, ...]) -> Figure:
     """Draw force over slip of several tires at the same loads, one panel per load.
 
     Args:
-        tires: by name.
+        tires: tires by name.
         loads: wheel loads [N].
     """
     figure = Figure(figsize=(11.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")

@@ -27,8 +27,8 @@ def stopping_distance(vehicle: VehicleConfiguration, direction: float, step: flo
 
     Args:
         vehicle: the vehicle.
-        direction: of its motion in the body frame [rad].
-        step: of the physics [s].
+        direction: direction of its motion in the body frame [rad].
+        step: step of the physics [s].
     """
     twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.0)
     moving = Vehicle(vehicle, physics_step=step, twist=twist)

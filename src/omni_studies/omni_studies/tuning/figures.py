@@ -29,12 +29,12 @@ def trade_off(
     """Draw worst rotation against worst distance, one panel per lag of the brakes.
 
     Args:
-        trials: of all settings and lags.
+        trials: trials of all settings and lags.
         unassisted: without the assistant, one per lag, in the order of the panels.
         choice: the recommended trial, if any.
         max_rotation: limit to draw [deg], if any.
         max_distance: limit of the distance [m].
-        title: of the figure.
+        title: title of the figure.
     """
     panels = len(unassisted)
     figure = Figure(

@@ -33,7 +33,7 @@ class Setting:
 
     Attributes:
         weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
-        k: of the enhanced weighting, odd; not used by others.
+        k: constant k of the enhanced weighting, odd; not used by others.
         dwell_time: shortest time between two switchings of a valve [s].
     """
 
@@ -65,7 +65,7 @@ class BrakeLag:
 
     Attributes:
         dead_time: [s].
-        time_constant: of the first-order lag [s].
+        time_constant: time constant of the first-order lag [s].
     """
 
     dead_time: float = 0.0
@@ -87,10 +87,10 @@ class Trial:
 
     Attributes:
         setting: as tried.
-        lag: of the brakes.
+        lag: lag of the brakes.
         rotation: change of orientation [deg], infinite without a stop, shape (S,).
         distance: stopping distance [m], of the same shape.
-        switchings: of all valves together [1], shape (S,).
+        switchings: switchings of all valves together [1], shape (S,).
     """
 
     setting: Setting
@@ -120,7 +120,7 @@ def situations(
     Args:
         base: the maneuver itself, the first situation.
         count: number of situations.
-        seed: of the deviations.
+        seed: seed of the deviations.
     """
     random = np.random.default_rng(seed)
     result = [base]
@@ -174,7 +174,7 @@ class Numbers(NamedTuple):
         seed: number of the run: situation by situation, setting by setting, lag by lag.
         rotation: change of orientation [deg], infinite without a stop.
         distance: stopping distance [m], of the same shape.
-        switchings: of all valves together [1].
+        switchings: switchings of all valves together [1].
     """
 
     seed: int
@@ -284,7 +284,7 @@ def recommended(
     the smallest rotation; of those within 1 % of it the one with the fewest switchings.
 
     Args:
-        trials: to choose from, at least one.
+        trials: trials to choose from, at least one.
         max_rotation: largest change of orientation [deg].
         max_distance: longest stopping distance [m].
 

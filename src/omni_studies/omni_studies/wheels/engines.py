@@ -90,7 +90,7 @@ def brake_to_rest(vehicle: Vehicle, assistant: BrakeAssistConfiguration) -> Stop
     """Brake fully until the vehicle is at rest; the assistant receives true values.
 
     Args:
-        vehicle: in motion; before braking it rolls without forces.
+        vehicle: vehicle in motion; before braking it rolls without forces.
         assistant: the assistant, which may be switched off.
     """
     informed, rolling = _Informed(assistant), kinematics.PlatformKinematics.of(assistant.wheels)

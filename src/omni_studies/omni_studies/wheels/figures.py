@@ -75,7 +75,7 @@ def draw_forces(traces: Mapping[str, Mapping[str, ForceTrace]]) -> Figure:
     """Draw the forces of one wheel over its angle.
 
     Args:
-        traces: by title of the vehicle, then by wheel; the first wheel is the reference.
+        traces: traces by title of the vehicle, then by wheel; the first wheel is the reference.
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     panels = figure.subplots(2, len(traces), sharex=True, squeeze=False)
@@ -107,7 +107,7 @@ def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> 
     """Draw braking and a sideways push on all wheels.
 
     Args:
-        motions: by title of the vehicle, then ``brake`` and ``push``, then by wheel.
+        motions: motions by title of the vehicle, then ``brake`` and ``push``, then by wheel.
     """
     figure = Figure(figsize=(13.0, 7.0), layout="constrained")
     panels = figure.subplots(len(motions), 3, sharex="col", squeeze=False)
@@ -149,8 +149,8 @@ def draw_differences(
 
     Args:
         counts: numbers of rollers.
-        differences: by title of the vehicle, then ``motion`` and ``force``, then by trial; one
-            share for each count [1].
+        differences: differences by title of the vehicle, then ``motion`` and ``force``, then by
+            trial; one share for each count [1].
         limit: upper limit from 12 rollers on [1].
     """
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")

@@ -13,11 +13,11 @@ class Tracking:
     """A driven maneuver and its reference, T stamps and N wheels.
 
     Attributes:
-        wheel_names: in the order of the columns.
+        wheel_names: wheel names in the order of the columns.
         time: [s], shape (T,).
         reference: desired x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
         pose: driven x, y [m], yaw [rad] in the world frame, shape (T, 3).
-        twist: of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
+        twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
         wheel_command: wheel speeds by inverse kinematics [rad/s], shape (T, N).
         wheel_speed: actual wheel speeds [rad/s], shape (T, N).
     """

@@ -22,7 +22,7 @@ class Trial:
     """A trial of a vehicle.
 
     Attributes:
-        title: for figures.
+        title: title for figures.
         twist: initial body twist, without slip [m/s, m/s, rad/s].
         command: that the drive follows while the pedal is up [m/s, m/s, rad/s].
         pedal: 0..1.
@@ -61,7 +61,7 @@ class Outcome:
     """Results of a trial, one row for each start.
 
     Attributes:
-        time: of the samples [s], shape (T,).
+        time: time of the samples [s], shape (T,).
         motion: pose and velocity of base_link in the world, as `Log.trajectory`, (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N], (S, 2).
         force_scale: mean magnitude of the wheels' force or of the push, if larger [N].
@@ -81,7 +81,7 @@ def with_wheels(
     Args:
         configuration: the vehicle.
         model: `SINGLE`, `CONTACT` or `ROLLERS`.
-        rollers: of each wheel.
+        rollers: rollers of each wheel.
     """
     return dataclasses.replace(
         configuration,
@@ -209,8 +209,8 @@ class ForceTrace:
     """Force of a wheel over its angle, driving steadily against a push.
 
     Attributes:
-        angle: of the wheel [rad], shape (T,).
-        force: of the wheel on the vehicle in the body frame [N], shape (T, 2).
+        angle: angle of the wheel [rad], shape (T,).
+        force: force of the wheel on the vehicle in the body frame [N], shape (T, 2).
     """
 
     angle: FloatArray

@@ -25,8 +25,8 @@ class BrakeData:
     """One recorded stop; K instants, C changes of command, N wheels.
 
     Attributes:
-        time: of the samples [s], increasing, shape (K,).
-        twist: of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
+        time: time of the samples [s], increasing, shape (K,).
+        twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
         wheel_speed: [rad/s], shape (K, N).
         command_time: start of each command [s], increasing, shape (C,).
         command: commanded share of the largest torque of each brake [1], shape (C, N).
@@ -47,7 +47,7 @@ def read_brake_data(
     Args:
         folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal`, a twist, and
             `brake/enable` unless the pedal alone braked.
-        wheel_names: of the vehicle, in the order of the columns.
+        wheel_names: wheel names of the vehicle, in the order of the columns.
         brake: with the resolution of its valves.
         twist_topic: one of `TWIST_TOPICS`.
 

@@ -13,9 +13,9 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
     """Draw the measured and fitted change of speed, and the response of one brake.
 
     Args:
-        fit: of the stops.
-        names: of the recordings, in the order of the stops.
-        title: of the figure.
+        fit: fit of the stops.
+        names: names of the recordings, in the order of the stops.
+        title: title of the figure.
     """
     figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
     upper, middle, lower = figure.subplots(3, 1, height_ratios=(3.0, 1.2, 1.8))

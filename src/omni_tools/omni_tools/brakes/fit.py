@@ -50,7 +50,8 @@ class BrakeFit:
 
     Attributes:
         values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
-        standard_errors: of the values, NaN for a time that ended on its bound, shape (3,).
+        standard_errors: standard errors of the values, NaN for a time that ended on its bound,
+            shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
         residual: differences of speed, root mean square [m/s].
@@ -72,7 +73,7 @@ class StopEquations:
     """The equations of one stop per unit of mass; K intervals, N wheels.
 
     Attributes:
-        data: of the stop.
+        data: data of the stop.
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
         segment: number of the span in which the same wheels turn, shape (K,).
@@ -292,7 +293,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     unknown is summed with its autocovariance up to the first zero (White 1980, Bartlett 1946).
 
     Args:
-        jacobian: of the differences, shape (K, 3, P).
+        jacobian: jacobian of the differences, shape (K, 3, P).
         left: residuals, shape (K, 3).
     """
     rows, _, unknowns = jacobian.shape

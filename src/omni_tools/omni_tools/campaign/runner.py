@@ -89,7 +89,7 @@ class CampaignOptions(Configuration):
         """Return the seeds of this part of a campaign.
 
         Args:
-            seeds: of the whole campaign.
+            seeds: seeds of the whole campaign.
 
         Raises:
             ConfigurationError: the part has none of them.
@@ -119,11 +119,11 @@ def run_campaign(
 
     Args:
         work: does a run; sent to the workers.
-        seeds: of the whole campaign.
+        seeds: seeds of the whole campaign.
         row: type of the result of a run, a NamedTuple whose first field is ``seed``.
         options: the part of the campaign, the workers, and earlier results.
-        path: of the table of all runs, a CSV file.
-        fingerprint: of everything that the runs depend on besides their seeds.
+        path: path of the table of all runs, a CSV file.
+        fingerprint: fingerprint of everything that the runs depend on besides their seeds.
         report: called with the completed share [0..1] and a text.
 
     Returns:
@@ -247,7 +247,7 @@ def distribute(
     Args:
         client: a `distributed.Client`.
         work: makes a run.
-        seeds: to run.
+        seeds: seeds to run.
         take: called with the rows of every chunk as it is finished, in any order.
 
     Raises:
@@ -290,9 +290,9 @@ class ResultTable(Generic[Row]):
     """The table of a campaign on disk, one row per run.
 
     Args:
-        path: of the CSV file.
+        path: path of the CSV file.
         row: what a run returns.
-        fingerprint: of everything that the runs depend on besides their seeds.
+        fingerprint: fingerprint of everything that the runs depend on besides their seeds.
         resume: whether to continue an existing table.
 
     Raises:

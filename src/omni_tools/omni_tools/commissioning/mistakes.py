@@ -36,7 +36,7 @@ class Mistake:
     """A mistake and its remedy.
 
     Attributes:
-        name: of the mistake, with the wheel or the sensor.
+        name: name of the mistake, with the wheel or the sensor.
         remedy: what to change.
         wheels: corrected wheels, where the description of the wheels is wrong.
     """
@@ -59,11 +59,11 @@ def find_mistakes(
 
     Args:
         wheels: as described.
-        signals: of the drive.
-        motions: of the drive.
-        distance: of the motions forward and to the left [m].
-        angle: of the motion counter-clockwise [rad].
-        dead_time: of the brakes, as described [s].
+        signals: signals of the drive.
+        motions: motions of the drive.
+        distance: distance of the motions forward and to the left [m].
+        angle: angle of the motion counter-clockwise [rad].
+        dead_time: dead time of the brakes, as described [s].
     """
     known = np.diag([distance, distance, angle])
     wheel = _wheel_mistake(wheels, motions.angle, known)

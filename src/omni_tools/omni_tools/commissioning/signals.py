@@ -40,7 +40,7 @@ class Signals:
         twist: measured body twist [m/s, m/s, rad/s], shape (T, 3).
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
-        enable: of the brakes [1], shape (T, N).
+        enable: enable of the brakes [1], shape (T, N).
     """
 
     time: quantities.FloatArray
@@ -61,7 +61,7 @@ class Motions:
     """Quantities of the three motions, N wheels.
 
     Attributes:
-        angle: by which each wheel turned [rad], shape (3, N).
+        angle: angle by which each wheel turned [rad], shape (3, N).
         twist: integral of the measured twist [m, m, rad], shape (3, 3).
         gyro: integral of the gyro's yaw rate [rad], shape (3,).
         force: specific force along x and y while the motion begins [m/s^2], shape (3, 2).
@@ -81,7 +81,7 @@ def read_signals(recording: Path, wheels: Sequence[str], period: float = 0.01) -
     Args:
         recording: rosbag2 folder.
         wheels: names in the order of the columns.
-        period: of the rows [s].
+        period: period of the rows [s].
 
     Raises:
         BagError: it cannot be read.

@@ -53,7 +53,7 @@ class Plan:
         state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
             yaw rate [rad/s] and wheel speeds in the sense of rolling at the start [rad/s],
             shape (M + 1, 6 + N).
-        torque: of the brakes over the intervals [N m], shape (M, N).
+        torque: torque of the brakes over the intervals [N m], shape (M, N).
     """
 
     distance: float
@@ -100,7 +100,7 @@ class OptimalStop:
         vehicle: what brakes.
         friction: factor of the ground [1].
         maneuver: motion at the start of braking, with the full pedal.
-        intervals: of the transcription.
+        intervals: intervals of the transcription.
     """
 
     def __init__(

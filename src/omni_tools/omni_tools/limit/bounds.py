@@ -49,7 +49,7 @@ class Maneuver:
 
     Attributes:
         pose: x, y [m], yaw [rad] of base_link, shape (3,).
-        twist: of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
+        twist: twist of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
         pedal: final position of the pedal [1].
         ramp_time: time the pedal takes to get there [s].
     """
@@ -67,7 +67,7 @@ class Bound:
     Attributes:
         distance: the bound [m], NaN if there is none.
         gap: largest relative difference to a stop with feasible forces [1].
-        tolerance: by how much a run may be shorter because of neglected effects [m]: lag of the
+        tolerance: amount by which a run may be shorter because of neglected effects [m]: lag of the
             loads, elastic deflection of the tires at rest, and deviations of heading and direction
             of up to `KEPT`.
         reason: why there is no bound, else empty.

@@ -82,12 +82,12 @@ class LimitVehicle:
 
     Attributes:
         masses: body and load together.
-        position: of the wheels in the body frame [m], shape (N, 2).
+        position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
-        lever: of the active directions about the center of gravity [m], shape (N,).
+        lever: lever of the active directions about the center of gravity [m], shape (N,).
         torque_force: largest wheel force per commanded brake torque [1/m], shape (N,).
         grip: factor on the friction under each wheel [1], shape (N,).
-        strongest_peak: of the tire at any load, on ground of friction 1 [N].
+        strongest_peak: strongest peak of the tire at any load, on ground of friction 1 [N].
     """
 
     def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
@@ -152,7 +152,7 @@ class LimitVehicle:
         """Return the strongest deceleration along a direction, None if forces allow none.
 
         Args:
-            direction: of motion in the body frame, unit vector, shape (2,).
+            direction: direction of motion in the body frame, unit vector, shape (2,).
             case: conditions.
         """
         if not case.straight:
@@ -216,7 +216,7 @@ class LimitVehicle:
         """Return the elastic deflection of the tires that moves a stopped vehicle back [m].
 
         Args:
-            direction: of the motion, unit vector, shape (2,).
+            direction: direction of the motion, unit vector, shape (2,).
             deceleration: along the direction at the end of the stop [m/s^2].
         """
         force = self.masses.mass * deceleration * direction
@@ -234,7 +234,7 @@ class LimitVehicle:
         """Solve the linear program with one model of the loads.
 
         Args:
-            direction: of the motion in the body frame [1], shape (2,).
+            direction: direction of the motion in the body frame [1], shape (2,).
             case: friction, torque and constraints.
             model: PLANE, BALANCE or SUM.
             lifted: a wheel whose load would be negative in the plane model.

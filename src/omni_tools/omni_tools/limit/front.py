@@ -86,9 +86,9 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
     """Draw distance against rotation.
 
     Args:
-        name: of the experiment or the vehicle.
-        stops: from `front`.
-        bound: of stops that keep heading and line [m], NaN if there is none.
+        name: name of the experiment or the vehicle.
+        stops: stops from `front`.
+        bound: bound of stops that keep heading and line [m], NaN if there is none.
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     draw_title(figure, f"{name.replace('_', ' ')}: the best that is known, and the laws")

@@ -22,7 +22,7 @@ def limit_share(
     any heading, and the note says so. The pedal is assumed at its largest position throughout.
 
     Args:
-        history: of the run.
+        history: history of the run.
         configuration: its vehicle and ground.
         distance: the run's stopping distance [m].
     """

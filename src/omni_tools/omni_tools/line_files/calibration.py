@@ -52,7 +52,7 @@ class Drive:
     Attributes:
         time: middle of each batch [s], shape (m,).
         pixels: displacement [px/s], shape (m,).
-        twist: of the reference (v_x, v_y [m/s], yaw rate [rad/s]), shape (m, 3).
+        twist: twist of the reference (v_x, v_y [m/s], yaw rate [rad/s]), shape (m, 3).
         line_rate: line rate from the stamps [1/s].
         line_rate_error: standard error of the line rate [1/s].
     """
@@ -100,10 +100,10 @@ def observe(
 
     Args:
         sensor: as configured.
-        batches: of its lines, oldest first.
+        batches: batches of its lines, oldest first.
         reference_time: stamps of the reference [s], ascending, shape (k,).
         reference_twist: known motion at these stamps, NaN where unknown, shape (k, 3).
-        configuration: of the odometry that matches the lines.
+        configuration: configuration of the odometry that matches the lines.
 
     Raises:
         ConfigurationError: the stamps do not give a line rate.
@@ -145,7 +145,7 @@ def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibrati
 
     Args:
         nominal: as it is configured.
-        drives: at least one.
+        drives: one or more.
 
     Raises:
         ConfigurationError: too few batches were measured.
@@ -249,8 +249,8 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
     """Draw the residuals of each camera's velocity with configured and calibrated values.
 
     Args:
-        calibrations: by camera.
-        title: of the figure.
+        calibrations: calibrations by camera.
+        title: title of the figure.
     """
     figure = Figure(figsize=(12.0, 1.0 + 2.3 * len(calibrations)), layout="constrained")
     style.draw_title(figure, title)

@@ -26,9 +26,10 @@ class Sight:
     Attributes:
         sensor: the camera.
         lines: oldest first, shape (m, n).
-        time: of each line [s], shape (m,).
-        displacement: of each line against the one before it [px], shape (m - 1,); NaN for no match.
-        correlation: of these pairs at their shift [1], shape (m - 1,).
+        time: time of each line [s], shape (m,).
+        displacement: displacement of each line against the one before it [px], shape (m - 1,); NaN
+            for no match.
+        correlation: correlation of these pairs at their shift [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
         readings: the estimate of each batch.
     """
@@ -55,7 +56,7 @@ def see(
     Args:
         sensor: the camera.
         batches: as recorded; batches without lines are omitted.
-        configuration: of the odometry.
+        configuration: configuration of the odometry.
     """
     odometry = SensorOdometry(sensor, configuration)
     readings = tuple(odometry.update(batch) for batch in batches)
@@ -80,8 +81,8 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
     """Draw a row for each camera: its lines over time, displacements, correlations.
 
     Args:
-        sights: by camera.
-        title: of the figure.
+        sights: line of sight by camera.
+        title: title of the figure.
     """
     figure = Figure(figsize=(13.0, 0.8 + 3.6 * len(sights)), layout="constrained")
     style.draw_title(figure, title)

@@ -54,7 +54,7 @@ def camera_files(
         sources: as they were given.
         known: names of the cameras.
         where: source of these names, for messages.
-        key: of the option, for messages.
+        key: key of the option, for messages.
 
     Raises:
         ConfigurationError: one names no camera, or a camera twice.

@@ -38,8 +38,8 @@ class RawFormat:
     """Layout of a file of raw bytes.
 
     Attributes:
-        pixels: of a line; 0 where the file states it.
-        bits: of a pixel, 8 or 16 (little endian).
+        pixels: pixels of a line; 0 where the file states it.
+        bits: bits of a pixel, 8 or 16 (little endian).
     """
 
     pixels: int = 0

@@ -20,11 +20,11 @@ def error_values(
     """Return the mean error by the dissertation's definition, and the RMS error in three units.
 
     Args:
-        pixel_error: in whole pixels, Eq. (84).
-        error: of refined displacements, unrounded [px].
+        pixel_error: pixel error in whole pixels, Eq. (84).
+        error: error of refined displacements, unrounded [px].
         pitch: length of a pixel on the ground [m].
         line_rate: [1/s].
-        speed: of the motion [m/s]; the error in velocity is a share of it, Eq. (85).
+        speed: speed of the motion [m/s]; the error in velocity is a share of it, Eq. (85).
 
     Returns:
         Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, mm and per cent.

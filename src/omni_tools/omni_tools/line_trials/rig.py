@@ -56,8 +56,8 @@ class View:
         """Return the common share of the areas of two consecutive frames, 0..1.
 
         Args:
-            speed: of the camera [m/s].
-            angle: of its motion from its axis [rad].
+            speed: speed of the camera [m/s].
+            angle: angle of its motion from its axis [rad].
         """
         step = speed / self.line_rate
         along = 1.0 - abs(step * math.cos(angle)) / self.length
@@ -87,9 +87,9 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
     """Return a ground of the user's cache.
 
     Args:
-        kind: of `omni_sim.texture.texture.KINDS`.
+        kind: kind of `omni_sim.texture.texture.KINDS`.
         texels: per period of 0.2 m.
-        seed: of the pattern.
+        seed: seed of the pattern.
     """
     configuration = TextureConfiguration(kind=kind, size=PERIOD, texels=texels, seed=seed)
     return TextureCache.of_user().texture(configuration)
@@ -136,7 +136,7 @@ class Rig:
             sensors: the cameras by name.
             texture: the ground.
             noise: standard deviation [gray levels of 8 bit].
-            seed: of the noise.
+            seed: seed of the noise.
 
         Raises:
             ConfigurationError: a field of view does not fit the ground.
@@ -173,8 +173,8 @@ class Rig:
         """Yield consecutive batches of `BATCH_TIME`; arguments as of `expose`.
 
         Args:
-            start: at line 0.
-            twist: of the platform.
+            start: start at line 0.
+            twist: twist of the platform.
             batches: how many.
             first: number of the first line.
         """

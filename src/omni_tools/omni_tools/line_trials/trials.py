@@ -100,7 +100,7 @@ class Matches:
 
         Args:
             view: field of view of the camera.
-            speed: at which it moved [m/s].
+            speed: speed at which it moved [m/s].
         """
         return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
 
@@ -112,7 +112,7 @@ class Motion:
     Attributes:
         view: field of view of the camera.
         speed: [m/s].
-        angle: from its axis [rad].
+        angle: angle from its axis [rad].
         axis: its direction on the ground [rad].
     """
 
@@ -143,7 +143,7 @@ def measure(
         texture: the ground.
         pairs: number of consecutive lines from each position.
         noise: standard deviation [gray levels].
-        seed: of positions and noise.
+        seed: seed of positions and noise.
         metric: name of the distance.
         runs: number of random positions for each motion.
     """
@@ -174,8 +174,8 @@ def path(
 
     Args:
         view: field of view of the camera.
-        speed: of the camera [m/s].
-        angle: of its motion from its axis [rad].
+        speed: speed of the camera [m/s].
+        angle: angle of its motion from its axis [rad].
         lines: how many.
         generator: draws the place.
         axis: direction of the camera's axis on the ground [rad].
@@ -203,7 +203,7 @@ def match(
 
     Args:
         view: field of view of the camera.
-        poses: of the lines, all with the same axis, shape (m + 1, 3).
+        poses: poses of the lines, all with the same axis, shape (m + 1, 3).
         lines: shape (m + 1, pixels).
         metric: name of the distance.
         divisor: k; shifts are searched up to pixels / k.
@@ -237,7 +237,7 @@ def cramer_rao_bound(
     Args:
         view: field of view of the camera.
         eye: the camera.
-        poses: of the older line of each pair, shape (m, 3).
+        poses: poses of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
         noise: standard deviation [gray levels].
     """

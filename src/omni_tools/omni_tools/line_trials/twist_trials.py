@@ -16,8 +16,8 @@ class TwistTrial:
     """Estimates of the odometry over a uniform motion, batch by batch.
 
     Attributes:
-        twist: of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        estimate: of it, where it was measured, shape (m, 3).
+        twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        estimate: estimate of it, where it was measured, shape (m, 3).
         covariance: stated with each estimate, shape (m, 3, 3).
         measured: share of the batches that were measured, 0..1.
         ratio: error of each camera's velocity along its axis over the stated deviation, of every
@@ -55,9 +55,9 @@ def drive(
     """Move at a constant twist from a random place and heading and let the odometry measure it.
 
     Args:
-        configuration: of the odometry, with its line cameras.
+        configuration: configuration of the odometry, with its line cameras.
         rig: with these line cameras.
-        twist: of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         batches: how many, after the first line.
         generator: draws place and heading.
     """

@@ -16,9 +16,9 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
     """Return cameras at equal angles on a circle about base_link, shape (count, 3).
 
     Args:
-        count: of cameras.
-        radius: of the circle [m].
-        turn: of the axes from radial [rad]; a right angle is tangential.
+        count: count of cameras.
+        radius: radius of the circle [m].
+        turn: angle of the axes from radial [rad]; a right angle is tangential.
         start: direction of the first camera [rad].
     """
     angle = start + math.tau * np.arange(count) / count
@@ -29,7 +29,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
     """Return line cameras evenly on a circle about base_link, each along its tangent.
 
     Args:
-        radius: of the circle [m].
+        radius: radius of the circle [m].
         prototype: type of the cameras.
         count: how many.
     """
@@ -45,7 +45,7 @@ def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
 
     Args:
         area: the chassis.
-        count: of cameras.
+        count: count of cameras.
 
     Returns:
         ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.

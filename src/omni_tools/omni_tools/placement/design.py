@@ -33,13 +33,13 @@ class DesignTask:
     Attributes:
         area: the chassis and the cameras' rectangle.
         texture: ground over which the cameras are tried.
-        noise: of the cameras, standard deviation [gray levels of 8 bit].
-        count: of cameras.
+        noise: noise of the cameras, standard deviation [gray levels of 8 bit].
+        count: count of cameras.
         mix: mix of motions for the mean error.
-        speed: of base_link in all of them [m/s].
+        speed: speed of base_link in all of them [m/s].
         redundant: whether to evaluate without the camera whose failure is the worst.
         given: further placements to evaluate, by name.
-        seed: of the search and the trials.
+        seed: seed of the search and the trials.
     """
 
     area: mounting_area.MountingArea
@@ -147,7 +147,7 @@ def design_speed(speed: float | None, yaw_rate: float, area: mounting_area.Mount
 
     Args:
         speed: given speed [m/s], None for the default.
-        yaw_rate: of the turning motion [rad/s].
+        yaw_rate: yaw rate of the turning motion [rad/s].
         area: with the cameras' type and the largest distance from the center.
 
     Raises:
@@ -174,7 +174,7 @@ def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
     """Return the view of all cameras of a file.
 
     Args:
-        name: of the file.
+        name: name of the file.
         sensors: its cameras.
 
     Raises:

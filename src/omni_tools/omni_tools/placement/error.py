@@ -39,9 +39,9 @@ class MotionMix:
     """Mix of motions for the evaluation of placements.
 
     Attributes:
-        names: of the M motions; one with a mirror image occurs twice.
+        names: names of the M motions; one with a mirror image occurs twice.
         twist: (v_x, v_y, yaw rate) of each [m/s, m/s, rad/s], shape (M, 3).
-        share: of the time, sums to 1, shape (M,).
+        share: share of the time, sums to 1, shape (M,).
     """
 
     names: tuple[str, ...]
@@ -53,9 +53,10 @@ class MotionMix:
         """Return straight, sideways, diagonal and turning motion, the last two to either side.
 
         Args:
-            speed: of base_link [m/s].
-            yaw_rate: of the turning motion, which goes straight on at the same time [rad/s].
-            weights: of the four motions, not all 0.
+            speed: speed of base_link [m/s].
+            yaw_rate: yaw rate of the turning motion, which goes straight on at the same time
+                [rad/s].
+            weights: weights of the four motions, not all 0.
         """
         slant = speed * math.sqrt(0.5)
         rows = (
@@ -81,8 +82,8 @@ class MeanError:
 
     Attributes:
         view: field of view of each camera.
-        error: of each camera.
-        mix: of motions.
+        error: error of each camera.
+        mix: mix of motions.
         gyration: g, RMS distance of the platform's points from base_link [m].
     """
 
@@ -124,7 +125,7 @@ class MeanError:
         """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite: singular.
 
         Args:
-            poses: of the cameras, shape (N, 3).
+            poses: poses of the cameras, shape (N, 3).
         """
         information = self.information(poses).sum(axis=0)
         if not np.all(np.isfinite(total_variance(information))):
@@ -138,9 +139,9 @@ class MeanError:
         """Return the RMS velocity error of points of the platform [m/s].
 
         Args:
-            poses: of the cameras, shape (N, 3).
-            x: of the points [m].
-            y: of the points [m], same shape.
+            poses: poses of the cameras, shape (N, 3).
+            x: coordinate x of the points [m].
+            y: coordinate y of the points [m], same shape.
         """
         c = np.einsum("m,mij->ij", self.mix.share, self.covariance(poses))
         squared = c[0, 0] + c[1, 1] + (x**2 + y**2) * c[2, 2] - 2 * y * c[0, 2] + 2 * x * c[1, 2]

@@ -36,10 +36,10 @@ def placement_figure(
     """Draw placements side by side; the first one sets the color scale.
 
     Args:
-        placements: at least one.
+        placements: one or more.
         criterion: gives the errors.
         area: the chassis.
-        title: of the figure.
+        title: title of the figure.
     """
     columns = min(_COLUMNS, len(placements))
     rows = math.ceil(len(placements) / columns)

@@ -29,7 +29,7 @@ class JudgedPlacement:
     """A placement and its errors.
 
     Attributes:
-        name: of the placement.
+        name: name of the placement.
         sensors: its cameras.
         mean_error: E [m/s], infinite if it is singular.
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
@@ -72,7 +72,7 @@ def judge(
     """Evaluate a placement on a chassis.
 
     Args:
-        name: of the placement.
+        name: name of the placement.
         sensors: its cameras, of the criterion's type.
         criterion: gives the error.
         area: where cameras can be mounted.

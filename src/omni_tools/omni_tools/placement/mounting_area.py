@@ -25,8 +25,8 @@ class MountingArea:
     Attributes:
         scene: chassis and wheels.
         view: field of view of every camera.
-        housing: of a camera, around its field of view [m].
-        clearance: to edge, wheels and other housings [m].
+        housing: housing of a camera, around its field of view [m].
+        clearance: clearance to edge, wheels and other housings [m].
     """
 
     scene: Scene
@@ -78,8 +78,8 @@ class MountingArea:
         """Return whether cameras at `poses`, shape (..., 3), are clear of one at `other`.
 
         Args:
-            poses: of the cameras.
-            other: of one camera, shape (3,), or of one for each of `poses`.
+            poses: poses of the cameras.
+            other: reading of one camera, shape (3,), or of one for each of `poses`.
         """
         free: BoolArray = ~_overlap(poses, self._grown(), other, self.half)
         return free

@@ -66,7 +66,7 @@ class FoundPlacement:
 
     Attributes:
         poses: x, y [m] and heading [rad] of the cameras, on the lattice, shape (N, 3).
-        value: of the criterion.
+        value: value of the criterion.
         rounding: relative increase of the criterion by rounding [1].
         symmetry: description of the symmetry, empty without one.
     """
@@ -94,12 +94,12 @@ def search(
     """Return the best placement that was found.
 
     Args:
-        criterion: to be minimized.
+        criterion: criterion to be minimized.
         area: where cameras can be mounted.
-        count: of cameras.
+        count: count of cameras.
         redundant: whether the criterion is evaluated without the camera whose failure is the worst.
         starts: number of random initial placements for each symmetry.
-        seed: of these placements.
+        seed: seed of these placements.
         report: called with the share done and its subject.
 
     Raises:
@@ -254,10 +254,10 @@ class _Search:
         """Return the best of given positions for one unit with the others fixed, and the criterion.
 
         Args:
-            units: of the placement.
+            units: units of the placement.
             current: places of them, shape (units, 3).
-            index: of the unit to place.
-            places: to try, shape (K, 3).
+            index: index of the unit to place.
+            places: places to try, shape (K, 3).
             own: information of each camera of the unit there, shape (K, g, M, 6).
         """
         rest = [i for i in range(len(units)) if i != index]

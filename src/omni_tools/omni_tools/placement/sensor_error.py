@@ -114,9 +114,9 @@ def measure_sensor_error(
         view: field of view of the camera.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
-        speed: of the camera [m/s], at most `sideways_limit`.
-        batches: of lines, for each angle in each of `ORIENTATIONS`.
-        seed: of positions, speeds and noise.
+        speed: speed of the camera [m/s], at most `sideways_limit`.
+        batches: batches of lines, for each angle in each of `ORIENTATIONS`.
+        seed: seed of positions, speeds and noise.
 
     Raises:
         ConfigurationError: the camera does not see this motion over this ground.

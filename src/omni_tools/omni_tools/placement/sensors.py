@@ -23,7 +23,7 @@ def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, L
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).
         view: field of view of each camera.
-        rounded: to 1 mm and 1 deg.
+        rounded: placement rounded to 1 mm and 1 deg.
     """
     half = np.max(np.abs(poses[:, :2]), axis=0) + 1e-9
     angle = np.arctan2(poses[:, 1] / half[1], poses[:, 0] / half[0])

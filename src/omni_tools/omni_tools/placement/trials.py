@@ -22,7 +22,7 @@ class PlacementTrial:
     Attributes:
         error: estimated less true twist [m/s, m/s, rad/s] of every batch, by motion of the mix,
             each of shape (b, 3).
-        share: of the time, of each motion.
+        share: share of the time, of each motion.
         unmeasured: share of the batches without a twist.
     """
 
@@ -61,11 +61,11 @@ def drive_mix(
 
     Args:
         sensors: the placement, not singular.
-        mix: of motions.
+        mix: mix of motions.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
-        batches: of each motion in each orientation.
-        seed: of positions, orientations and noise.
+        batches: batches of each motion in each orientation.
+        seed: seed of positions, orientations and noise.
         report: called with the completed share [0..1].
     """
     generator = np.random.default_rng(seed)

@@ -28,8 +28,8 @@ def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[s
     """Return a report as plain values.
 
     Args:
-        title: of the report.
-        runs: in the order in which they are listed; at least one.
+        title: title of the report.
+        runs: runs in the order in which they are listed; at least one.
     """
     return {
         "title": title,

@@ -23,7 +23,7 @@ class WheelForces:
 
     Attributes:
         stamp_ns: [ns], increasing, shape (M,).
-        force: in `odom` [N], in the order of the recorded wheels, shape (M, N, 2).
+        force: force in `odom` [N], in the order of the recorded wheels, shape (M, N, 2).
     """
 
     stamp_ns: NDArray[np.int64]

@@ -24,8 +24,8 @@ def report_page(
     """Return the HTML text of a report.
 
     Args:
-        title: of the report.
-        runs: in the order in which they are listed; at least one.
+        title: title of the report.
+        runs: runs in the order in which they are listed; at least one.
         seen: figures (PNG) of the camera lines, by caption.
 
     Raises:

@@ -39,9 +39,10 @@ class ReportedRun:
     Attributes:
         name: unique within the report.
         history: time histories.
-        metrics: by quantity.
-        forces: of the wheels on the vehicle, if the recording shows them.
-        configuration: of the whole loop, if it is stored with the recording and has all its wheels.
+        metrics: metrics by quantity.
+        forces: forces of the wheels on the vehicle, if the recording shows them.
+        configuration: configuration of the whole loop, if it is stored with the recording and has
+            all its wheels.
         values: the configuration as texts by dotted key, as far as available.
         notes: sentences about missing data.
     """
@@ -67,7 +68,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
-        name: of the recording.
+        name: name of the recording.
 
     Raises:
         BagError: the recording cannot be read or is not one of a run.
@@ -195,8 +196,8 @@ def read_configuration(
     """Read the configuration stored with a recording, as far as it is valid.
 
     Args:
-        path: of the file.
-        wheel_names: of the recording, in any order.
+        path: path of the file.
+        wheel_names: wheel names of the recording, in any order.
 
     Returns:
         The configuration if it matches the recording, its values as texts by dotted key, and the

@@ -85,7 +85,7 @@ def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[C
 
     Args:
         speed: largest [m/s].
-        bands: of speed, equally wide.
+        bands: bands of speed, equally wide.
         yaw_rate: largest, to either side [rad/s].
         turns: bands of yaw rate, equally wide.
     """
@@ -132,11 +132,11 @@ class StopCampaign:
 
     Attributes:
         base: the loop, with the largest load at its largest offset.
-        cells: of the motions.
-        friction: of the ground, lowest and highest [1].
-        reaction_time: from the alarm to the pedal, with constant motion [s].
+        cells: cells of the motions.
+        friction: friction of the ground, lowest and highest [1].
+        reaction_time: reaction time from the alarm to the pedal, with constant motion [s].
         per_cell: number of stops of each cell for its area; higher numbers are held out.
-        seed: of all draws.
+        seed: seed of all draws.
     """
 
     base: experiment.ExperimentConfiguration
@@ -233,7 +233,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
     """Return the support function of the area covered by a run [m], shape (DIRECTIONS,).
 
     Args:
-        run: to its end.
+        run: run to be finished.
         points: the footprint in `base_link` [m], shape (C, 2).
         start: first time, which also defines the frame [s].
     """

@@ -22,10 +22,10 @@ def areas_figure(
     """Draw the areas of straight motion, or of all motion if yaw rates are not distinguished.
 
     Args:
-        cells: of the motions.
+        cells: cells of the motions.
         limits: H_k of each [m], shape (cells, DIRECTIONS).
         vehicle: drawn at its pose at the alarm.
-        title: of the figure.
+        title: title of the figure.
     """
     shown = [
         (cell, corners(limit))

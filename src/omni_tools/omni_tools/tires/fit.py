@@ -37,7 +37,7 @@ class TireFit:
         tire: with the fitted model; stiffness and damping do not follow from steady data.
         keys: dotted keys of the fitted values, below the model's name.
         values: fitted values in the units of their keys, shape (P,).
-        standard_errors: of `values`, shape (P,).
+        standard_errors: standard errors of `values`, shape (P,).
         at_bound: whether each unknown ended on a bound, so that it has no error, shape (P,).
         residual: standard deviation of the force residuals with n - P degrees of freedom [N].
         mapping: the fitted values as nested mappings of the tire's configuration.

@@ -19,8 +19,8 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
 
     Args:
         data: measured forces.
-        fit: of the data.
-        title: of the figure.
+        fit: fit of the data.
+        title: title of the figure.
     """
     figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))

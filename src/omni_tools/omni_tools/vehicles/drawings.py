@@ -56,7 +56,7 @@ def draw_vehicle(
     """Draw a vehicle from above: chassis, wheels with their active directions, masses, cameras.
 
     Args:
-        vehicle: to draw.
+        vehicle: vehicle to draw.
         sensors: line cameras under it.
     """
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)

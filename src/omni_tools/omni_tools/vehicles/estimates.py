@@ -88,7 +88,7 @@ def new_vehicle(name: str, measured: Measured) -> NewVehicle:
     """Return the files of a vehicle whose inertia, brakes and tires are estimated.
 
     Args:
-        name: of the vehicle, for the comments.
+        name: name of the vehicle, for the comments.
         measured: its measured values.
     """
     return NewVehicle(
@@ -219,7 +219,7 @@ def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> di
 
     Args:
         largest_load: largest load of the tire [N].
-        radius: of the wheel [m].
+        radius: radius of the wheel [m].
     """
     table_1 = TireConfiguration()
     stiffer = largest_load / table_1.largest_load * _REFERENCE_RADIUS / radius

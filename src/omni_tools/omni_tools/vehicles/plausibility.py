@@ -33,9 +33,9 @@ class WheelFacts:
     """Load and force limits of a wheel.
 
     Attributes:
-        load: at rest [N].
+        load: load at rest [N].
         grip: friction capacity [N].
-        brake_force: of the brake at the ground [N].
+        brake_force: brake force of the brake at the ground [N].
     """
 
     load: float
@@ -54,7 +54,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
 
     Args:
         vehicle: with any number of wheels; the loads are those of a rigid chassis.
-        friction: of the ground, as a factor [1].
+        friction: friction of the ground, as a factor [1].
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
@@ -75,7 +75,7 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
 
     Args:
         sensor: the camera.
-        direction: of the motion in the body frame [rad].
+        direction: direction of the motion in the body frame [rad].
     """
     angle = direction - math.radians(sensor.heading_deg)
     steps = (abs(math.cos(angle)) / sensor.length, abs(math.sin(angle)) / sensor.width)
@@ -92,8 +92,8 @@ def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tup
     """Return remarks on a vehicle.
 
     Args:
-        vehicle: to check.
-        friction: of the ground, as a factor [1].
+        vehicle: vehicle to check.
+        friction: friction of the ground, as a factor [1].
     """
     wheels = (f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels))
     return (
@@ -252,7 +252,7 @@ class _Hurry:
 
     Attributes:
         sensor: name of the camera.
-        speed: over the ground [m/s].
+        speed: speed over the ground [m/s].
         share: speed over the largest measurable speed in that direction [1].
     """
 

@@ -33,7 +33,8 @@ class Rollers:
     Attributes:
         shape: ``X`` or ``O``, formed by the rollers on top of the wheels seen from above (those on
             the ground form the other one), ``mixed``, or empty where no roller is oblique.
-        smallest_singular_value: of ``M``, Eq. (33), lengths over the platform's radius [1].
+        smallest_singular_value: smallest singular value of ``M``, Eq. (33), lengths over the
+            platform's radius [1].
         yaw_lever: smallest distance of a roller axis on the ground from the platform center [m].
     """
 

@@ -62,13 +62,13 @@ class _Scratch(NamedTuple):
     """Scratch buffers for one line.
 
     Attributes:
-        sums: of rows of a class, shape (c,).
-        totals: of the classes, shape (4, c).
-        cells: from `cells.merge_classes`, shape (4, c).
-        refined: from `cells.refine`, shape (4, c).
-        integral: from `cells.sum_cells`, shape (4, c).
-        values: at the edges of the pixels.
-        rows: of texels.
+        sums: sums of rows of a class, shape (c,).
+        totals: totals of the classes, shape (4, c).
+        cells: result of `cells.merge_classes`, shape (4, c).
+        refined: result of `cells.refine`, shape (4, c).
+        integral: result of `cells.sum_cells`, shape (4, c).
+        values: values at the edges of the pixels.
+        rows: rows of texels.
     """
 
     sums: Int16Array
