@@ -1,4 +1,4 @@
-"""What the ``setup.py`` of every package shares."""
+"""Shared part of the ``setup.py`` of all packages."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree

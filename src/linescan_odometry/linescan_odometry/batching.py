@@ -12,7 +12,7 @@ _PATIENCE = 2  # batches that the others may deliver while one camera is waited 
 
 
 class BatchCollector:
-    """Groups batches by their stamps, in whatever order the cameras deliver.
+    """Groups batches by their stamps; cameras may deliver in any order.
 
     Batches form a group if their stamps differ by at most the skew. The group waits for a camera
     until another one has delivered two further batches; then it is returned without this camera,

@@ -49,7 +49,7 @@ class Displacement(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SensorReading:
-    """What one line camera says about the motion along its axis, as a mean over a batch.
+    """Measurement of one line camera: mean velocity along its axis over a batch.
 
     Attributes:
         velocity: of the sensor's position along its axis [m/s], 0 if not measured.

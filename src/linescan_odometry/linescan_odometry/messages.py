@@ -15,7 +15,7 @@ _SAME_SCALE = 0.005  # of a camera's own scale and the configured one
 
 
 def line_batch_of(message: Image | LineImage) -> LineBatch:
-    """Return the lines of an image; one that holds none says why, and so counts as unmeasured."""
+    """Return the lines of an image; an unusable image gives a batch without lines and a reason."""
     stamp_ns = to_nanoseconds(message.header.stamp)
     try:
         return LineBatch(stamp_ns, lines_of(message))
@@ -24,7 +24,7 @@ def line_batch_of(message: Image | LineImage) -> LineBatch:
 
 
 def flow_of(message: TwistWithCovarianceStamped) -> Flow:
-    """Return what a flow sensor says of its place, in its own axes; other components are not read.
+    """Return the velocity that a flow sensor measured at its position, in its own axes.
 
     A driver that cannot measure says so by no number, or by a variance of 1e6 and more.
     """
@@ -35,7 +35,7 @@ def flow_of(message: TwistWithCovarianceStamped) -> Flow:
 
 
 def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
-    """Say in what a camera's own description differs from its configuration; empty if in nothing.
+    """Return how a camera's ``camera_info`` differs from its configuration; empty if it agrees.
 
     A scale is compared only where one is given for a line, ``k[0]`` [px/m on the ground].
     """

@@ -50,7 +50,7 @@ class Method(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget the lines so far: the next ones do not follow them."""
+        """Discard all lines; the next line starts a new sequence."""
 
 
 class _Joined(NamedTuple):
@@ -97,11 +97,11 @@ class MethodOdometry:
         )
 
     def update(self, batch: LineBatch) -> SensorReading:
-        """Measure the mean velocity over a batch; never raises on what a camera can deliver."""
+        """Measure the mean velocity over a batch; raises no exception for any lines."""
         return self.begin(batch)()
 
     def begin(self, batch: LineBatch) -> Callable[[], SensorReading]:
-        """Begin to measure a batch in the background; return what waits for the result."""
+        """Begin to measure a batch in the background; return a function that awaits the result."""
         self._finish_last()
         try:
             joined = _Joined(
@@ -155,7 +155,7 @@ class MethodOdometry:
         )
 
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:
-        """Return for how long the view has not changed, if for the whole batch, else 0 [s].
+        """Return how long the lines have not changed [s]; 0 if they changed within this batch.
 
         The newest line is compared with older ones of the whole batch without its first line, which
         belongs to the batch before: on a periodic ground the ends alone may match.

@@ -228,7 +228,7 @@ class LineScanOdometry:
     def _solve(
         self, readings: Mapping[str, SensorReading], flows: Mapping[str, FlowReading]
     ) -> _Solution | None:
-        """Return the twist of the sensors that measured, None where they do not suffice."""
+        """Return the twist by the sensors that measured; None if they do not determine it."""
         each: list[SensorReading | FlowReading] = [*readings.values(), *flows.values()]
         measured = tuple(reading.measured for reading in each)
         velocity = np.array([r.velocity for r in readings.values()])

@@ -41,7 +41,7 @@ class PairsMethod:
         self._matcher = PairMatcher(search, refiner, configuration.minimum_correlation)
 
     def reset(self) -> None:
-        """Forget the lines so far: the next ones do not follow them."""
+        """Discard all lines; the next line starts a new sequence."""
         self._matcher.reset()
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:

@@ -19,7 +19,7 @@ class Odometry(Protocol):
     """Interface of an odometry."""
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Receive the lines of a camera early; `update` receives them again."""
+        """Start work on the lines of a camera early; `update` receives them again."""
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Estimate the twist from the lines since the last update."""

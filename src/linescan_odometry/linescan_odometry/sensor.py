@@ -601,7 +601,7 @@ class SensorOdometry:
         )
 
     def _still_time(self, lines: Lines, mean: _Mean) -> float:
-        """Return the time for which the view has not changed, if it is the whole batch, else 0 [s].
+        """Return how long the lines have not changed [s]; 0 if they changed within this batch.
 
         The newest line is compared with older ones throughout the batch: on a periodic ground the
         ends alone may be equal.

@@ -109,7 +109,7 @@ _STEP = np.dtype(
 
 
 class Constants(NamedTuple):
-    """What a step depends on besides its inputs.
+    """Constants of a step.
 
     Attributes:
         limits: of a feedback that can be trusted.
@@ -145,7 +145,7 @@ class Constants(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What is remembered from step to step; see `new_memory`.
+    """State of the assistant between steps; see `new_memory`.
 
     Attributes:
         trust: of `fail_safe.TRUST`, shape (1,).
@@ -208,11 +208,11 @@ class Inputs(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What a law has been asked, and whether it could help.
+    """Input of a law for this step, and whether its answer may be used.
 
     Attributes:
-        ready: whether it has been asked at all.
-        motion: what it has been asked with.
+        ready: whether the law is called in this step.
+        motion: input of the law.
         answer: ASSIST, NO_HELP, FAILED or HELD.
     """
 
@@ -224,7 +224,7 @@ class Asked(NamedTuple):
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
-    """Lay out a configuration for the kernel."""
+    """Return a configuration in the layout of the kernel."""
     r_x, r_y = np.ascontiguousarray(geometry.position.T)
     return Constants(
         make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
@@ -293,7 +293,7 @@ def assist_step(
 
 @kernel
 def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Judge what has been received and follow the line of motion.
+    """Check the inputs and update the line of motion.
 
     Args:
         constants: of `make_constants`.
@@ -310,7 +310,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
 
 @lean_inline
 def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
-    """Return whether to ask a law, and the motion but for pedal and wheels."""
+    """Return whether a law may act in this step, and its `Motion` but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = constants.fault_detection and _is_felt(constants, inputs)
@@ -369,7 +369,7 @@ def _watch(
     elapsed: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Ask the monitors of brakes and wheels, unless the time since the last step is negative."""
+    """Update the monitors of brakes and wheels, unless the time since the last step is negative."""
     step, law_speeds = memory.step[0], memory.law_speeds
     for i in range(law_speeds.size):
         law_speeds[i] = inputs.wheels.speed[i]
@@ -390,7 +390,7 @@ def _watch(
 
 @lean
 def _is_felt(constants: Constants, inputs: Inputs) -> bool:
-    """Return whether there is an inertial reading of now."""
+    """Return whether there is a current reading of the IMU."""
     imu, timeout = inputs.imu, constants.limits.timeout_ns
     return bool(imu.validity == VALID and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
 
@@ -399,7 +399,7 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
 def _ask_observer(
     constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
 ) -> int:
-    """Ask the observer for the motion of now, and the monitor for the effect of the last step."""
+    """Estimate the current motion, and update the monitor of the effect by the last step."""
     step, feedback = memory.step[0], inputs.feedback
     now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
     speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
@@ -447,7 +447,7 @@ def act(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Put all brakes on wherever that is safer than what a law has answered; move the valves.
+    """Apply all brakes where a law may not act, else its enables; then apply the dwell times.
 
     Args:
         constants: of `make_constants`.
@@ -526,7 +526,7 @@ def _first_fault(step: Any, cause: int, outside: int) -> int:
 
 @lean
 def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
-    """Keep what a law has answered, or return to it if it was not asked again."""
+    """Store the enables of a law, or return the stored ones if it was not called in this step."""
     step, held = memory.step[0], memory.held
     if answer != HELD:
         step.answer = answer

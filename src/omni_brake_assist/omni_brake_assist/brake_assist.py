@@ -115,7 +115,7 @@ class BrakeAssist:
             return self._all_on(INTERNAL_ERROR, fault)
 
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
-        """Decide after messages have failed to arrive: all brakes on, trust is to be earned anew.
+        """Decide after a timeout: all brakes on, until enough valid twists have arrived again.
 
         Args:
             stamp_ns: time of the decision [ns].
@@ -133,7 +133,7 @@ class BrakeAssist:
         return sources(self._memory, self.geometry.names)
 
     def switch(self, *, enabled: bool) -> None:
-        """Let the assistant release brakes from the next decision on, or no longer."""
+        """Enable or disable the release of brakes, from the next decision on."""
         self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:

@@ -30,7 +30,7 @@ _LINE = np.dtype(
 
 
 def new_line() -> NDArray[np.void]:
-    """Return the memory of no line, shape (1,)."""
+    """Return the initial memory, without a line, shape (1,)."""
     return np.zeros(1, _LINE)
 
 
@@ -67,7 +67,7 @@ def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_r
 
 @lean
 def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
-    """Carry the heading on to a new sample.
+    """Integrate the heading up to a new sample.
 
     Args:
         line: changed in place.

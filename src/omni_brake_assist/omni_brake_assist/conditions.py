@@ -1,4 +1,4 @@
-"""The one ordered table of what decides whether all brakes are on.
+"""The ordered table of the conditions that apply all brakes.
 
 The first condition that holds is the state. The kernels return its number, `/diagnostics` its level
 and words, and the table of states in the README of this package is printed from it by
@@ -41,7 +41,7 @@ class AssistState(enum.Enum):
 
     @property
     def is_fault(self) -> bool:
-        """Whether something is wrong, as opposed to a state of normal operation."""
+        """Whether the condition is a fault, not a state of normal operation."""
         return self.level > OK
 
     @property

@@ -71,7 +71,7 @@ TRUST = np.dtype(
 
 
 class Limits(NamedTuple):
-    """What a feedback must be like; see `BrakeAssistConfiguration`.
+    """Limits of a valid feedback; see `BrakeAssistConfiguration`.
 
     Attributes:
         maximum_step_ns: between two demands [ns].
@@ -107,7 +107,7 @@ class Limits(NamedTuple):
 
 
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
-    """Lay out the limits for the kernel; `reach` [m] is that of the farthest wheel."""
+    """Return the limits in the layout of the kernel; `reach` [m] is that of the farthest wheel."""
     same = {
         name: getattr(configuration, name)
         for name in Limits._fields
@@ -122,7 +122,7 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
 
 
 def new_trust() -> NDArray[np.void]:
-    """Return the memory of a gate that has received nothing, shape (1,)."""
+    """Return the initial memory of the gate, shape (1,)."""
     trust = np.zeros(1, TRUST)
     trust["cause"] = NOTHING_YET
     return trust
@@ -130,7 +130,7 @@ def new_trust() -> NDArray[np.void]:
 
 @lean
 def distrust(trust: Any, check: int, value: float, limit: float, within: float) -> None:
-    """Withdraw trust for a cause; recovery starts from nothing.
+    """Reject the feedback for a cause; recovery starts again.
 
     Args:
         trust: memory, a record of `TRUST`.
@@ -150,7 +150,7 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
 def judge(
     limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
-    """Examine what has been received at the time of a demand.
+    """Check all received inputs at the time of a demand.
 
     Args:
         limits: what it must be like.

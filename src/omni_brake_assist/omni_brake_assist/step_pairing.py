@@ -1,4 +1,4 @@
-"""Which feedback answers which demand when the loop runs step by step."""
+"""Pairing of demands and feedback in lockstep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 
 class StepPairing:
-    """Pairs each pedal value with the twist of its step, in whichever order they come.
+    """Pairs each pedal value with the twist of its step, in any order of arrival.
 
     The newest line of a step may be up to a line period older than the step, so the feedback
     belongs to the first demand that is not older than it. Wheel speeds and IMU, where they are

@@ -29,7 +29,7 @@ def new_valves(wheels: int) -> NDArray[np.void]:
 
 @lean
 def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
-    """Let all brakes act, however short a time ago their valves were shut.
+    """Open all valves, regardless of their dwell time.
 
     Args:
         valves: changed in place, shape (N,).
@@ -47,7 +47,7 @@ def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
 def switch_valves(
     valves: NDArray[np.void], dwell: float, elapsed: float, enable: FloatArray
 ) -> None:
-    """Switch the valves that may switch already.
+    """Switch the valves whose dwell time is over.
 
     Args:
         valves: changed in place, shape (N,).

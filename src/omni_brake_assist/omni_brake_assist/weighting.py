@@ -1,4 +1,4 @@
-"""How strongly the parallel component counts, by the angle of a wheel: Eqs. (55)-(59), Figure 28.
+"""Weight of the parallel component by the angle of a wheel: Eqs. (55)-(59), Figure 28.
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 3.4.3. The angle delta is the one between the *line* of the active direction and the
@@ -56,7 +56,7 @@ class Weighting:
 
 
 def zero_weighting(delta: FloatArray) -> FloatArray:
-    """Return ``psi = 0``, Solution 1 of section 3.4.3: nothing counts but orientation and line.
+    """Return ``psi = 0``, Solution 1 of section 3.4.3: only orientation and line count.
 
     Args:
         delta: angles [rad], 0 to pi/2, any shape.

@@ -1,4 +1,4 @@
-"""Which twist answers which demand, in whichever order they come."""
+"""Which twist answers which demand, in any order of arrival."""
 
 import itertools
 

@@ -37,7 +37,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Return the nodes that the arguments ask for, and what follows their ends."""
+    """Return the nodes for the arguments, and the actions when a node exits."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
     # Arguments of another launch file that includes this one are its own.
     directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
@@ -48,7 +48,7 @@ def start(context: LaunchContext) -> list[Any]:
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return a node, and what follows its end."""
+    """Return a node, and the action when it exits."""
     process = Node(
         package=node.package,
         executable=node.executable,

@@ -89,7 +89,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _publish(report: command_report.Report, program: str, *, as_json: bool) -> int:
-    """Keep and print the result of a command; return the exit code."""
+    """Store and print the result of a command; return the exit code."""
     if report.summary is not None:
         document = json.dumps(report.document, indent=2, allow_nan=False)
         command_report.write_text(report.summary / "summary.json", document + "\n")

@@ -73,7 +73,7 @@ def _standard_run() -> experiment.ExperimentConfiguration:
 
 
 def every_task() -> list[Callable[[], None]]:
-    """Return what compiles the kernels, in an order in which it can be done."""
+    """Return the functions that compile the kernels, in the order of their dependencies."""
     configuration = _standard_run()
     return [partial(task, configuration) for stage in _STAGES for task in stage]
 

@@ -66,5 +66,5 @@ class Workspace:
 
 
 def workspace_folder() -> Path:
-    """Return the launcher's workspace, else the current folder."""
+    """Return the launcher's workspace; without launcher the current folder."""
     return Path(os.environ.get("OMNI_WORKSPACE", "."))

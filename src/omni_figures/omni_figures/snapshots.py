@@ -104,7 +104,7 @@ def velocity_arrow(
 def snapshot_outlines(
     scene: Scene, history: RunHistory, index: int, arrow_scale: float
 ) -> list[FloatArray]:
-    """Return what a snapshot covers: chassis, wheels, load arm and velocity arrow, in this order.
+    """Return the outlines of a snapshot: chassis, wheels, load arm and velocity arrow.
 
     Args:
         scene: the vehicle.

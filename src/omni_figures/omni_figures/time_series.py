@@ -214,7 +214,7 @@ def _label_rows(panels: Sequence[Axes]) -> None:
 
 
 def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
-    """Explain each row beside its last panel."""
+    """Draw the legend of each row beside its last panel."""
     pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
     odometry = Line2D([], [], label="odometry", **_ODOMETRY)
     by_wheel = [

@@ -422,7 +422,7 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Do what `_run_part` does, with a user's law between the two compiled halves of a step."""
+    """Run a stop like `_run_part`, with a user's law between the two compiled halves of a step."""
     error, enable = run.scratch.error, run.scratch.enable
     for stamp in range(first, last):
         inputs, ready, motion = _receive(run, stamp)

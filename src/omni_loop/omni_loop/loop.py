@@ -60,7 +60,7 @@ class Moment:
 
 
 def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterator[Moment]:
-    """Run the loop for ever: observe, estimate, decide, advance.
+    """Run the loop endlessly: observe, estimate, decide, advance.
 
     Args:
         plant: advances by a control period after every moment but the last that is asked for.

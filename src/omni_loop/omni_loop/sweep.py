@@ -67,7 +67,7 @@ def sweep(
     configurations: Sequence[tuple[str, Mapping[str, str], experiment.ExperimentConfiguration]],
     report: Callable[[float, str], None],
 ) -> list[SweptRun]:
-    """Run them all.
+    """Run all combinations.
 
     Args:
         configurations: variant, values of the swept keys, and the loop.

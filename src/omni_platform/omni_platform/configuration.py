@@ -219,7 +219,7 @@ def is_configuration(kind: Any) -> bool:
 
 
 def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
-    """Build a configuration from nested mappings, as YAML gives them.
+    """Build a configuration from nested mappings, such as the content of a YAML file.
 
     Args:
         cls: the configuration to build.

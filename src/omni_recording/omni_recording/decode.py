@@ -57,7 +57,7 @@ class MessageDecoder:
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> Any:
-        """Return the fields of a known type as rosbags describes them."""
+        """Return the fields of a known message type, in the description of rosbags."""
         return self._store.fielddefs[type_name][1]
 
     def _find_problem(self, channel: RecordedChannel) -> str:

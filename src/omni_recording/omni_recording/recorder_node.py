@@ -101,7 +101,7 @@ class RecorderNode(Node):
             raise process.NodeError(str(error)) from error
 
     def judge(self) -> None:
-        """Fail if a topic has a second publisher, whose messages may not belong to this run."""
+        """Raise if a topic has a second publisher, whose messages may belong to another run."""
         if self._strict and self.failure is None:
             problem = self._recording.problem or self._guard.second()
             if problem is not None:

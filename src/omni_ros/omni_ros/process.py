@@ -47,7 +47,7 @@ class MatchTimeoutError(NodeError):
 
 
 class StopFlag:
-    """Becomes true when the process is asked to stop by SIGINT, SIGTERM or SIGHUP."""
+    """Flag that is set by SIGINT, SIGTERM or SIGHUP."""
 
     def __init__(self) -> None:
         self._requested = False

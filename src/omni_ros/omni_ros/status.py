@@ -84,7 +84,7 @@ class StatusReporter:
             self._publish(stamp_ns, status)
 
     def _log(self, status: Status) -> None:
-        """Log a warning while the status needs attention, and its end."""
+        """Log a warning when a fault begins, and a message when it ends."""
         if status.level > OK:
             self._node.get_logger().warning(status.message)
         elif self._logged > OK:

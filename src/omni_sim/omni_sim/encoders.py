@@ -26,7 +26,7 @@ class EncoderConfiguration(Configuration):
 
 
 class Encoders(NamedTuple):
-    """The encoders as the kernel reads them.
+    """Encoders in the layout of the kernel.
 
     Attributes:
         grain: angle of a count [rad], 0 for none.
@@ -40,7 +40,7 @@ class Encoders(NamedTuple):
 
 
 def build_encoders(configuration: EncoderConfiguration, wheels: int) -> Encoders:
-    """Lay out the encoders for the kernel, without any reading yet."""
+    """Return the encoders in the layout of the kernel, before their first reading."""
     resolution = configuration.resolution
     count = 2.0 * math.pi / resolution if resolution else 0.0
     return Encoders(count, configuration.noise, np.zeros(wheels))

@@ -97,7 +97,7 @@ class Faults(NamedTuple):
 
 
 def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
-    """Lay out faults for the kernel.
+    """Return faults in the layout of the kernel.
 
     Args:
         faults: faults by name.

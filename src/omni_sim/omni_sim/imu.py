@@ -83,7 +83,7 @@ class Imu(NamedTuple):
 
 
 def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
-    """Lay out the unit for the kernel, without any reading yet.
+    """Return the unit in the layout of the kernel, before its first reading.
 
     Args:
         configuration: mounting and errors.

@@ -69,7 +69,7 @@ def build_instruments(
     wheels: int,
     control_period: float,
 ) -> Instruments:
-    """Lay out the sensors of a vehicle with a number of wheels for the kernel."""
+    """Return the sensors of a vehicle with a number of wheels in the layout of the kernel."""
     return Instruments(
         build_imu(imu, control_period),
         build_encoders(encoders, wheels),

@@ -22,7 +22,7 @@ _SCRIPTED = "a scripted run goes from its start to its end; start the node anew,
 
 
 class RunControl:
-    """Stores requests until the loop processes them.
+    """Stores requests to pause, continue or step until the loop processes them.
 
     Args:
         node: that provides the services.

@@ -88,7 +88,7 @@ SENSOR_MEMORY = np.dtype(
 
 
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
-    """Lay out a configuration for the kernels."""
+    """Return a configuration in the layout of the kernels."""
     c = configuration
     return SensorConstants(
         round(c.sample_time * SECOND_NS),
@@ -101,7 +101,7 @@ def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConsta
 
 
 def sensor_memory() -> NDArray[np.void]:
-    """Return the memory of a sensor that has not sampled yet, shape (1,)."""
+    """Return the initial memory of a sensor, shape (1,)."""
     memory = np.zeros(1, SENSOR_MEMORY)
     memory["sample"] = -1
     return memory
@@ -125,7 +125,7 @@ def read(
     draw: FloatArray,
     reading: FloatArray,
 ) -> int:
-    """Sample if it is time, write what the sensor reads and return when it was taken [ns].
+    """Take a sample if one is due, write the current reading and return its time [ns].
 
     Args:
         sensor: constants.
@@ -176,7 +176,7 @@ class VelocitySensor:
     def __init__(
         self, configuration: VelocitySensorConfiguration, random: np.random.Generator
     ) -> None:
-        """Make a sensor that has not sampled yet.
+        """Create the sensor in its initial state.
 
         Args:
             configuration: sampling and errors.
@@ -188,7 +188,7 @@ class VelocitySensor:
         self._memory = sensor_memory()
 
     def measure(self, stamp_ns: int, twist: FloatArray) -> TwistSample:
-        """Return what the sensor reads, with the stamp of the sample.
+        """Return the current reading, with the time stamp of its sample.
 
         Samples are due at multiples of the sample time; one is taken at the first call at or
         after that time, so repeated calls with one stamp return the same reading. A sensor that

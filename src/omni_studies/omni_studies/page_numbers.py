@@ -164,7 +164,7 @@ def _cells(table: Path) -> Iterator[tuple[str, float]]:
 
 
 def outdated(place: Place, old: float | None, new: float | None) -> bool:
-    """Return whether a stored number is too far from what was measured."""
+    """Return whether a stored number differs from the measured one by more than the tolerance."""
     if old is None or new is None:
         return old is not new
     digits = re.search(r"\.(\d+)f", place.form)
@@ -173,7 +173,7 @@ def outdated(place: Place, old: float | None, new: float | None) -> bool:
 
 
 def main() -> int:
-    """Fill the pages, or check them."""
+    """Fill the pages, or check that they are up to date."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("files", nargs="*", help="summary.json files of commands")
     parser.add_argument("--check", action="store_true", help="change nothing, say what is outdated")

@@ -83,7 +83,7 @@ class CameraNode(Node):
         self._send(self._assembler.finish())
 
     def _read(self) -> None:
-        """Store frames with their arrival times; nothing else, so that none is missed."""
+        """Store frames with their arrival times, without other work, so that no frame is missed."""
         try:
             begin_ns = 0
             while not self._stop.is_set() and not self._source.ended:

@@ -38,7 +38,7 @@ class FrameClock:
 
     @property
     def rate(self) -> float:
-        """Frames per second as they arrive [1/s]."""
+        """Rate at which frames arrive [1/s]."""
         return 1e9 / self._period_ns
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:

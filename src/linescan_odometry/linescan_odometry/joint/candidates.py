@@ -271,7 +271,7 @@ def coherent(
 
 @kernel
 def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
-    """Return how far each candidate explains the lines, at the lag at which it does best [nats].
+    """Return how well each candidate explains the lines, at its best lag [nats].
 
     Args:
         products: see `correlate`.

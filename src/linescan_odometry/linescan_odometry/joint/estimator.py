@@ -46,7 +46,7 @@ _KNOWN = 1e12  # precision of a pattern that is taken as known
 
 
 class Estimate(NamedTuple):
-    """What a batch of lines shows.
+    """Estimate from a batch of lines.
 
     Attributes:
         value: mean displacement per line [px].
@@ -77,7 +77,7 @@ class _Choice(NamedTuple):
 
 
 class JointEstimator:
-    """Estimates displacements, and what is fixed in the view of the camera."""
+    """Estimates displacements and the fixed pattern of a camera."""
 
     def __init__(
         self,
@@ -177,7 +177,7 @@ class JointEstimator:
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _contradiction(self, products: Products, layout: Layout, value: float, c: float) -> str:
-        """Return why lines without what is fixed in them do not show a displacement, if so.
+        """Return why lines without the fixed pattern contradict a displacement; empty if not.
 
         Args:
             products: of the batch.
@@ -193,7 +193,7 @@ class JointEstimator:
         return "a fixed pattern prevails" if own < _RATIO * other - _NOISE else ""
 
     def _learn(self, information: Spectrum, precision: Doubles) -> None:
-        """Add what a batch shows of the pattern, while earlier batches fade."""
+        """Update the pattern by a batch; the weight of earlier batches decays."""
         kept = np.float32(1.0 - 1.0 / _MEMORY)
         before = self._pattern
         self._pattern = FixedPattern(

@@ -103,7 +103,7 @@ class _Model(NamedTuple):
 
 
 class _Cut(NamedTuple):
-    """Lines cut to what they show of the same ground, block by block.
+    """Lines cut to the ground that they have in common, block by block.
 
     Attributes:
         spectra: in the ground frame, shape (t, F).
@@ -181,7 +181,7 @@ def _projected(weight: Doubles, turn: Spectrum, white: Spectrum) -> Spectrum:
 
 @kernel
 def _marginalize(block: _Block, model: _Model, white: Spectrum, derivatives: Doubles) -> None:
-    """Marginalize what is fixed in the view out of the log-likelihood of one block.
+    """Marginalize the fixed pattern out of the log-likelihood of one block.
 
     A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
     frame. With ``c = 1 / V + u' T^-1 u``, the likelihood loses ``log c / 2``, and the lines their
@@ -272,7 +272,7 @@ def _derivatives(
 
 @kernel
 def _on_grid(precision: Precision, cut: _Cut, pixels: int, gray: float) -> Doubles:
-    """Return what is known of the pattern apart from one block, on the frequencies of the cut.
+    """Return the pattern as estimated without one block, on the frequencies of the cut.
 
     Args:
         precision: of the pattern; of this batch each block has an equal part.

@@ -28,7 +28,7 @@ LEAST_NOISE = 0.2  # of the power of a band: no single band outweighs all others
 
 
 class FixedPattern(NamedTuple):
-    """What is known of the fixed pattern of a camera, as the logarithm of its gains.
+    """Estimate of the fixed pattern of a camera, as the logarithm of its gains.
 
     Attributes:
         information: precision times mean of each frequency, shape (F,).
@@ -76,7 +76,7 @@ def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
 def observe(
     spectra: Spectrum, removed: Spectrum, paths: Doubles, size: int
 ) -> tuple[Spectrum, Doubles]:
-    """Return what a batch says of the pattern if its lines are at given displacements.
+    """Return the estimate of the pattern by one batch with given displacements of its lines.
 
     Args:
         spectra: of whole lines, shape (m, F).

@@ -35,7 +35,7 @@ class JointMethod:
         self._last = math.nan
 
     def reset(self) -> None:
-        """Forget the displacement before: the next lines do not follow it."""
+        """Discard the last displacement; the next line starts a new sequence."""
         self._last = math.nan
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:

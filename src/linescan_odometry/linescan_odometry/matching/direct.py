@@ -106,7 +106,7 @@ class DirectSearch:
         self._sums = np.empty((2, 0, pixels + 1), np.int64)
 
     def reset(self) -> None:
-        """Forget the last displacement: the next line does not follow the last one."""
+        """Discard the last displacement; the next line starts a new sequence."""
         self._before[:] = 0
 
     def match(

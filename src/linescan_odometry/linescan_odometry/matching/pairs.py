@@ -49,7 +49,7 @@ class PairMatcher:
         self._minimum_correlation = minimum_correlation
 
     def reset(self) -> None:
-        """Forget all lines so far: the next one does not follow them."""
+        """Discard all lines; the next line starts a new sequence."""
         self._search.reset()
 
     def match(self, lines: Lines) -> PairDisplacements:

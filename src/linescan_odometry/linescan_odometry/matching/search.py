@@ -36,7 +36,7 @@ class ShiftSearch(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget all lines so far: the next one does not follow them."""
+        """Discard all lines; the next line starts a new sequence."""
 
 
 METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {

@@ -111,7 +111,7 @@ class TwistSolver:
         return self._places
 
     def problem(self, measured: tuple[bool, ...]) -> str:
-        """Return why the used rows do not suffice; empty if they do.
+        """Return why the used rows do not determine the twist; empty if they do.
 
         Args:
             measured: which of the S sensors to use, and whether to use the axle, if there is one.

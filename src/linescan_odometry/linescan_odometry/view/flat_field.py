@@ -146,7 +146,7 @@ class FlatField:
 
     @property
     def learning(self) -> bool:
-        """Whether the fixed pattern is to be corrected but is not estimated yet."""
+        """Whether a correction of the fixed pattern is configured but not yet available."""
         return self.active and not self.settled
 
     @property

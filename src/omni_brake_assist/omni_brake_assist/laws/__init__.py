@@ -1,1 +1,1 @@
-"""Control laws: which brakes help, given a twist that can be trusted. One module each."""
+"""Control laws, which compute brake enables from a valid twist; one module each."""

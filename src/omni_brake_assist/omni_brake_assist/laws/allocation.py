@@ -31,7 +31,7 @@ _PERIOD = 0.01  # of control, at the first step [s]
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
-    """Lay out a configuration for the kernel."""
+    """Return a configuration in the layout of the kernel."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake, parameters = configuration.brake, configuration.allocation
     rolling = np.sum(geometry.active * geometry.rolling, axis=1)
@@ -61,7 +61,7 @@ def make_constants(
 
 
 def new_memory(wheels: int) -> Memory:
-    """Return the memory of a law that has not taken a step yet."""
+    """Return the initial memory of the law."""
     return Memory(np.zeros(1, BODY), np.zeros(wheels, WHEEL), np.zeros((QUEUE, wheels)))
 
 

@@ -31,7 +31,7 @@ _SLACK = 1e-6  # weight of the squared slacks, so that the Hessian is positive d
 
 
 class Task(NamedTuple):
-    """The rows of the QP, and the bounds of what they sum to as shares of all capacities.
+    """Rows of the QP and the bounds of their sums, as shares of the sum of all capacities.
 
     Attributes:
         rows: deceleration, yaw and side force per friction force [1/N], shape (3, N).

@@ -1,4 +1,4 @@
-"""The laws that come with the assistant, behind one compiled door."""
+"""The built-in laws, called through one compiled function."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class LawConstants(NamedTuple):
 
 
 class LawMemory(NamedTuple):
-    """What the laws remember from step to step; each starts anew with `Motion.first`.
+    """State of the laws between steps; each law resets its own part with `Motion.first`.
 
     Attributes:
         allocation: of that law.
@@ -40,14 +40,14 @@ class LawMemory(NamedTuple):
 
 
 def law_memory(wheels: int) -> LawMemory:
-    """Return the memory of laws that have not been asked anything, of N wheels."""
+    """Return the initial memory of all laws for N wheels."""
     return LawMemory(allocation.new_memory(wheels))
 
 
 def law_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> LawConstants:
-    """Lay out the constants of the laws for the kernel."""
+    """Return the constants of the laws in the layout of the kernel."""
     law = sliding_mode.SlidingMode(configuration, geometry)
     kind = ALLOCATION if configuration.law == "allocation" else SLIDING_MODE
     return LawConstants(
@@ -59,7 +59,7 @@ def law_constants(
 def step(
     laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Ask the chosen law unless no time has passed; arguments as `Law.step`."""
+    """Call the chosen law unless no time has passed; arguments as `Law.step`."""
     if not is_new(motion):
         return HELD
     if laws.kind == ALLOCATION:

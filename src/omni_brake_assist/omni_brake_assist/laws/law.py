@@ -1,4 +1,4 @@
-"""What every control law is given and what it answers.
+"""Interface of a control law: its input `Motion` and its output, the brake enables.
 
 A law is asked once for every new time with the pedal down and a twist that can be trusted; what
 arrives for a time that it has answered changes inputs only, and its answer holds. It says for each
@@ -23,7 +23,7 @@ ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 
 class Motion(NamedTuple):
-    """What a law knows at a control step.
+    """Input of a law at a control step.
 
     Attributes:
         first: whether it is the first step of a braking, or of a new line of motion.
@@ -75,7 +75,7 @@ _reported: set[type] = set()  # laws whose first fault has been shown
 
 
 def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tuple[int, str]:
-    """Return the answer of a law from outside, and what went wrong if it failed.
+    """Call a user's law; return its enables, or the error if it failed.
 
     The first fault of a law is printed to standard error, with the lines of the law's own file.
     """

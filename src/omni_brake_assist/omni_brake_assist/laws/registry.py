@@ -1,4 +1,4 @@
-"""Laws by name: the built-in ones and those of a module that a configuration names."""
+"""Laws by name: the built-in laws, and classes given as ``module:Class``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from omni_platform.plugins import load_class, make_part
 
 
 def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:
-    """Make the law that a configuration names, None if it is one of the built-in ones.
+    """Create the user's law that a configuration names; None for a built-in law.
 
     Args:
         configuration: of the assistant.

@@ -34,7 +34,7 @@ def control_slip(
     dt: float,
     enable: FloatArray,
 ) -> None:
-    """Write the enables of all brakes that are not locked wheels'."""
+    """Write the enables of all wheels that are not locked."""
     body, brake, n = memory.body[0], law.brake, enable.size
     most = brake.max_torque * motion.pedal
     delay = body.dead_time / dt

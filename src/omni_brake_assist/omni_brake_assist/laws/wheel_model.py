@@ -1,4 +1,4 @@
-"""What a wheel does under a brake torque, as far as the assistant can know: brake lag and slip.
+"""The assistant's model of a braked wheel: brake lag and slip.
 
 The nominal brake follows what is asked of it after a dead time and with a first-order lag. The
 wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
@@ -21,7 +21,7 @@ QUEUE = 128
 
 
 class NominalBrake(NamedTuple):
-    """What is assumed of the brakes.
+    """Assumed properties of the brakes.
 
     Attributes:
         max_torque: with the pedal fully down [N m].
@@ -37,7 +37,7 @@ class NominalBrake(NamedTuple):
 
 
 class BrakedWheel(NamedTuple):
-    """What is assumed of a wheel.
+    """Assumed properties of a wheel.
 
     Attributes:
         capacity: largest force [N].
@@ -56,7 +56,7 @@ class BrakedWheel(NamedTuple):
 
 @lean
 def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
-    """Return the torque that was asked of brake `i` a number of steps ago [N m].
+    """Return the torque that was demanded of brake `i` a number of steps ago [N m].
 
     Args:
         sent: torques by step, a ring, shape (QUEUE, N).

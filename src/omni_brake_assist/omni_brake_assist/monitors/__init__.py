@@ -1,1 +1,1 @@
-"""Monitors that ask for all brakes, or keep a law from going by what cannot be. One module each."""
+"""Monitors that apply all brakes, or withhold impossible inputs from a law; one module each."""

@@ -67,7 +67,7 @@ class BrakedWheels(NamedTuple):
 def brake_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BrakeConstants:
-    """Lay out the constants for the kernel."""
+    """Return the constants in the layout of the kernel."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
     return BrakeConstants(

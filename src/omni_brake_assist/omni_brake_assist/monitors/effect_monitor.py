@@ -118,7 +118,7 @@ class EffectStep(NamedTuple):
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
-    """Lay out the constants of wheels for the kernel."""
+    """Return the constants of wheels in the layout of the kernel."""
     return EffectConstants(
         roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
         share=0.25,
@@ -138,7 +138,7 @@ def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
 
 
 def effect_memory() -> NDArray[np.void]:
-    """Return a ledger in which nothing is booked, shape (1,)."""
+    """Return the initial memory, shape (1,)."""
     return np.zeros(1, _LEDGER)
 
 

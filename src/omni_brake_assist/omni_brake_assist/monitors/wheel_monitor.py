@@ -56,7 +56,7 @@ def watch_wheels(
     twist: tuple[float, float, float],
     law_speeds: FloatArray,
 ) -> bool:
-    """Look at the wheels after a step of braking.
+    """Check the wheel speeds after a step of braking.
 
     Args:
         constants: of the vehicle.

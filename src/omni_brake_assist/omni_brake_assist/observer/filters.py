@@ -157,7 +157,7 @@ def carry_on(
     dt: float,
     inertial: FloatArray,
 ) -> None:
-    """Predict all filters, correct them by the gyro, and remember the states of now."""
+    """Predict all filters, correct them by the gyro, and store the current states."""
     rate, f_x, f_y = inertial[0], inertial[1], inertial[2]
     # What no vehicle does is no reading.
     gyro = abs(rate) < FASTEST_TURN
@@ -201,7 +201,7 @@ def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y:
 
 @lean
 def remember(memory: ObserverMemory) -> None:
-    """Write the states of now into the newest row of the past."""
+    """Store the current states in the newest row of the history."""
     row = memory.newest[0]
     for k in range(FILTERS + 1):
         copy(memory.state[k], memory.past[row, k])

@@ -46,7 +46,7 @@ def observe(
     sensed: Sensed,
     answer: FloatArray,
 ) -> int:
-    """Advance the observer by a step, as `observe_at`, and predict its answer to now."""
+    """Advance the observer by a step, as `observe_at`, and predict its estimate to the present."""
     late_ns = now_ns - int(constants.delay)
     if late_ns == now_ns:
         return int(observe_at(constants, memory, now_ns, brakes, passed, sensed, answer))
@@ -128,7 +128,7 @@ def _carry_answer(
     late_ns: int,
     answer: FloatArray,
 ) -> None:
-    """Predict an answer to now by gyro and accelerometer, unless isolated."""
+    """Predict an estimate to the present by gyro and accelerometer, unless isolated."""
     state, isolation = memory.state[chosen], memory.isolation[0]
     u_x, u_y, rate = state[U_X], state[U_Y], state[RATE]
     gyro, force = chosen != NO_GYRO, chosen != NO_FORCE or isolation.out != NO_FORCE

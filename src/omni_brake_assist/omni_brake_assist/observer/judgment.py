@@ -43,7 +43,7 @@ _FORGIVEN = 0.25  # of a dispute for every second without [1]
 def differences(
     constants: ObserverConstants, memory: ObserverMemory, place_ns: int
 ) -> tuple[float, float]:
-    """Return the disagreements on velocity and yaw rate in units of what is no dispute.
+    """Return the differences of velocity and yaw rate between sources, divided by their limits.
 
     Of the time of the newest twist: what has changed since, a filter cannot know that has only
     the twist for it.

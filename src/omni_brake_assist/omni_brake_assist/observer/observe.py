@@ -1,4 +1,4 @@
-"""A step of the observer: predict, update by all sources, isolate, estimate the twist of now."""
+"""A step of the observer: predict, update by all sources, isolate, estimate the current twist."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _carry_ahead(
     twist: FloatArray,
     ahead: FloatArray,
 ) -> None:
-    """Predict a twist to now by the change of the filter of all sources since its stamp."""
+    """Predict a twist to the present by the change of the filter of all sources since its stamp."""
     then, state = memory.workspace.then, memory.state[ALL]
     of_then(memory, ALL, stamp_ns, then)
     turned = state[RATE] - then[RATE]

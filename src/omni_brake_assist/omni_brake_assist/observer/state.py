@@ -306,7 +306,7 @@ class ObserverMemory(NamedTuple):
 def observer_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> ObserverConstants:
-    """Lay out the constants for the kernel.
+    """Return the constants in the layout of the kernel.
 
     Args:
         configuration: of the assistant.
@@ -395,7 +395,7 @@ def copy(values: FloatArray, target: FloatArray) -> None:
 def begin(
     constants: ObserverConstants, memory: ObserverMemory, now_ns: int, twist: FloatArray
 ) -> None:
-    """Start all filters at a twist of which little is known."""
+    """Initialize all filters at a twist with large variances."""
     memory.released[:] = 0.0
     memory.rim[:] = math.nan
     memory.gain[:] = 0.0

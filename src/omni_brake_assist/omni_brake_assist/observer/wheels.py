@@ -43,7 +43,7 @@ _SLIP, _SLIP_GROWTH, _SLIP_SHARED = 0.01, 0.002, 40.0
 
 
 class _RollingWheel(NamedTuple):
-    """What a rolling wheel measures: ``h . x`` is `rim` [m/s], with a variance."""
+    """Measurement by a rolling wheel: ``h . x`` is `rim` [m/s], with a variance."""
 
     h: FloatArray
     rim: float
@@ -121,7 +121,7 @@ def update_by_wheels(
 
 @lean
 def _gain_of(memory: ObserverMemory, i: int, h: FloatArray, gained: float, dt: float) -> float:
-    """Return by how much a rim has lately become faster than the turning vehicle explains.
+    """Return the recent increase of a rim's speed beyond that of the vehicle's motion.
 
     Braking takes speed from a wheel that rolls. On ice one spins up so slowly that no single step
     shows it.
@@ -145,7 +145,7 @@ def _notice_slides(
     sensed: Sensed,
     twist: PassedTwist,
 ) -> None:
-    """Add up by how much driven rims become faster than turning and specific force explain.
+    """Accumulate how much faster driven rims become than rotation and specific force explain.
 
     Where tires cannot hold a turn or bear a push, rims keep what the drive wants and the vehicle
     does not. It turns as rims and gyro say, for who else is right is not known. A wheel is rejected
@@ -183,7 +183,7 @@ def _notice_slides(
 
 @lean
 def driven_slip(memory: ObserverMemory, inertial: FloatArray) -> float:
-    """Return by which share driven wheels may slip in a turn, pedal up [1].
+    """Return the possible slip of driven wheels in a turn while the pedal is up [1].
 
     The harder they push, the more; specific force and turning must both say that they do.
     """
@@ -204,7 +204,7 @@ def _compare_twist(
     wheel: _RollingWheel,
     passed: PassedTwist,
 ) -> None:
-    """Compare the twist with a rolling wheel; learn what wheel radii are off by, pedal up."""
+    """Compare the twist with a rolling wheel; estimate the radius error while the pedal is up."""
     h, rim, spread = wheel
     twist, variance = passed.value, passed.variance
     # The twist of base_link at the wheel.

@@ -40,7 +40,7 @@ class Options(Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Calibrate the cameras, write them and draw the residuals."""
+    """Calibrate the cameras, write the calibration and draw the residuals."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import replay_configuration
     from omni_bringup.replay.reference import read_reference

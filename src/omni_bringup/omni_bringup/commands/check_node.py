@@ -1,4 +1,4 @@
-"""``./omni check-node``: check whether a node of anybody's keeps the contract of its topics.
+"""``./omni check-node``: check whether a user's node keeps the contract of its topics.
 
 An odometry or a brake assistant is fed a recording in real time: as it is, with a gap in one input,
 with values that cannot be used, and ended while it brakes. A simulator is listened to while its
@@ -46,7 +46,7 @@ class Options(Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Feed the node, or listen to it, and report what breaks the contract."""
+    """Send inputs to the node, or record its outputs, and report breaches of its contract."""
     from omni_bringup.node_check.exchange_node import Partner
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle

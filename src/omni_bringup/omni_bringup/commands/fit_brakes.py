@@ -45,7 +45,7 @@ class Options(Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Fit the brakes, write and draw them."""
+    """Fit the brakes, write their parameters and draw the fit."""
     from omni_figures.style import save_figure
     from omni_tools.brakes.data import read_brake_data
     from omni_tools.brakes.figure import brake_figure

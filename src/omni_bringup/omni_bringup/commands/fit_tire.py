@@ -38,7 +38,7 @@ class Options(configuration.Configuration):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Fit the tire, write and draw it."""
+    """Fit the tire, write its parameters and draw the fit."""
     from omni_figures.style import save_figure
     from omni_sim.tire.models import MODELS
     from omni_tools.tires.data import TireDataError, read_tire_data

@@ -31,7 +31,7 @@ class Options(AreaOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Brake, write the areas and check them."""
+    """Simulate the stops, write the areas and check them."""
     from omni_figures.style import save_figure
     from omni_loop.metrics import results_entry
     from omni_tools.campaign.runner import run_campaign

@@ -131,7 +131,7 @@ def _one_of(choices: Sequence[str], text: str) -> str:
 
 
 def _asked(flag: str, given: Any, words: str, kind: Callable[[str], Any], usual: Any = None) -> Any:
-    """Return a value given as an option or on a terminal, or the usual one.
+    """Return a value given as an option or on a terminal, or the default.
 
     Args:
         flag: the option.

@@ -182,7 +182,7 @@ class DriverNode(Node):
         self.state["pedal"] = pedal
 
     def _note_start(self) -> None:
-        """Store pose and speed at the stamp at which the pedal went down, once they are known."""
+        """Store pose and speed at the stamp at which the pedal went down."""
         for stamp_ns, pose, twist in self._poses:
             if stamp_ns == self._pedal_down_ns:
                 start = {"time": stamp_ns / 1e9, "pose": pose, "speed": math.hypot(*twist[:2])}
@@ -214,7 +214,7 @@ class DriverNode(Node):
 
 
 def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
-    """Return what the page needs to draw the vehicle."""
+    """Return the data with which the page draws the vehicle."""
     return {
         "length": configuration.chassis_length,
         "width": configuration.chassis_width,

@@ -178,7 +178,7 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
 
 
 def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
-    """Write the parameter files of the nodes and a URDF of the vehicle; return what was written.
+    """Write the parameter files of the nodes and a URDF of the vehicle; return their paths.
 
     The files are valid for a node of any name and namespace.
 

@@ -139,18 +139,18 @@ class RunningProcess:
             self.process.send_signal(number)
 
     def ask_to_stop(self) -> None:
-        """Ask the process to end; asked again, a node no longer waits for its readers."""
+        """Request the end of the process; after a second request a node waits for no reader."""
         self._note_halts()  # which going on takes along
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # one that is halted could not answer
 
     def stop(self) -> int:
-        """Ask the process to end and return its exit code, as `wait_or_kill`."""
+        """Request the end of the process and return its exit code, as `wait_or_kill`."""
         self.ask_to_stop()
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Return the exit code of a process that was asked to end; kill it after a timeout."""
+        """Return the exit code of a process after a stop request; kill it after a timeout."""
         deadline = time.monotonic() + _STOP_TIMEOUT
         while not self.was_halted and time.monotonic() < deadline:
             with contextlib.suppress(subprocess.TimeoutExpired):

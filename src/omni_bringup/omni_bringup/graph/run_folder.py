@@ -50,7 +50,7 @@ def check_unused(folder: Path, option: str = "--out") -> None:
 
 
 def time_in_name() -> str:
-    """Return the date and time of now, for the name of a folder."""
+    """Return the current date and time, for the name of a folder."""
     return datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
 
 

@@ -1,1 +1,1 @@
-"""Whether a node of anybody's keeps the contract of its topics."""
+"""Check whether a user's node keeps the contract of its topics."""

@@ -40,7 +40,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield what is wrong with publishers, rate, age and stamps."""
+    """Yield breaches of publishers, rate, age and stamps."""
     if len(exchange.publishers) != 1:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
@@ -68,7 +68,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
 
 
 def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong with the enables of a brake assistant for some wheels."""
+    """Yield breaches in the enables of a brake assistant for some wheels."""
     for one in exchange.answers:
         if sorted(one.message.name) != sorted(wheels):
             yield f"brake/enable names {', '.join(one.message.name)}; must be {', '.join(wheels)}"
@@ -92,7 +92,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
 
 
 def twist_breaches(exchange: Exchange) -> Iterator[str]:
-    """Yield what is wrong with the twists of an odometry."""
+    """Yield breaches in the twists of an odometry."""
     for one in exchange.answers:
         problem = _twist_problem(one.message)
         if problem:
@@ -109,7 +109,7 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
 def simulator_breaches(
     seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield what is wrong with the messages of a simulator, by `exchange_node.watch`."""
+    """Yield breaches in the messages of a simulator, as recorded by `exchange_node.watch`."""
     for key in ("wheel_states", "pedal", "twist"):
         messages = [message for _, message in seen[key]]
         if len(messages) < 2:
@@ -153,7 +153,7 @@ def _is_measured(one: Answer) -> bool:
 
 
 def _twist_problem(message: Any) -> str:
-    """Return what is wrong with a twist, or nothing."""
+    """Return the breach in a twist, None if there is none."""
     twist, covariance = planar_twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"

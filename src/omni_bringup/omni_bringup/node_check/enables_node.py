@@ -1,4 +1,4 @@
-"""Answer a simulator with enables, good and bad, and look at what its brakes do."""
+"""Send valid and invalid enables to a simulator, and check the torques of its brakes."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ _FIRST_WHEEL = (1.0, 0.0, math.nan)
 
 
 class Enables:
-    """The enables that answer a simulator: all brakes, one released, one no number, all brakes."""
+    """Enables sent to a simulator: all brakes, one released, one not a number, all brakes."""
 
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
         self._wheels = wheels
@@ -29,7 +29,7 @@ class Enables:
         node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
     def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
-        """Return what the simulator publishes within a time [s]: message and steady time [s]."""
+        """Return the messages of the simulator within a time [s], each with its steady time [s]."""
         seen = watch(
             partner,
             {
@@ -47,7 +47,7 @@ class Enables:
         return seen
 
     def breaches(self, seen: dict[str, list[tuple[float, Any]]]) -> Iterator[str]:
-        """Yield what is wrong with the torques of the brakes on `wheel_states`."""
+        """Yield breaches in the brake torques on `wheel_states`."""
         if self._braking_ns is None:
             yield "brake/pedal stayed 0: press it meanwhile, so that the enables can be checked"
             return

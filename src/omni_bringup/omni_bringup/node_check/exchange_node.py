@@ -1,4 +1,4 @@
-"""Feed a recording to a node, with faults, and keep what it answers.
+"""Send a recording with faults to a node, and record its answers.
 
 The recording is published in real time, once for each phase: as it is, with a gap in one input,
 with unusable values in it, and ended in the middle. Stamps go on from phase to phase.
@@ -58,7 +58,7 @@ class Answer:
 
 @dataclass
 class Exchange:
-    """What was sent to a node and what it answered.
+    """Messages sent to a node, and its answers.
 
     Attributes:
         sent: stamps of the inputs that are answered, by phase [ns].
@@ -74,7 +74,7 @@ class Exchange:
 
 
 class Partner:
-    """A node in this process among foreign ones."""
+    """Node of the checker in the ROS domain of the checked nodes."""
 
     def __init__(self, domain: int) -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

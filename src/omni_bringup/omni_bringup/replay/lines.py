@@ -1,4 +1,4 @@
-"""Writes lines of cameras into recordings, and reads them."""
+"""Writes camera lines into recordings, and reads them."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -70,7 +70,7 @@ class DemandInbox:
 
 
 class ManualDriver:
-    """Starts at rest where the maneuver starts, and follows `steer`.
+    """Driver that starts at rest at the pose of the maneuver and follows `steer`.
 
     Args:
         configuration: limits of the driver.

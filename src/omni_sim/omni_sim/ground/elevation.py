@@ -109,7 +109,7 @@ class ElevationConfiguration(Configuration):
         return Terrain(self.table(), self.sampling_distance)
 
     def table(self) -> FloatArray:
-        """Return the parts as the kernels read them.
+        """Return the parts in the layout of the kernels.
 
         Returns:
             Rows ``(kind, a, b, c, d)`` of slope (grade along x, along y [1], 0, 0), wave

@@ -74,7 +74,7 @@ class TextureCache:
         return texture
 
     def path(self, configuration: TextureConfiguration) -> Path:
-        """Return where a texture is kept."""
+        """Return the path of a texture's file."""
         identity = json.dumps([GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
         return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.texture"

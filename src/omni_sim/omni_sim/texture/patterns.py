@@ -17,7 +17,7 @@ from omni_platform.quantities import Float32Array
 
 
 class _Mosaic(NamedTuple):
-    """Cells as the kernel draws them; see `Cells`."""
+    """Cells in the layout of the kernel; see `Cells`."""
 
     points: Float32Array
     gray: Float32Array

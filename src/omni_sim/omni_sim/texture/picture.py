@@ -125,7 +125,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
 
 
 def _blend(gray: NDArray[np.uint8], period: int) -> None:
-    """Blend the beginning of the first `period` columns from what follows their end."""
+    """Blend the first columns with those beyond column `period`, so that the texture repeats."""
     overlap = gray.shape[1] - period
     share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
     after = gray[:, period:].astype(np.float32)

@@ -22,7 +22,7 @@ def build_plant(
     friction: FrictionMap,
     physics_step: float,
 ) -> state.Plant:
-    """Lay out the constants of a vehicle for the kernel.
+    """Return the constants of a vehicle in the layout of the kernel.
 
     Args:
         configuration: configuration of the vehicle.

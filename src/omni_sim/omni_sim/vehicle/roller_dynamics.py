@@ -130,7 +130,7 @@ def _step_contact(
 
 @lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Relax all rollers of a wheel but those on the ground; they spin on."""
+    """Relax the deflection of all rollers that are not on the ground; their spin stays."""
     for k in range(rollers.shape[0]):
         roller = rollers[k]
         if k not in (first, second) and roller.load != 0.0:

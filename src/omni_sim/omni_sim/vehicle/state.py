@@ -315,7 +315,7 @@ class Log(NamedTuple):
 
     @classmethod
     def of(cls, n_steps: int, n_wheels: int, *, traced: bool, logged: bool) -> Log:
-        """Return an empty log of some steps: of the trajectory if traced, of all else if logged."""
+        """Return an empty log for a number of steps, with the columns that are to be recorded."""
         rows = n_steps if logged else 0
         return cls(
             n_steps,

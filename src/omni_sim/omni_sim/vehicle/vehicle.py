@@ -320,7 +320,7 @@ class Vehicle:
 
     @property
     def ride(self) -> quantities.FloatArray:
-        """How the sprung chassis stands over the path plane, beside how it does at rest.
+        """Heave, pitch and roll of the sprung chassis relative to its position at rest.
 
         Returns:
             Heave of the center of gravity [m], gradients forward and to the left [1] and the rates

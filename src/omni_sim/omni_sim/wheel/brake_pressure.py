@@ -106,7 +106,7 @@ def passed(pressure: BrakePressure, share: float) -> float:
 
 @lean_inline
 def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
-    """Set the valves.
+    """Set the commanded valve positions.
 
     Args:
         pressure: changed in place.

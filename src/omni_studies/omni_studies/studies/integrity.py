@@ -181,7 +181,7 @@ class _Drives:
         return Drive(number, name, counts)
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
-        """Return the faults for a ground, all of them if they were chosen as options."""
+        """Return the faults to inject on a ground: those of the options, else its default ones."""
         if self.chosen:
             return self.faults
         if ground in _ORIENTED:

@@ -339,7 +339,7 @@ class ResultTable(Generic[Row]):
         self._stream.flush()
 
     def save(self) -> None:
-        """Write the table anew, in the order of the seeds."""
+        """Rewrite the table in the order of the seeds."""
         temporary = self._path.with_suffix(".tmp")
         lines = (_line(self.results[seed]) for seed in sorted(self.results))
         temporary.write_text(self._head + "".join(lines), encoding="utf-8")

@@ -127,7 +127,7 @@ def any_heading_bound(
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return why there are no bounds, else an empty text."""
+    """Return why no bound can be computed; empty if one can."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""

@@ -1,4 +1,4 @@
-"""Comparison of placements of line cameras under a vehicle: best, given and common ones."""
+"""Compares the best, the given and common placements of line cameras under a vehicle."""
 
 import dataclasses
 import math

@@ -57,12 +57,12 @@ class JudgedPlacement:
 
     @property
     def worst_without(self) -> float:
-        """E after the worst failure of a camera [m/s]; infinite for three cameras."""
+        """Velocity error E after the worst failure of a camera [m/s]; infinite for three."""
         return float(np.max(self.without))
 
     @property
     def missed_most(self) -> str:
-        """The camera whose failure is the worst."""
+        """Camera whose failure increases the error most."""
         return tuple(self.sensors)[int(np.argmax(self.without))]
 
 

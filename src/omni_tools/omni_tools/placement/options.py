@@ -1,4 +1,4 @@
-"""Options of a placement of line cameras, as a command line gives them."""
+"""Command-line options of a placement of line cameras."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Forces of the wheels on the vehicle, as the recorded markers show them."""
+"""Forces of the wheels on the vehicle, from the recorded markers."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _METERS_PER_NEWTON = 1e-4  # of the simulator's arrows
 
 @dataclasses.dataclass(frozen=True)
 class WheelForces:
-    """Forces of the wheels on the vehicle, M of them in a run; fewer than control stamps.
+    """Forces of the wheels on the vehicle at M stamps of a run.
 
     Attributes:
         stamp_ns: [ns], increasing, shape (M,).

@@ -1,4 +1,4 @@
-"""Options of stopping areas, as a command line gives them."""
+"""Command-line options of stopping areas."""
 
 from dataclasses import dataclass
 

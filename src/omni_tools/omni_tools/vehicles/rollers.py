@@ -52,7 +52,7 @@ class Rollers:
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return what is wrong with the signs of the roller angles, a sentence each."""
+    """Return one sentence for each implausible sign of a roller angle."""
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
     if suspects:

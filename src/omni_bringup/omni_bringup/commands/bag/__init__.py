@@ -25,6 +25,6 @@ def out_option(ending: str) -> Any:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the folder next to a recording for the files made from it."""
+    """Return the folder next to a recording for files that are derived from it."""
     path = path.absolute()
     return path.with_name(f"{path.stem if path.is_file() else path.name}_{ending}")

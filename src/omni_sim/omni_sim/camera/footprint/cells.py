@@ -50,7 +50,7 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
-    """Compensate the averaging of texels that are means of finer ones.
+    """Compensate that each texel is a mean over its area.
 
     The integral along the line, interpolated linearly between the edges of texels, is smoothed
     where gray changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4

@@ -47,7 +47,7 @@ _MARGIN = 8  # columns and rows beyond the footprint
 
 
 class _Ground(NamedTuple):
-    """Texels as the kernel reads them; see `PaddedTexture`."""
+    """Texels in the layout of the kernel; see `PaddedTexture`."""
 
     rows: Int8Array
     columns: Int8Array
