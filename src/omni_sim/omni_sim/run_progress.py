@@ -38,7 +38,7 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return a configuration in the layout of the kernel; `earliest` is that of its maneuver [s]."""
+    """Return a configuration in the layout of the kernel; `earliest` is of the maneuver [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
