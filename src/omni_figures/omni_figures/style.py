@@ -6,11 +6,12 @@ Figures are made with matplotlib's objects, never with pyplot. Importing this mo
 """
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_loop.history import RunHistory
@@ -42,32 +43,45 @@ def panels(
     columns: int = 1,
     *,
     size: tuple[float, float],
-    x: str = "",
-    y: str = "",
+    x: str | Sequence[str] = "",
+    y: str | Sequence[str] = "",
     **kwargs: Any,
 ) -> tuple[Figure, Any]:
     """Return a figure with a grid of axes, labeled along its lower and left edge.
 
     Args:
-        title: title of the figure.
+        title: title of the figure, may be empty.
         rows: number of rows of axes.
         columns: number of columns of axes.
         size: width and height [in].
-        x: label of all x axes.
-        y: label of all y axes.
-        **kwargs: kwargs of `Figure.subplots`, as ``sharex=True``.
+        x: label of all x axes, or one for each column.
+        y: label of all y axes, or one for each row.
+        **kwargs: of `Figure.subplots`, as ``sharex=True``.
 
     Returns:
         The figure and its axes, shape (rows, columns).
     """
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, **kwargs)
-    draw_title(figure, title)
-    for axes in grid[-1]:
-        axes.set_xlabel(x)
-    for axes in grid[:, 0]:
-        axes.set_ylabel(y)
+    if title:
+        draw_title(figure, title)
+    for axes, words in zip(grid[-1], [x] * columns if isinstance(x, str) else x, strict=True):
+        axes.set_xlabel(words)
+    for axes, words in zip(grid[:, 0], [y] * rows if isinstance(y, str) else y, strict=True):
+        axes.set_ylabel(words)
     return figure, grid
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
+    """Explain the labeled elements of some axes below a figure."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+
+
+def note(
+    axes: Axes, words: str, place: tuple[float, float], offset: tuple[float, float], **look: Any
+) -> None:
+    """Write words at an offset [points] from a place in the units of the axes."""
+    axes.annotate(words, place, offset, textcoords="offset points", **look)
 
 
 def draw_title(figure: Figure, title: str) -> None:

@@ -30,23 +30,16 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
     for run in runs:
         rest = "".join(f", {name.rpartition('.')[2]} {run.values[name]}" for name in others)
         lines.setdefault(run.variant + rest, []).append(run)
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    style.draw_title(figure, title)
-    grid = figure.subplots(2, 2, sharex=True)
+    figure, grid = style.panels(title, 2, 2, size=(10.0, 7.0), x=key, sharex=True)
     for axes, quantity in zip(grid.flat, SHOWN, strict=True):
         unit, _ = in_small_units([run.metrics[quantity] for run in runs])
         factor = 1.0 if unit == runs[0].metrics[quantity].unit else 1000.0
         _draw(axes, quantity, lines, key, place, factor)
-        label = f"{metric_label(quantity)} [{unit}]"
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"{metric_label(quantity)} [{unit}]")
         axes.set_ylim(bottom=0.0)
         if words:
             axes.set_xticks(range(len(texts)), texts)
-    for axes in grid[1]:
-        axes.set_xlabel(key)
-    handles, labels = grid.flat[0].get_legend_handles_labels()
-    columns = min(len(labels), 3)
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    style.legend_below(figure, grid[0, 0], min(len(lines), 3))
     return figure
 
 

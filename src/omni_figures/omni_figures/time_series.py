@@ -129,15 +129,9 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
         share = np.where(pressed, np.nan_to_num(history.enable[:, column], nan=1.0), 0.0)
         share = np.append(share, share[-1])
         drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # to the end of a period
-        axes.fill_between(
-            edges,
-            row + 0.35,
-            row + 0.35 - 0.7 * share,
-            where=drawn,
-            step="post",
-            color=style.wheel_color(row),
-            linewidth=0.0,
-        )
+        top = row + 0.35 - 0.7 * share
+        look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 0.0}
+        axes.fill_between(edges, row + 0.35, top, where=drawn, step="post", **look)
 
 
 def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
@@ -181,15 +175,10 @@ def _set_scales(
             finer = max(high - low for low, high in row) / (row[place][1] - row[place][0])
             if finer > 1.0:
                 axes.set_facecolor(_OWN_SCALE)
-                axes.text(
-                    0.98,
-                    0.97,
-                    rf"own scale, {finer:.0f}$\times$ finer",
-                    transform=axes.transAxes,
-                    ha="right",
-                    va="top",
-                    path_effects=[Stroke(linewidth=3, foreground=_OWN_SCALE), Normal()],
-                )
+                words = rf"own scale, {finer:.0f}$\times$ finer"
+                halo = [Stroke(linewidth=3, foreground=_OWN_SCALE), Normal()]
+                look: dict[str, Any] = {"transform": axes.transAxes, "path_effects": halo}
+                axes.text(0.98, 0.97, words, ha="right", va="top", **look)
 
 
 def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Limits:
@@ -228,13 +217,7 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
         [Patch(facecolor=style.GRAY, label="brake on")],
     )
     for axes, handles in zip(panels, rows, strict=True):
-        axes.legend(
-            handles=handles,
-            loc="upper left",
-            bbox_to_anchor=(1.0, 1.0),
-            borderaxespad=0.3,
-            handlelength=2.0,
-        )
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.3)
 
 
 def _wheel_line(row: int) -> dict[str, Any]:

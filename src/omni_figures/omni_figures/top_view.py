@@ -7,6 +7,7 @@ the start of braking; `snapshots` selects the moments.
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -69,10 +70,8 @@ def top_view(
     handles = top_view_drawing.legend_handles(scene, fastest, style.time_label(histories.values()))
     figure, panels = _lay_out(view, len(histories), len(handles), title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
-        axes.set_title(
-            _panel_title(name, history, criterion, "\n" if view.side_by_side else ", "),
-            loc="left",
-        )
+        joint = "\n" if view.side_by_side else ", "
+        axes.set_title(_panel_title(name, history, criterion, joint))
         top_view_drawing.draw_ground(axes, scene)
         top_view_drawing.draw_paths(axes, history)
         chosen = snapshots[name].indices
@@ -82,11 +81,8 @@ def top_view(
             )
         covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
         _label_snapshots(axes, covered, snapshots[name].labels, view)
-    figure.legend(
-        handles=handles,
-        loc="lower center",
-        ncol=min(_LEGEND_COLUMNS, len(handles)),
-    )
+    columns = min(_LEGEND_COLUMNS, len(handles))
+    figure.legend(handles=handles, loc="lower center", ncols=columns)
     return figure
 
 
@@ -184,16 +180,10 @@ def _label_snapshots(
             crowded = any(overlap(corners, outline) for outline in outlines)
             if on_page and not crowded and not box.count_overlaps(taken):
                 taken.append(box)
-                axes.text(
-                    float(center[0]),
-                    float(center[1]),
-                    label,
-                    fontsize=_LABEL_POINTS,
-                    ha="center",
-                    va="center",
-                    zorder=20,
-                    path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
-                )
+                halo = [Stroke(linewidth=3, foreground="white"), Normal()]
+                x, y = center.tolist()
+                look: dict[str, Any] = {"fontsize": _LABEL_POINTS, "path_effects": halo}
+                axes.text(x, y, label, ha="center", va="center", zorder=20, **look)
                 break
 
 

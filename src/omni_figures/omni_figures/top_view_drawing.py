@@ -19,6 +19,14 @@ _CHASSIS = "#F2EBDD"
 _LOAD: dict[str, Any] = {"marker": "o", "color": style.GRAY, "markeredgecolor": style.BLACK}
 _LOAD_ARM: dict[str, Any] = {"color": style.BLACK, "linewidth": 2.5}
 _GRAVITY: dict[str, Any] = {"marker": "P", "color": "white", "markeredgecolor": style.BLACK}
+_ARROW: dict[str, Any] = {
+    "arrowstyle": "-|>", "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0, "linewidth": 2.0,
+    "color": style.VERMILLION,
+}  # fmt: skip
+_ACTIVE: dict[str, Any] = {"marker": (2, 0, -45), "markersize": 11, "markeredgewidth": 1.6}
+_TIME: dict[str, Any] = {
+    "marker": r"$\mathrm{0.5\ s}$", "markersize": 22, "markeredgewidth": 0.1,
+}  # fmt: skip
 _TRAIL: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
 _FIRST_LINE: dict[str, Any] = {"color": style.GRAY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
 
@@ -75,19 +83,7 @@ def draw_snapshot(
             axes.plot([x], [y], markersize=size, alpha=faint, zorder=layer + 0.3, **look)
     arrow = velocity_arrow(scene, history, index, arrow_scale)
     if arrow is not None:
-        axes.add_patch(
-            FancyArrowPatch(
-                (arrow[0, 0], arrow[0, 1]),
-                (arrow[1, 0], arrow[1, 1]),
-                arrowstyle="-|>",
-                mutation_scale=12,
-                shrinkA=0,
-                shrinkB=0,
-                linewidth=2.0,
-                color=style.VERMILLION,
-                zorder=12,
-            )
-        )
+        axes.add_patch(FancyArrowPatch(*map(tuple, arrow), zorder=12, **_ARROW))
 
 
 def _draw_wheels(
@@ -98,26 +94,13 @@ def _draw_wheels(
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
         color = style.wheel_color(row)
-        axes.add_patch(
-            Polygon(
-                placed(outline, pose),
-                facecolor=_tinted(color, _share(history, index, name)),
-                edgecolor=color,
-                linewidth=1.4,
-                alpha=faint,
-                zorder=layer,
-            )
-        )
+        face = _tinted(color, _share(history, index, name))
+        patch = Polygon(placed(outline, pose), facecolor=face, edgecolor=color, linewidth=1.4)
+        patch.set(alpha=faint, zorder=layer)
+        axes.add_patch(patch)
         reach = 0.6 * geometry.radius[row] * geometry.active[row]
         ends = placed(geometry.position[row] + np.array([reach, -reach]), pose)
-        axes.plot(
-            ends[:, 0],
-            ends[:, 1],
-            color=style.BLACK,
-            linewidth=1.6,
-            alpha=faint,
-            zorder=layer + 0.05,
-        )
+        axes.plot(*ends.T, color=style.BLACK, linewidth=1.6, alpha=faint, zorder=layer + 0.05)
 
 
 def _share(history: RunHistory, index: int, wheel: str) -> float:
@@ -148,16 +131,7 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
     ]
     handles += [
         Patch(facecolor="white", edgecolor=style.GRAY, label="brake released"),
-        Line2D(
-            [],
-            [],
-            color=style.BLACK,
-            marker=(2, 0, -45),
-            linestyle="",
-            markersize=11,
-            markeredgewidth=1.6,
-            label="active direction",
-        ),
+        Line2D([], [], color=style.BLACK, linestyle="", label="active direction", **_ACTIVE),
         Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
     ]
     handles += mass_handles(scene)
@@ -173,16 +147,7 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
             markevery=[1],
             label=f"velocity (longest {fastest:.1f} m/s)",
         ),
-        Line2D(
-            [],
-            [],
-            color=style.BLACK,
-            marker=r"$\mathrm{0.5\ s}$",
-            markersize=22,
-            markeredgewidth=0.1,
-            linestyle="",
-            label=time_label,
-        ),
+        Line2D([], [], color=style.BLACK, linestyle="", label=time_label, **_TIME),
     ]
     return [*handles, *patch_handles(scene)]
 

@@ -57,10 +57,12 @@ class Options(Configuration):
 def run(options: Options, workspace: Workspace) -> Report:
     """Compute the bounds, and with ``--best`` the shortest stops."""
     from omni_loop.metrics import Metric, results_document
-    from omni_tools.limit.bounds import any_heading_bound, straight_bound
+    from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 
-    library = workspace.checked_experiments()
-    name, vehicle, ground, maneuver = _question(options, library)
+    name, load = _question(options, workspace.checked_experiments())
+    experiment = load(())
+    vehicle, ground = experiment.vehicle, experiment.ground
+    maneuver = maneuver_of(experiment.maneuver)
     bounds = {
         "bound": straight_bound(vehicle, ground, maneuver),
         "bound_any_heading": any_heading_bound(vehicle, ground, maneuver),
@@ -78,7 +80,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         from omni_figures.style import save_figure
         from omni_tools.limit.front import draw_front, front
 
-        stops = front(_loader(options, library), maneuver)
+        stops = front(load, maneuver)
         metrics |= {
             case: {
                 "stopping_distance": Metric(stop.distance, "m"),
@@ -92,61 +94,30 @@ def run(options: Options, workspace: Workspace) -> Report:
     return Report(**results_document(name, metrics), text=text)
 
 
-def _question(
-    options: Options, library: ExperimentLibrary
-) -> tuple[str, VehicleConfiguration, GroundConfiguration, Maneuver]:
-    import numpy as np
-
-    from omni_sim.configuration import GroundConfiguration
-    from omni_tools.limit.bounds import Maneuver, maneuver_of
-
-    alone = {"speed": options.speed, "direction": options.direction, "friction": options.friction}
-    if options.vehicle is None:
-        given = [name for name, value in alone.items() if value is not None]
-        if given:
-            raise ConfigurationError(
-                f"--{given[0]}", "goes with --vehicle; change an experiment's with --set"
-            )
-        name = options.experiment or "straight_line"
-        variant = library.variants(name)[0]
-        experiment = library.load(name, variant, options.overrides)
-        return (
-            Path(name).stem,
-            experiment.vehicle,
-            experiment.ground,
-            maneuver_of(experiment.maneuver),
-        )
-    if options.experiment is not None:
-        raise ConfigurationError("--vehicle", f"does not go with experiment {options.experiment}")
-    if options.overrides:
-        raise ConfigurationError("--set", "goes with an experiment, not with --vehicle")
-    speed = 10.0 if options.speed is None else options.speed
-    angle = math.radians(options.direction or 0.0)
-    friction = 1.0 if options.friction is None else options.friction
-    twist = np.array([_clean(speed * math.cos(angle)), _clean(speed * math.sin(angle)), 0.0])
-    maneuver = Maneuver(np.zeros(3), twist)
-    return (
-        Path(options.vehicle).stem,
-        library.vehicle(options.vehicle),
-        GroundConfiguration(friction=friction),
-        maneuver,
-    )
-
-
-def _loader(options: Options, library: ExperimentLibrary) -> Load:
-    """Return a function that loads the experiment with further overrides."""
-    if options.vehicle is None:
-        name = options.experiment or "straight_line"
-        variant = library.variants(name)[-1]
-        return lambda changes: library.load(name, variant, (*options.overrides, *changes))
-    asked = {
-        "vehicle": options.vehicle,
-        "maneuver.speed": 10.0 if options.speed is None else options.speed,
-        "maneuver.direction_deg": options.direction or 0.0,
-        "ground.friction": 1.0 if options.friction is None else options.friction,
+def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
+    """Return the name of the experiment or vehicle, and a function that loads it with changes."""
+    keys = {
+        "speed": "maneuver.speed",
+        "direction": "maneuver.direction_deg",
+        "friction": "ground.friction",
     }
-    moving = tuple(f"{key}={value}" for key, value in asked.items())
-    return lambda changes: library.load("straight_line", "assisted", (*moving, *changes))
+    given = {name: value for name in keys if (value := getattr(options, name)) is not None}
+    name, overrides = options.experiment or "straight_line", options.overrides
+    if options.vehicle is not None:
+        if options.experiment is not None:
+            raise ConfigurationError("--vehicle", f"does not go with experiment {name}")
+        if overrides:
+            raise ConfigurationError("--set", "goes with an experiment, not with --vehicle")
+        moving = (f"{keys[word]}={value}" for word, value in given.items())
+        overrides = (f"vehicle={options.vehicle}", *moving)
+    elif given:
+        flag = f"--{next(iter(given))}"
+        raise ConfigurationError(flag, "goes with --vehicle; change an experiment's with --set")
+    variant = library.variants(name)[-1]
+    return (
+        Path(options.vehicle or name).stem,
+        lambda changes: library.load(name, variant, (*overrides, *changes)),
+    )
 
 
 def _front_table(stops: dict[str, Stop]) -> Table:
@@ -157,11 +128,6 @@ def _front_table(stops: dict[str, Stop]) -> Table:
         found = "-" if math.isnan(stop.distance) else f"{stop.distance:.2f}"
         table.add_row(case.replace("_", " "), found, f"{stop.rotation:.1f}")
     return table
-
-
-def _clean(value: float) -> float:
-    """Return a component of the motion, 0 if it is a rounding error."""
-    return 0.0 if abs(value) < 1e-12 else value
 
 
 def _text(

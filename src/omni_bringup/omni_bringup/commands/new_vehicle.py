@@ -15,7 +15,13 @@ from typing import Any
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    declared_parameters,
+    from_mapping,
+    parameter,
+)
 
 _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
 _USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
@@ -54,7 +60,6 @@ class Options(Configuration):
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the files; report loads and forces of each wheel."""
     from omni_bringup.graph.run_folder import check_unused
-    from omni_platform.configuration import from_mapping
     from omni_tools.vehicles.estimates import Measured, new_vehicle
     from omni_tools.vehicles.plausibility import plain, remarks, wheel_facts
 
@@ -94,34 +99,28 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _answers(options: Options) -> dict[str, Any]:
-    """Return the values given as options or on a terminal as values of `Measured`."""
-    from omni_tools.vehicles.estimates import BRAKES
+    """Return the values of `Measured` that are given as options or on a terminal."""
+    from omni_tools.vehicles.estimates import Measured
 
-    values: dict[str, Any] = {
-        "length": _asked("--length", options.length, "length of the chassis [m]", float),
-        "width": _asked("--width", options.width, "width of the chassis [m]", float),
-        "mass": _asked("--mass", options.mass, "mass of the vehicle with its wheels [kg]", float),
-        "wheel_radius": _asked(
-            "--wheel-radius", options.wheel_radius, "radius of a wheel [m]", float
-        ),
-    }
-    words = f"kind of its wheels, {', '.join(KINDS)}"
-    kind = _asked("--kind", options.kind, words, partial(_one_of, KINDS), _MECANUM)
-    usual = _USUAL[kind]
-    values["wheels"] = _asked("--wheels", options.wheels, "number of wheels", int, usual)
-    if kind == _KIWI and values["wheels"] != usual:
-        raise ConfigurationError("--wheels", f"{values['wheels']} must be {usual} for a kiwi")
-    values["kind"] = _OMNI if kind == _KIWI else kind
-    values["load"] = _asked(
-        "--load", options.load, "mass of a load to the front left [kg]", float, 0
-    )
-    words = "largest torque of a drive at its wheel [N m], 0 for an estimate"
-    torque = _asked("--drive-torque", options.drive_torque, words, float, 0)
-    words = f"what brakes, {', '.join(BRAKES)}"
-    values["brakes"] = _asked(
-        "--brakes", options.brakes, words, partial(_one_of, BRAKES), BRAKES[0]
-    )
-    return values | ({"drive_torque": torque} if torque or options.drive_torque is not None else {})
+    values: dict[str, Any] = {}
+    for name, kind, info in declared_parameters(Measured):
+        usual: Any = getattr(Measured, name, None)
+        choices = KINDS if name == "kind" else info.choices
+        if name == "wheels":
+            usual = _USUAL[values["kind"]]
+        words = f"{info.description} [{info.unit}]" if info.unit else info.description
+        if choices:
+            words = f"{words}: {', '.join(choices)}"
+        flag, convert = (
+            f"--{name.replace('_', '-')}",
+            partial(_one_of, choices) if choices else kind,
+        )
+        values[name] = _asked(flag, getattr(options, name), words, convert, usual)
+    if values["kind"] == _KIWI:
+        if values["wheels"] != _USUAL[_KIWI]:
+            raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")
+        values["kind"] = _OMNI
+    return values
 
 
 def _one_of(choices: Sequence[str], text: str) -> str:

@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from omni_figures import style
 from omni_studies.braking.feedback_comparison import Comparison, turned
@@ -16,44 +14,33 @@ _COLUMNS = 4
 
 def stops(comparisons: Sequence[Comparison]) -> Figure:
     """Draw the stop of every case with either feedback, and the difference."""
-    figure = Figure(
-        figsize=(10.0, 1.6 + 0.45 * len(comparisons)),
-        dpi=style.DOTS_PER_INCH,
-        layout="constrained",
+    figure, (panels,) = style.panels(
+        "Assisted braking on either feedback",
+        1,
+        2,
+        size=(10.0, 1.6 + 0.45 * len(comparisons)),
+        x=("orientation change [deg]", "stopping distance [m]"),
+        sharey=True,
     )
-    left, right = figure.subplots(1, 2, sharey=True)
-    for axes, quantity, words in (
-        (left, "orientation_change", "orientation change [deg]"),
-        (right, "stopping_distance", "stopping distance [m]"),
-    ):
+    for axes, quantity in zip(panels, ("orientation_change", "stopping_distance"), strict=True):
         for row, comparison in enumerate(comparisons):
             sensor = comparison.sensor_metrics[quantity].value
             optical = comparison.optical_metrics[quantity].value
             axes.plot([sensor, optical], [row, row], color=style.GRAY, linewidth=1.5, zorder=2)
-            axes.plot([sensor], [row], "o", color=_SENSOR, ms=9, zorder=3, clip_on=False)
-            axes.plot([optical], [row], "D", color=_OPTICAL, ms=5, zorder=4, clip_on=False)
-            axes.annotate(
-                f"{optical - sensor:+.2f}",
-                (max(sensor, optical), row),
-                xytext=(9, 0),
-                textcoords="offset points",
-                va="center",
-            )
+            for value, label, color, marker, size in (
+                (sensor, _LABELS[0], _SENSOR, "o", 9),
+                (optical, _LABELS[1], _OPTICAL, "D", 5),
+            ):
+                look = {"color": color, "ms": size, "zorder": 3, "clip_on": False}
+                axes.plot([value], [row], marker, label="" if row else label, **look)
+            words = f"{optical - sensor:+.2f}"
+            style.note(axes, words, (max(sensor, optical), row), (9, 0), va="center")
         axes.margins(x=0.14)
         axes.set_xlim(left=0.0)
-        axes.set_xlabel(words)
-    left.set_yticks(range(len(comparisons)), [_words(comparison) for comparison in comparisons])
-    left.invert_yaxis()
-    figure.suptitle("Assisted braking on either feedback")
-    handles = [
-        Line2D([], [], color=_SENSOR, marker="o", ms=9, linestyle="", label=_LABELS[0]),
-        Line2D([], [], color=_OPTICAL, marker="D", ms=5, linestyle="", label=_LABELS[1]),
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=2,
-    )
+    names = [_words(comparison) for comparison in comparisons]
+    panels[0].set_yticks(range(len(comparisons)), names)
+    panels[0].invert_yaxis()
+    style.legend_below(figure, panels[0], 2)
     return figure
 
 
@@ -61,40 +48,23 @@ def orientations(comparisons: Sequence[Comparison]) -> Figure:
     """Draw the orientation of every case over time with either feedback."""
     columns = min(_COLUMNS, len(comparisons))
     rows = -(-len(comparisons) // columns)
-    figure = Figure(
-        figsize=(3.3 * columns + 0.6, 2.7 * rows + 0.7),
-        dpi=style.DOTS_PER_INCH,
-        layout="constrained",
-    )
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
+    panels = grid.ravel()
     for axes in panels[len(comparisons) :]:
         axes.set_visible(False)
     for axes, comparison in zip(panels, comparisons, strict=False):
-        _orientation(axes, comparison)
+        for history, label, color, width in (
+            (comparison.sensor, _LABELS[0], _SENSOR, 2.4),
+            (comparison.optical, _LABELS[1], _OPTICAL, 1.2),
+        ):
+            start = history.brake_start or 0
+            time, angle = history.braking_time[start:], turned(history)[start:]
+            axes.plot(time, angle, color=color, linewidth=width, label=label)
+        axes.set_title(_words(comparison))
     figure.supxlabel("time since braking [s]")
     figure.supylabel("orientation [deg]")
-    handles = [
-        Line2D([], [], color=_SENSOR, linewidth=2.4, label=_LABELS[0]),
-        Line2D([], [], color=_OPTICAL, linewidth=1.2, label=_LABELS[1]),
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside upper center",
-        ncols=2,
-    )
+    style.legend_below(figure, panels[0], 2)
     return figure
-
-
-def _orientation(axes: Axes, comparison: Comparison) -> None:
-    for history, color, width in (
-        (comparison.sensor, _SENSOR, 2.4),
-        (comparison.optical, _OPTICAL, 1.2),
-    ):
-        start = history.brake_start or 0
-        axes.plot(
-            history.braking_time[start:], turned(history)[start:], color=color, linewidth=width
-        )
-    axes.set_title(_words(comparison))
 
 
 def _words(comparison: Comparison) -> str:

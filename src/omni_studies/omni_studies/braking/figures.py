@@ -30,21 +30,16 @@ def velocities_and_errors(history: RunHistory, title: str, *, errors: bool = Tru
         title: printed above.
         errors: False omits the lower part, as in Figure 44.
     """
-    figure, panels = _rows(2 if errors else 1, title)
+    labels = ("velocity [m/s], [rad/s]", "error $s_i$ [m/s]")
+    figure, panels = _rows(title, *labels[: 2 if errors else 1])
     colors = (style.BLUE, style.VERMILLION, style.GREEN)
     for column, (label, color) in enumerate(zip(_COMPONENTS, colors, strict=True)):
         panels[0].plot(history.braking_time, history.twist[:, column], color=color, label=label)
-    panels[0].set_ylabel("velocity [m/s], [rad/s]")
     if errors:
         for column, name in enumerate(history.wheel_names):
-            panels[1].plot(
-                history.braking_time,
-                _while_braking(history, history.error[:, column]),
-                color=style.wheel_color(column),
-                label=name.replace("_", " "),
-                linewidth=1.1,
-            )
-        panels[1].set_ylabel("error $s_i$ [m/s]")
+            error = _while_braking(history, history.error[:, column])
+            color, label = style.wheel_color(column), name.replace("_", " ")
+            panels[1].plot(history.braking_time, error, color=color, label=label, linewidth=1.1)
     _finish(panels, [history])
     return figure
 
@@ -56,11 +51,10 @@ def compare_velocities(runs: Mapping[str, tuple[RunHistory, FloatArray]], title:
         runs: history and twists of shape (T, 3), by name; two of them.
         title: printed above.
     """
-    figure, panels = _rows(3, title)
-    for row, label in enumerate(_COMPONENTS):
+    figure, panels = _rows(title, *_COMPONENTS)
+    for row, axes in enumerate(panels):
         for (name, (history, twist)), look in zip(runs.items(), _looks(), strict=True):
-            panels[row].plot(history.braking_time, twist[:, row], label=name, **look)
-        panels[row].set_ylabel(label)
+            axes.plot(history.braking_time, twist[:, row], label=name, **look)
     _finish(panels, [history for history, _ in runs.values()], legends=1)
     return figure
 
@@ -73,17 +67,12 @@ def compare_errors(runs: Mapping[str, RunHistory], title: str) -> Figure:
         title: printed above.
     """
     first = next(iter(runs.values()))
-    figure, panels = _rows(len(first.wheel_names), title)
-    for row, wheel in enumerate(first.wheel_names):
+    labels = (f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]" for wheel in first.wheel_names)
+    figure, panels = _rows(title, *labels)
+    for row, axes in enumerate(panels):
         for (name, history), look in zip(runs.items(), _looks(), strict=True):
-            panels[row].plot(
-                history.braking_time,
-                _while_braking(history, history.error[:, row]),
-                label=name,
-                **look,
-            )
-        label = f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]"
-        panels[row].set_ylabel(label)
+            error = _while_braking(history, history.error[:, row])
+            axes.plot(history.braking_time, error, label=name, **look)
     _finish(panels, list(runs.values()), legends=1)
     return figure
 
@@ -102,19 +91,13 @@ def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
     return shown
 
 
-def _rows(count: int, title: str) -> tuple[Figure, list[Axes]]:
-    height = 0.55 + count * _ROW + 0.5
-    figure = Figure(figsize=(_WIDTH, height), dpi=style.DOTS_PER_INCH)
-    panels = [figure.add_subplot(count, 1, row + 1) for row in range(count)]
-    for axes in panels:
+def _rows(title: str, *labels: str) -> tuple[Figure, list[Axes]]:
+    size = _WIDTH, 1.0 + len(labels) * _ROW
+    x = "time since braking [s]"
+    figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
+    for axes in grid[:, 0]:
         axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
-        axes.tick_params(labelbottom=axes is panels[-1])
-    panels[-1].set_xlabel("time since braking [s]")
-    figure.suptitle(title, y=1.0 - 0.12 / height, va="top")
-    figure.subplots_adjust(
-        left=0.1, right=0.82, top=1.0 - 0.5 / height, bottom=0.55 / height, hspace=0.12
-    )
-    return figure, panels
+    return figure, list(grid[:, 0])
 
 
 def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | None = None) -> None:
@@ -122,17 +105,8 @@ def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int | N
     low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
     high = max(float(run.braking_time[-1]) for run in runs)
     for place, axes in enumerate(panels):
-        axes.axvline(
-            0.0,
-            color=style.BLACK,
-            linestyle=":",
-            linewidth=1.2,
-            label="pedal down" if place == 0 else None,
-        )
+        label = "pedal down" if place == 0 else None
+        axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2, label=label)
         axes.set_xlim(low, high)
         if legends is None or place < legends:
-            axes.legend(
-                loc="upper left",
-                bbox_to_anchor=(1.0, 1.0),
-                handlelength=1.6,
-            )
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)

@@ -69,20 +69,24 @@ def draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
     Args:
         cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
-    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-    style.draw_title(figure, "Locked wheels push along their rollers (the vehicle slides upwards)")
+    figure, (panels,) = style.panels(
+        "Locked wheels push along their rollers (the vehicle slides upwards)",
+        1,
+        len(cases),
+        size=(10.0, 6.4),
+        x="right of the middle [m]",
+        y="ahead of the middle [m]",
+        sharex=True,
+        sharey=True,
+    )
     largest = max(float(np.max(np.abs(one.force))) for one in cases.values())
-    panels = figure.subplots(1, len(cases), sharex=True, sharey=True)
     for axes, (case, one) in zip(panels, cases.items(), strict=True):
         _draw_vehicle(axes, one, _LONGEST * one.vehicle.chassis_length / largest)
         side = "left" if one.moment > 0.0 else "right"
         turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
         words = turn if abs(one.moment) > 1.0 else "nothing turns it"
         axes.set_title(f"{_TITLES[case]}\n{words}")
-        axes.set_xlabel("right of the middle [m]")
-    panels[0].set_ylabel("ahead of the middle [m]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    style.legend_below(figure, panels[0], 3)
     return figure
 
 
@@ -127,21 +131,25 @@ def draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fig
         manifolds: manifolds of the same vehicle by weighting; the line to keep is straight ahead.
         speed: speed of the vehicle along it [m/s].
     """
-    figure = Figure(figsize=(11.0, 4.8), layout="constrained")
-    style.draw_title(figure, f"Which wheels may brake at {speed:g} m/s along the line")
-    panels = figure.subplots(1, len(manifolds), sharex=True, sharey=True)
+    figure, (panels,) = style.panels(
+        f"Which wheels may brake at {speed:g} m/s along the line",
+        1,
+        len(manifolds),
+        size=(11.0, 4.8),
+        x="velocity to the left of it [m/s]",
+        y="yaw rate to the left [rad/s]",
+        sharex=True,
+        sharey=True,
+    )
     for axes, (words, manifold) in zip(panels, manifolds.items(), strict=True):
         shades = _draw_signs(axes, manifold, speed)
         axes.set_title(words)
-        axes.set_xlabel("velocity to the left of it [m/s]")
     count = len(manifold.geometry.names)
     bar = figure.colorbar(
         shades, ax=list(panels), ticks=range(count + 1), label="wheels that brake"
     )
     bar.ax.set_ylim(-0.5, count + 0.5)
-    panels[0].set_ylabel("yaw rate to the left [rad/s]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    style.legend_below(figure, panels[0], 5)
     return figure
 
 

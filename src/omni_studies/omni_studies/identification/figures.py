@@ -25,18 +25,20 @@ _LABELS = {
 
 def weighting_functions() -> Figure:
     """Draw the weight of the parallel component over the angle of a wheel, Figure 28."""
-    figure = Figure(figsize=(8.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels(
+        "",
+        size=(8.0, 4.6),
+        x=r"angle $\delta$ between active direction and velocity [deg]",
+        y=r"weight $\psi$ [1]",
+    )
     angle = np.linspace(0.0, 90.0, 181)
     for row, case in enumerate(("zero", "cosine", "k1", "k3", "k7")):
         kind = "enhanced" if case[0] == "k" else case
         k = int(case[1:]) if kind == "enhanced" else 1
         weights = weighting_function(kind, k)(np.radians(angle))
         label = f"enhanced, k = {k}" if kind == "enhanced" else _LABELS[case]
-        axes.plot(angle, weights, color=style.wheel_color(row), linewidth=1.8, label=label)
-    axes.set_xlabel(r"angle $\delta$ between active direction and velocity [deg]")
-    axes.set_ylabel(r"weight $\psi$ [1]")
-    axes.set_title("Weight of a wheel over its angle", loc="left")
+        axes.plot(angle, weights, color=style.wheel_color(row), label=label)
+    axes.set_title("Weight of a wheel over its angle")
     axes.set_xticks(range(0, 91, 15))
     axes.legend()
     return figure
@@ -48,8 +50,9 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
     Args:
         measured: all of `table_2.REFERENCES` in their units.
     """
-    figure = Figure(figsize=(8.0, 5.2), dpi=style.DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels(
+        "", size=(8.0, 5.2), x="stopping distance [m]", y="orientation change [deg]"
+    )
     for row, case in enumerate(table_2.CASES):
         color = style.wheel_color(row)
         names = f"stopping_distance.{case}", f"orientation_change.{case}"
@@ -61,17 +64,9 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
         )
         axes.plot([x0], [y0], "o", markerfacecolor="white", color=color, markersize=9, zorder=3)
         axes.plot([x], [y], "o", color=color, markersize=6, zorder=4)
-        axes.annotate(
-            _LABELS[case],
-            (x0 + dx, y0),
-            xytext=(6, 0),
-            textcoords="offset points",
-            va="center",
-        )
+        style.note(axes, _LABELS[case], (x0 + dx, y0), (6, 0), va="center")
     axes.set_xlim(8.5, 13.7)
     axes.set_ylim(0.0, 95.0)
-    axes.set_xlabel("stopping distance [m]")
-    axes.set_ylabel("orientation change [deg]")
     axes.set_title("Table 2: orientation against distance")
     gray: dict[str, Any] = {"color": style.GRAY, "linestyle": "", "marker": "o"}
     axes.legend(
@@ -88,44 +83,23 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
 def sensitivity_map(sensitivity: Sensitivity) -> Figure:
     """Draw the change of every number for a step of every parameter, in tolerances."""
     values = sensitivity.in_tolerances.T
-    figure = Figure(figsize=(10.0, 7.6), dpi=style.DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels("", size=(10.0, 7.6))
     axes.grid(False)
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     for (row, column), value in np.ndenumerate(values):
-        axes.text(
-            column,
-            row,
-            f"{value:+.2f}",
-            ha="center",
-            va="center",
-            color="white" if abs(value) > 0.7 else style.BLACK,
-        )
+        color = "white" if abs(value) > 0.7 else style.BLACK
+        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", color=color)
     axes.set_xticks(
         range(len(sensitivity.numbers)),
-        [f"{_LABELS[name.partition('.')[2]]}" for name in sensitivity.numbers],
+        [_LABELS[name.partition(".")[2]] for name in sensitivity.numbers],
         rotation=30,
         ha="right",
     )
-    axes.set_yticks(
-        range(len(QUANTITIES)),
-        [
-            f"{quantity.name.replace('_', ' ')} +{quantity.step:g} {quantity.unit}".removesuffix(
-                " 1"
-            )
-            for quantity in QUANTITIES
-        ],
-    )
-    axes.axvline(4.5, color=style.BLACK, linewidth=1.5)
+    steps = [f"{q.name.replace('_', ' ')} +{q.step:g} {q.unit}" for q in QUANTITIES]
+    axes.set_yticks(range(len(steps)), [words.removesuffix(" 1") for words in steps])
+    axes.axvline(4.5, color=style.BLACK)
     for x, words in ((2.0, "orientation change"), (7.0, "stopping distance")):
-        axes.annotate(
-            words,
-            (x, -0.5),
-            xytext=(0, 6),
-            textcoords="offset points",
-            ha="center",
-        )
+        style.note(axes, words, (x, -0.5), (0, 6), ha="center")
     axes.tick_params(length=0)
-    bar = figure.colorbar(image, ax=axes, shrink=0.7)
-    bar.set_label("change in tolerances of Table 2")
+    figure.colorbar(image, ax=axes, shrink=0.7, label="change in tolerances of Table 2")
     return figure

@@ -138,10 +138,13 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 def _draw(stops: Stops) -> Figure:
     """Draw path and rotation of the vehicle in every engine."""
-    figure = Figure(figsize=(13.0, 9.0), layout="constrained")
-    panels = figure.subplots(len(_CASES), 2, squeeze=False)
-    style.draw_title(
-        figure, "Full braking in three engines: solid unassisted, dashed with the assistant"
+    figure, panels = style.panels(
+        "Full braking in three engines: solid unassisted, dashed with the assistant",
+        len(_CASES),
+        2,
+        size=(13.0, 9.0),
+        x="way along the first velocity [m]",
+        y=[f"{title}\naside [m]" for title in _CASES.values()],
     )
     for (case, variant, engine), stop in stops.items():
         way, turn = panels[list(_CASES).index(case)]
@@ -152,16 +155,11 @@ def _draw(stops: Stops) -> Figure:
         ahead, aside = moved @ along, moved @ np.array([-along[1], along[0]])
         look = {"color": _COLORS[engine], "linestyle": "-" if variant == "unassisted" else "--"}
         label = _LABELS[engine] if variant == "unassisted" else None
-        way.plot(ahead, aside, linewidth=1.6, label=label, **look)
-        turn.plot(ahead, np.degrees(path[:, 2] - path[0, 2]), linewidth=1.6, **look)
-    for (title, axes), last in zip(
-        zip(_CASES.values(), panels, strict=True), [False] * (len(_CASES) - 1) + [True], strict=True
-    ):
-        axes[0].set_ylabel(f"{title}\naside [m]")
+        way.plot(ahead, aside, label=label, **look)
+        turn.plot(ahead, np.degrees(path[:, 2] - path[0, 2]), **look)
+    for axes in panels:
         axes[1].set_ylabel("heading [deg]")
         for panel in axes:
             panel.axhline(0.0, color=style.GRAY, linewidth=0.8)
-            if last:
-                panel.set_xlabel("way along the first velocity [m]")
     panels[0, 0].legend()
     return figure

@@ -13,8 +13,6 @@ from omni_sim.tire.combined_slip import combined_forces
 from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, direction_coefficients
 from omni_sim.tire.tire import Tire, TireConfiguration
 
-_SIZE = (8.0, 5.0)  # [inch]
-
 
 def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
     """Draw force over slip with the five numbers that define it (Figure 4).
@@ -34,24 +32,13 @@ def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
         ("full sliding", slip >= point.slide_slip, style.VERMILLION),
     )
     for label, where, color in sections:
-        axes.plot(
-            slip[where],
-            1e-3 * model.force(slip[where], load),
-            color=color,
-            linewidth=2.4,
-            label=label,
-        )
+        carried = 1e-3 * model.force(slip[where], load)
+        axes.plot(slip[where], carried, color=color, linewidth=2.4, label=label)
     top = 1e-3 * point.peak_force
     tangent = np.array([0.0, 1.12 * point.peak_force / point.slope])
-    axes.plot(
-        tangent, 1e-3 * point.slope * tangent, color=style.BLACK, linewidth=1.0, linestyle="--"
-    )
-    axes.annotate(
-        f"slope $dF_0$ = {1e-3 * point.slope:.0f} kN",
-        (float(tangent[1]), 1.12 * top),
-        xytext=(6, -2),
-        textcoords="offset points",
-    )
+    axes.plot(tangent, 1e-3 * point.slope * tangent, "--", color=style.BLACK, linewidth=1.0)
+    words = f"slope $dF_0$ = {1e-3 * point.slope:.0f} kN"
+    style.note(axes, words, (float(tangent[1]), 1.12 * top), (6, -2))
     guide: dict[str, Any] = {"color": style.GRAY, "linewidth": 0.9, "linestyle": ":"}
     for place, force, names in (
         (point.peak_slip, point.peak_force, ("$s_{max}$", "$F_{max}$")),
@@ -60,12 +47,8 @@ def slip_figure(tire: TMeasyConfiguration, load: float) -> Figure:
         height = 1e-3 * force
         axes.plot([place, place, 0.0], [0.0, height, height], **guide)
         axes.plot(place, height, "o", color=style.BLACK, markersize=5)
-        axes.annotate(
-            f"{names[0]} = {place:g}\n{names[1]} = {height:g} kN",
-            (place, height),
-            xytext=(8, -34),
-            textcoords="offset points",
-        )
+        words = f"{names[0]} = {place:g}\n{names[1]} = {height:g} kN"
+        style.note(axes, words, (place, height), (8, -34))
     axes.set_xlim(0.0, right)
     axes.set_ylim(0.0, 1.2 * top)
     axes.set_title(f"Force over slip at {1e-3 * load:g} kN (Figure 4)")
@@ -87,13 +70,8 @@ def load_figure(tire: Tire, loads: FloatArray, title: str) -> Figure:
     for load, color in zip(loads, colors, strict=True):
         force = 1e-3 * tire.force(slip, load)
         axes.plot(slip, force, color=color, linewidth=2.0)
-        axes.annotate(
-            f"$F_z$ = {1e-3 * load:g} kN",
-            (float(slip[-1]), float(force[-1])),
-            xytext=(5, 0),
-            textcoords="offset points",
-            va="center",
-        )
+        end = float(slip[-1]), float(force[-1])
+        style.note(axes, f"$F_z$ = {1e-3 * load:g} kN", end, (5, 0), va="center")
     axes.set_xlim(0.0, float(slip[-1]))
     axes.set_ylim(bottom=0.0)
     axes.set_title(title)
@@ -117,40 +95,21 @@ def interpolation_figure(tire: TMeasyConfiguration) -> Figure:
     c = direction_coefficients(tire)
     end = -c[0] / c[1] if c[1] < 0.0 else 2.0 * load_2
     inside, outside = np.linspace(0.0, load_2, 300), np.linspace(load_2, end, 300)
-    axes.plot(
-        1e-3 * inside,
-        1e-3 * interpolation_curve(tire, inside),
-        color=style.BLUE,
-        linewidth=2.6,
-        label="model",
-    )
-    axes.plot(
-        1e-3 * outside,
-        1e-3 * interpolation_curve(tire, outside),
-        color=style.GRAY,
-        linewidth=1.4,
-        linestyle="--",
-        label="parabola beyond the model, no physical meaning",
-    )
-    axes.plot(
-        [1e-3 * load_2, 1e-3 * end],
-        [1e-3 * tire.x.slope_2] * 2,
-        color=style.VERMILLION,
-        linewidth=1.6,
-        label="what the simulator uses there: clamped, and reported",
-    )
-    for name, load, slope in (("1", load_1, tire.x.slope_1), ("2", load_2, tire.x.slope_2)):
-        axes.plot(1e-3 * load, 1e-3 * slope, "o", color=style.BLACK, markersize=6)
-        axes.annotate(
-            f"$Load_{name}$",
-            (1e-3 * load, 1e-3 * slope),
-            xytext=(-8, 4),
-            textcoords="offset points",
-            ha="right",
-        )
+    clamped = np.full(300, tire.x.slope_2)
+    beyond = interpolation_curve(tire, outside)
+    for load, slope, color, dashes, label in (
+        (inside, interpolation_curve(tire, inside), style.BLUE, "-", "model"),
+        (outside, beyond, style.GRAY, "--", "parabola beyond the model, no physical meaning"),
+        (outside, clamped, style.VERMILLION, "-", "used there: clamped, and reported"),
+    ):
+        axes.plot(1e-3 * load, 1e-3 * slope, dashes, color=color, label=label)
+    for name, x, y in (("1", load_1, tire.x.slope_1), ("2", load_2, tire.x.slope_2)):
+        place = 1e-3 * x, 1e-3 * y
+        axes.plot(*place, "o", color=style.BLACK)
+        style.note(axes, f"$Load_{name}$", place, (-8, 4), ha="right")
     axes.axvspan(1e-3 * load_2, 1e-3 * end, color=style.PALE, alpha=0.35, linewidth=0.0)
     axes.set_xlim(0.0, 1e-3 * end)
-    axes.set_ylim(0.0, 1.4e-3 * float(np.max(interpolation_curve(tire, outside))))
+    axes.set_ylim(0.0, 1.4e-3 * float(np.max(beyond)))
     axes.set_title("Quadratic interpolation of the slope (Figure 6)")
     axes.legend(loc="upper center")
     return figure
@@ -163,23 +122,18 @@ def model_figure(tires: Mapping[str, Tire], loads: tuple[float, ...]) -> Figure:
         tires: tires by name.
         loads: wheel loads [N].
     """
-    figure = Figure(figsize=(11.0, 4.6), dpi=style.DOTS_PER_INCH, layout="constrained")
-    panels = figure.subplots(1, len(loads), sharey=True, squeeze=False)[0]
+    figure, (panels,) = style.panels(
+        "", 1, len(loads), size=(11.0, 4.6), x="Slip s [1]", y="Force F [kN]", sharey=True
+    )
     slip = np.linspace(0.0, 0.6, 700)
     for axes, load in zip(panels, loads, strict=True):
         for index, (name, tire) in enumerate(tires.items()):
-            axes.plot(
-                slip,
-                1e-3 * tire.force(slip, load),
-                color=style.wheel_color(index),
-                linewidth=2.0,
-                label=f"{name} ({tire.configuration.model})",
-            )
+            label = f"{name} ({tire.configuration.model})"
+            force = 1e-3 * tire.force(slip, load)
+            axes.plot(slip, force, color=style.wheel_color(index), label=label)
         axes.set_xlim(0.0, 0.6)
         axes.set_title(f"$F_z$ = {1e-3 * load:g} kN")
-        axes.set_xlabel("Slip s [1]")
     panels[0].set_ylim(bottom=0.0)
-    panels[0].set_ylabel("Force F [kN]")
     panels[-1].legend(loc="lower right")
     return figure
 
@@ -205,11 +159,8 @@ def combined_figure(tire: TMeasyConfiguration, load: float) -> Figure:
 
 
 def _axes(x: str, y: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot()
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    return figure, axes
+    figure, grid = style.panels("", size=(8.0, 5.0), x=x, y=y)
+    return figure, grid[0, 0]
 
 
 def _shades(count: int) -> list[tuple[float, float, float]]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,10 @@ from omni_figures import style
 from omni_studies.tuning.trials import BrakeLag, Trial, front
 
 _MARKERS = "osD^vP"
+_CHOSEN: dict[str, Any] = {
+    "color": style.VERMILLION, "marker": "o", "markerfacecolor": "none", "linestyle": "",
+    "markeredgewidth": 2.0, "zorder": 6,
+}  # fmt: skip
 _FRONT_WIDTH = 7.0
 # Of a label of a point, as shares of the axes [1].
 _LABEL_WIDTH, _LABEL_HEIGHT = 0.13, 0.04
@@ -37,10 +42,16 @@ def trade_off(
         title: title of the figure.
     """
     panels = len(unassisted)
-    figure = Figure(
-        figsize=(1.2 + 4.4 * panels, 5.6), dpi=style.DOTS_PER_INCH, layout="constrained"
+    figure, (all_axes,) = style.panels(
+        title,
+        1,
+        panels,
+        size=(1.2 + 4.4 * panels, 5.6),
+        x="stopping distance [m]",
+        y="orientation change [deg]",
+        sharex=True,
+        sharey=True,
     )
-    all_axes = figure.subplots(1, panels, sharex=True, sharey=True, squeeze=False)[0]
     dwells = sorted({trial.setting.dwell_time for trial in trials})
     finite = [trial for trial in (*trials, *unassisted) if math.isfinite(trial.worst_distance)]
     width = np.ptp([trial.worst_distance for trial in finite]) if finite else 0.0
@@ -60,21 +71,9 @@ def trade_off(
         if max_distance is not None:
             axes.axvline(max_distance, color=style.VERMILLION, linestyle="--", linewidth=1.2)
         if choice is not None and choice.lag == without.lag:
-            axes.plot(
-                [choice.worst_distance],
-                [choice.worst_rotation],
-                "o",
-                markerfacecolor="none",
-                color=style.VERMILLION,
-                ms=17,
-                markeredgewidth=2.0,
-                zorder=6,
-            )
+            axes.plot([choice.worst_distance], [choice.worst_rotation], ms=17, **_CHOSEN)
         axes.set_title(_words(without.lag))
-        axes.set_xlabel("stopping distance [m]")
-    all_axes[0].set_ylabel("orientation change [deg]")
     all_axes[0].set_ylim(bottom=0.0)
-    figure.suptitle(title)
     handles = [
         Line2D([], [], color=_color(dwells, dwell), marker=_marker(dwells, dwell), label=words)
         for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
@@ -84,25 +83,10 @@ def trade_off(
         Line2D([], [], color=style.BLACK, marker="X", ms=9, linestyle="", label="unassisted"),
     ]
     if choice is not None:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=style.VERMILLION,
-                marker="o",
-                ms=12,
-                markerfacecolor="none",
-                linestyle="",
-                label="recommended",
-            )
-        )
+        handles.append(Line2D([], [], ms=12, label="recommended", **_CHOSEN))
     if max_rotation is not None or max_distance is not None:
         handles.append(Line2D([], [], color=style.VERMILLION, linestyle="--", label="limit"))
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=min(len(handles), 9),
-    )
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 9))
     return figure
 
 
@@ -143,14 +127,9 @@ def _panel(
             continue
         labeled.append(trial)
         last = trial is labeled[0]  # at the right end of the line
-        axes.annotate(
-            _weighting(trial),
-            (trial.worst_distance, trial.worst_rotation),
-            xytext=(8, -7) if last else (-7, -4),
-            textcoords="offset points",
-            ha="left" if last else "right",
-            va="center",
-        )
+        offset, side = ((8, -7), "left") if last else ((-7, -4), "right")
+        place = trial.worst_distance, trial.worst_rotation
+        style.note(axes, _weighting(trial), place, offset, ha=side, va="center")
 
 
 def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
@@ -160,13 +139,14 @@ def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
         rows: lag, dwell time [s], smallest rotation [deg], and distance at half the unassisted
             rotation [m], NaN if no setting halves it.
     """
-    figure = Figure(figsize=(9.6, 4.2), dpi=style.DOTS_PER_INCH, layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (panels,) = style.panels(
+        "What slow valves cost", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
+    )
     lags = list(dict.fromkeys(row[0] for row in rows))
     for index, lag in enumerate(lags):
         mine = [row for row in rows if row[0] == lag]
         dwell = [1e3 * row[1] for row in mine]
-        for axes, column in ((left, 2), (right, 3)):
+        for axes, column in zip(panels, (2, 3), strict=True):
             axes.plot(
                 dwell,
                 [row[column] for row in mine],
@@ -174,15 +154,10 @@ def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
                 color=style.wheel_color(index),
                 label=_words(lag),
             )
-    for axes, words in (
-        (left, "smallest orientation change [deg]"),
-        (right, "stopping distance at half of the\nunassisted orientation change [m]"),
-    ):
-        axes.set_xlabel("minimum dwell time [ms]")
-        axes.set_ylabel(words)
-    left.set_ylim(bottom=0.0)
-    left.legend()
-    figure.suptitle("What slow valves cost")
+    panels[0].set_ylabel("smallest orientation change [deg]")
+    panels[1].set_ylabel("stopping distance at half of the\nunassisted orientation change [m]")
+    panels[0].set_ylim(bottom=0.0)
+    panels[0].legend()
     return figure
 
 

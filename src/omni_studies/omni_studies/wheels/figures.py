@@ -7,29 +7,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures.style import (
-    BLACK,
-    BLUE,
-    GRAY,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    draw_title,
-)
+from omni_figures import style
 from omni_platform.quantities import FloatArray
 from omni_sim.wheel.roller_geometry import RollerGeometry
 from omni_studies.wheels.trials import ForceTrace, Outcome
 
 # The first wheel of a figure is the reference, dashed over the others that may cover it.
 _STYLES: tuple[dict[str, Any], ...] = (
-    {"color": BLACK, "linestyle": "--", "zorder": 3.0},
-    {"color": SKY},
-    {"color": VERMILLION},
-    {"color": BLUE},
+    {"color": style.BLACK, "linestyle": "--", "zorder": 3.0},
+    {"color": style.SKY},
+    {"color": style.VERMILLION},
+    {"color": style.BLUE},
 )
-_TRIAL_COLORS = (BLUE, SKY, VERMILLION, ORANGE, GREEN, PURPLE)
 
 
 def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
@@ -38,10 +27,19 @@ def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
     Args:
         geometries: wheels that differ in their number of rollers.
     """
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-    place, direction = figure.subplots(2, 1, sharex=True)
+    figure, ((place,), (direction,)) = style.panels(
+        "The contact runs along a roller and jumps to the next (45 deg rollers)",
+        2,
+        size=(9.0, 6.0),
+        x="wheel angle [deg]",
+        y=(
+            "contact point along\nthe wheel axis [mm]",
+            "active direction from\nthe rolling direction [deg]",
+        ),
+        sharex=True,
+    )
     angle = np.linspace(-np.pi / 3.0, np.pi / 3.0, 4001)
-    for geometry, color in zip(geometries, (BLUE, VERMILLION), strict=False):
+    for geometry, color in zip(geometries, (style.BLUE, style.VERMILLION), strict=False):
         gamma = geometry.roller_angle(angle)
         changes = np.flatnonzero(np.diff(gamma) < 0.0)
         along = (geometry.contact_point(gamma) - geometry.center) @ geometry.wheel_axis[:2]
@@ -51,20 +49,11 @@ def draw_contact(geometries: Sequence[RollerGeometry]) -> Figure:
         tilt = np.degrees(np.arctan2(np.abs(axis @ across), np.abs(axis @ rolling)))
         along[changes] = np.nan  # no line over a jump
         label = f"{geometry.rollers} rollers, jump {1000.0 * geometry.jump:.0f} mm"
-        place.plot(np.degrees(angle), 1000.0 * along, color=color, linewidth=1.8, label=label)
-        direction.plot(np.degrees(angle), tilt, color=color, linewidth=1.8)
-    direction.axhline(45.0, color=GRAY, linewidth=1.0, linestyle="--")
-    direction.annotate(
-        "ideal wheel", (-59.0, 45.0), (0, -4), textcoords="offset points", va="top", color=GRAY
-    )
+        place.plot(np.degrees(angle), 1000.0 * along, color=color, label=label)
+        direction.plot(np.degrees(angle), tilt, color=color)
+    direction.axhline(45.0, color=style.GRAY, linewidth=1.0, linestyle="--")
+    style.note(direction, "ideal wheel", (-59.0, 45.0), (0, -4), va="top", color=style.GRAY)
     direction.set_ylim(44.0, None)
-    place.set_ylabel("contact point along\nthe wheel axis [mm]")
-    direction.set_ylabel("active direction from\nthe rolling direction [deg]")
-    direction.set_xlabel("wheel angle [deg]")
-    place.set_title(
-        "The contact runs along a roller and jumps to the next (45 deg rollers)",
-        loc="left",
-    )
     place.legend(loc="upper right", ncols=2, bbox_to_anchor=(1.0, 1.02))
     low, high = place.get_ylim()
     place.set_ylim(low, high + 0.2 * (high - low))
@@ -77,29 +66,27 @@ def draw_forces(traces: Mapping[str, Mapping[str, ForceTrace]]) -> Figure:
     Args:
         traces: traces by title of the vehicle, then by wheel; the first wheel is the reference.
     """
-    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    panels = figure.subplots(2, len(traces), sharex=True, squeeze=False)
-    draw_title(
-        figure, "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight"
+    figure, panels = style.panels(
+        "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight",
+        2,
+        len(traces),
+        size=(12.0, 7.0),
+        x="turned by [deg]",
+        y=("along the nominal\nactive direction [N]", "across it [N]"),
+        sharex=True,
     )
     for column, (title, wheels) in enumerate(traces.items()):
         reference = next(iter(wheels.values())).force.mean(axis=0)
         active = reference / np.linalg.norm(reference)
         passive = np.array([-active[1], active[0]])
-        for (name, trace), style in zip(wheels.items(), _STYLES, strict=False):
+        for (name, trace), look in zip(wheels.items(), _STYLES, strict=False):
             angle = np.degrees(np.abs(trace.angle - trace.angle[0]))
             for row, direction in enumerate((active, passive)):
-                panels[row, column].plot(
-                    angle, trace.force @ direction, linewidth=1.5, label=name, **style
-                )
+                panels[row, column].plot(angle, trace.force @ direction, label=name, **look)
         panels[0, column].set_title(title)
-        panels[1, column].set_xlabel("turned by [deg]")
-    panels[0, 0].set_ylabel("along the nominal\nactive direction [N]")
-    panels[1, 0].set_ylabel("across it [N]")
     for axes in panels[0]:
         axes.set_ylim(0.0, None)
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    style.legend_below(figure, panels[0, 0], 4)
     return figure
 
 
@@ -109,35 +96,37 @@ def draw_motions(motions: Mapping[str, Mapping[str, Mapping[str, Outcome]]]) -> 
     Args:
         motions: motions by title of the vehicle, then ``brake`` and ``push``, then by wheel.
     """
-    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
-    panels = figure.subplots(len(motions), 3, sharex="col", squeeze=False)
-    draw_title(figure, "Motion on both wheels; bands span the start angles of the wheels")
+    figure, panels = style.panels(
+        "Motion on both wheels; bands span the start angles of the wheels",
+        len(motions),
+        3,
+        size=(13.0, 7.0),
+        x="time [s]",
+        sharex="col",
+    )
     for row, (title, trials) in enumerate(motions.items()):
         for trial, column, entry, scale in (
             ("brake", 0, 3, 1.0),
             ("brake", 1, 2, 180.0 / np.pi),
             ("push", 2, 1, 1.0),
         ):
-            for (name, result), style in zip(trials[trial].items(), _STYLES, strict=False):
+            for (name, result), look in zip(trials[trial].items(), _STYLES, strict=False):
                 values = result.motion[:, :, entry] * scale
-                _band(panels[row, column], result.time, values, name, style)
+                _band(panels[row, column], result.time, values, name, look)
         panels[row, 0].set_ylabel(f"{title}\n\nspeed forward, full braking [m/s]")
         panels[row, 1].set_ylabel("heading, full braking [deg]")
         panels[row, 2].set_ylabel("pushed sideways by [m]")
-    for axes in panels[-1]:
-        axes.set_xlabel("time [s]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    style.legend_below(figure, panels[0, 0], 4)
     return figure
 
 
 def _band(
-    axes: Axes, time: FloatArray, values: FloatArray, name: str, style: dict[str, Any]
+    axes: Axes, time: FloatArray, values: FloatArray, name: str, look: dict[str, Any]
 ) -> None:
     if len(values) > 1:
         low, high = values.min(axis=0), values.max(axis=0)
-        axes.fill_between(time, low, high, color=style["color"], alpha=0.2, linewidth=0.0)
-    axes.plot(time, values.mean(axis=0), linewidth=1.5, label=name, **style)
+        axes.fill_between(time, low, high, color=look["color"], alpha=0.2, linewidth=0.0)
+    axes.plot(time, values.mean(axis=0), label=name, **look)
 
 
 def draw_differences(
@@ -153,24 +142,25 @@ def draw_differences(
             trial; one share for each count [1].
         limit: upper limit from 12 rollers on [1].
     """
-    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    panels = figure.subplots(2, len(differences), sharex=True, sharey=True, squeeze=False)
-    draw_title(
-        figure, "Individual rollers against the single roller, in the mean over the wheel angles"
+    figure, panels = style.panels(
+        "Individual rollers against the single roller, in the mean over the wheel angles",
+        2,
+        len(differences),
+        size=(12.0, 7.0),
+        x="rollers of a wheel",
+        y=("difference of the motion [%]", "difference of the mean force [%]"),
+        sharex=True,
+        sharey=True,
     )
     for column, (title, kinds) in enumerate(differences.items()):
         for row, kind in enumerate(("motion", "force")):
             axes = panels[row, column]
-            for (name, values), color in zip(kinds[kind].items(), _TRIAL_COLORS, strict=False):
+            for index, (name, values) in enumerate(kinds[kind].items()):
                 percent = 100.0 * np.asarray(values)
-                axes.plot(counts, percent, "o-", color=color, linewidth=1.5, label=name)
-            axes.plot([12, max(counts)], [100.0 * limit] * 2, color=GRAY, linestyle="--")
+                axes.plot(counts, percent, "o-", color=style.wheel_color(index), label=name)
+            axes.plot([12, max(counts)], [100.0 * limit] * 2, color=style.GRAY, linestyle="--")
         panels[0, column].set_title(title)
-        panels[1, column].set_xlabel("rollers of a wheel")
     panels[0, 0].set_xticks(list(counts))
     panels[0, 0].set_ylim(0.0, None)
-    panels[0, 0].set_ylabel("difference of the motion [%]")
-    panels[1, 0].set_ylabel("difference of the mean force [%]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    style.legend_below(figure, panels[0, 0], 3)
     return figure

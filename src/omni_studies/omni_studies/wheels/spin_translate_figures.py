@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -15,8 +14,7 @@ from omni_figures.scene import Scene
 from omni_figures.top_view_drawing import draw_snapshot, mass_handles
 from omni_studies.wheels.tracking import Tracking
 
-_WIDTH = 14.0  # [inch]
-_LEFT, _RIGHT, _TOP, _BOTTOM = 0.75, 0.3, 0.5, 1.1  # [inch]
+_WIDTH, _MARGINS = 14.0, 1.2  # [inch]: of the figure; for title and legend
 _MOST_SNAPSHOTS = 12
 _LONGEST_ARROW = 0.9  # of the fastest snapshot, in lengths of the chassis
 _WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1)))
@@ -41,20 +39,10 @@ def draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
     margin = 0.5 * size + 0.5
     low = np.min(tracking.pose[:, :2], axis=0) - margin
     high = np.max(tracking.pose[:, :2], axis=0) + margin
-    scale = (_WIDTH - _LEFT - _RIGHT) / (high[0] - low[0])
-    height = scale * (high[1] - low[1])
-    total = _TOP + height + _BOTTOM
-    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
-    axes = figure.add_axes(
-        (_LEFT / _WIDTH, _BOTTOM / total, 1.0 - (_LEFT + _RIGHT) / _WIDTH, height / total)
-    )
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_title(title)
-    axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, linewidth=1.4, zorder=8)
+    height = _WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + _MARGINS
+    figure, ((axes,),) = style.panels(title, size=(_WIDTH, height), x="x [m]", y="y [m]")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, zorder=8)
     axes.plot(*tracking.reference[:, :2].T, color=style.SKY, linewidth=4.0, zorder=7.9)
     for index in indices.tolist():
         draw_snapshot(axes, scene, history, index, arrow_scale, 0.5)
@@ -76,16 +64,8 @@ def draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
         Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
         *mass_handles(scene),
         Line2D([], [], color=style.SKY, linewidth=4.0, label="reference path"),
-        Line2D([], [], color=style.BLACK, linewidth=1.4, label="path driven"),
-        Line2D(
-            [],
-            [],
-            color=style.VERMILLION,
-            linewidth=2,
-            marker=">",
-            markevery=[1],
-            label=f"velocity (up to {fastest:.1f} m/s)",
-        ),
+        Line2D([], [], color=style.BLACK, label="path driven"),
+        Line2D([], [], color=style.VERMILLION, label=f"velocity (up to {fastest:.1f} m/s)"),
     ]
     _legend(figure, handles)
     return figure
@@ -98,12 +78,14 @@ def draw_commands(tracking: Tracking, title: str) -> Figure:
         tracking: the drive.
         title: printed above.
     """
-    figure = Figure(figsize=(_WIDTH, 8.5), dpi=style.DOTS_PER_INCH)
-    commands, position, heading = figure.subplots(
-        3, 1, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.0, 1.0), "hspace": 0.12}
-    )
-    figure.subplots_adjust(
-        left=1.4 * _LEFT / _WIDTH, right=1.0 - _RIGHT / _WIDTH, top=0.94, bottom=0.13
+    figure, ((commands,), (position,), (heading,)) = style.panels(
+        title,
+        3,
+        size=(_WIDTH, 8.5),
+        x="time [s]",
+        y=("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]"),
+        sharex=True,
+        height_ratios=(3.0, 1.0, 1.0),
     )
     handles: list[Line2D | Patch] = []
     for row, name in enumerate(tracking.wheel_names):
@@ -115,27 +97,13 @@ def draw_commands(tracking: Tracking, title: str) -> Figure:
     measured: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
     commands.plot(tracking.time, tracking.wheel_speed, **measured)
     handles.append(Line2D([], [], label="wheel speed reached", **measured))
-    commands.set_title(title)
-    for axes, values, label in (
-        (position, 1000.0 * tracking.position_error, "position\nerror [mm]"),
-        (heading, np.degrees(tracking.heading_error), "heading\nerror [deg]"),
-    ):
-        axes.plot(tracking.time, values, color=style.BLACK, linewidth=1.4)
-        axes.set_ylabel(label)
-    commands.set_ylabel("wheel speed [rad/s]")
-    heading.set_xlabel("time [s]")
-    panels: tuple[Axes, ...] = (commands, position, heading)
-    for axes in panels:
-        axes.set_xlim(tracking.time[0], tracking.time[-1])
-    figure.align_ylabels(panels)
+    position.plot(tracking.time, 1000.0 * tracking.position_error, color=style.BLACK)
+    heading.plot(tracking.time, np.degrees(tracking.heading_error), color=style.BLACK)
+    heading.set_xlim(tracking.time[0], tracking.time[-1])
     _legend(figure, handles)
     return figure
 
 
 def _legend(figure: Figure, handles: list[Line2D | Patch]) -> None:
-    figure.legend(
-        handles=handles,
-        loc="lower center",
-        ncol=min(len(handles), 6),
-        handlelength=3.0,
-    )
+    columns = min(len(handles), 6)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=3.0)

@@ -6,8 +6,6 @@ from matplotlib.figure import Figure
 from omni_figures import style
 from omni_tools.brakes.fit import BrakeFit, mean_shares
 
-_SIZE = (9.0, 7.4)  # [inch]
-
 
 def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
     """Draw the measured and fitted change of speed, and the response of one brake.
@@ -17,8 +15,14 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
         names: names of the recordings, in the order of the stops.
         title: title of the figure.
     """
-    figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
-    upper, middle, lower = figure.subplots(3, 1, height_ratios=(3.0, 1.2, 1.8))
+    figure, ((upper,), (middle,), (lower,)) = style.panels(
+        title,
+        3,
+        size=(9.0, 7.4),
+        x="Time since the valve opened [ms]",
+        y=("Speed taken while\nwheels turn [m/s]", "Measured -\nfitted [mm/s]", "Torque [N m]"),
+        height_ratios=(3.0, 1.2, 1.8),
+    )
     torque, dead_time, time_constant = fit.values
     for index, (stop, name) in enumerate(zip(fit.stops, names, strict=True)):
         shares = mean_shares(stop, dead_time, time_constant)
@@ -29,19 +33,14 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
         color = style.wheel_color(index)
         measured, fitted = np.abs(taken[:, :, main])
         upper.plot(time, measured, color=color, marker="o", markersize=2.5, linestyle="none")
-        upper.plot(time, fitted, color=color, linewidth=1.5, label=name)
+        upper.plot(time, fitted, color=color, label=name)
         middle.plot(time, 1e3 * (measured - fitted), color=color, linewidth=1.0)
     middle.axhline(0.0, color=style.BLACK, linewidth=1.0)
     after = np.linspace(0.0, dead_time + 5.0 * time_constant + 0.02, 300)
     since = np.maximum(after - dead_time, 0.0)
     answer = torque * -np.expm1(-since / max(time_constant, 1e-6))
-    lower.plot(1e3 * after, answer, color=style.BLACK, linewidth=2.0)
-    for axes in (upper, middle, lower):
+    lower.plot(1e3 * after, answer, color=style.BLACK)
+    for axes in (upper, middle):
         axes.set_xlabel("Time since the pedal went down [s]")
-    lower.set_xlabel("Time since the valve opened [ms]")
-    upper.set_title(title)
-    upper.set_ylabel("Speed taken while\nwheels turn [m/s]")
-    middle.set_ylabel("Measured -\nfitted [mm/s]")
-    lower.set_ylabel("Torque [N m]")
     upper.legend(loc="lower right")
     return figure

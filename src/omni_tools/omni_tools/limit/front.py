@@ -6,14 +6,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from omni_figures.style import (
-    BLACK,
-    BLUE,
-    GRAY,
-    PURPLE,
-    VERMILLION,
-    draw_title,
-)
+from omni_figures import style
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError
@@ -90,21 +83,22 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
         stops: stops from `front`.
         bound: bound of stops that keep heading and line [m], NaN if there is none.
     """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    draw_title(figure, f"{name.replace('_', ' ')}: the best that is known, and the laws")
-    axes = figure.subplots()
+    figure, ((axes,),) = style.panels(
+        f"{name.replace('_', ' ')}: the best that is known, and the laws",
+        size=(8.0, 5.0),
+        x="stopping distance [m]",
+        y="orientation change [deg]",
+    )
     if math.isfinite(bound):
-        axes.axvline(bound, color=GRAY, linestyle="--", label="bound, heading kept")
-    for prefix, words, style, color in (
-        ("best", "best that is known", "o-", BLACK),
-        ("allocation", "allocation by max_rotation", "o", VERMILLION),
-        ("sliding_mode", "sliding mode", "s", BLUE),
-        ("unassisted", "all brakes on", "D", PURPLE),
+        axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
+    for prefix, words, marker, color in (
+        ("best", "best that is known", "o-", style.BLACK),
+        ("allocation", "allocation by max_rotation", "o", style.VERMILLION),
+        ("sliding_mode", "sliding mode", "s", style.BLUE),
+        ("unassisted", "all brakes on", "D", style.PURPLE),
     ):
         chosen = [stop for case, stop in stops.items() if case.startswith(prefix)]
         distances, rotations = zip(*chosen, strict=True)
-        axes.plot(distances, rotations, style, color=color, label=words)
-    axes.set_xlabel("stopping distance [m]")
-    axes.set_ylabel("orientation change [deg]")
-    axes.legend(fontsize=9)
+        axes.plot(distances, rotations, marker, color=color, label=words)
+    axes.legend()
     return figure

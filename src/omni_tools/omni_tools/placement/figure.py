@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,6 +29,10 @@ _WIDTH, _TEXT = 5.3, 1.0  # of a panel, and above it [inch]
 _MARGIN = 0.03  # around the chassis, in its lengths
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
 _WRAP = 87  # characters of a line of text in a panel
+_ARROW_LOOK: dict[str, Any] = {
+    "arrowstyle": "-|>", "mutation_scale": 11, "shrinkA": 0, "shrinkB": 0, "linewidth": 1.4,
+    "color": style.BLUE, "zorder": 7,
+}  # fmt: skip
 
 
 def placement_figure(
@@ -45,11 +50,16 @@ def placement_figure(
     rows = math.ceil(len(placements) / columns)
     low, high = _limits(placements, area)
     height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + _TEXT
-    figure = Figure(
-        figsize=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4), layout="constrained"
+    figure, panels = style.panels(
+        title,
+        rows,
+        columns,
+        size=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4),
+        x="forward [m]",
+        y="left [m]",
+        sharex=True,
+        sharey=True,
     )
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    style.draw_title(figure, title)
     norm = _norm(placements, criterion, area)
     for index, axes in enumerate(panels.flat):
         if index >= len(placements):
@@ -58,18 +68,9 @@ def placement_figure(
         _draw(axes, placements[index], criterion, area, norm)
     panels[0, 0].set_xlim(low[0], high[0])
     panels[0, 0].set_ylim(low[1], high[1])
-    for axes in panels[:, 0]:
-        axes.set_ylabel("left [m]")
-    for axes in panels[-1]:
-        axes.set_xlabel("forward [m]")
-    bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=_SHADES),
-        ax=list(panels.flat),
-        shrink=0.8,
-        pad=0.01,
-        extend="max",
-    )
-    bar.set_label("error of the velocity of a point of the platform [mm/s]")
+    words = "error of the velocity of a point of the platform [mm/s]"
+    scale = ScalarMappable(norm=norm, cmap=_SHADES)
+    figure.colorbar(scale, ax=list(panels.flat), shrink=0.8, pad=0.01, extend="max", label=words)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=5)
     return figure
 
@@ -153,14 +154,8 @@ def _draw(
         axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GRAY, zorder=3))
     _draw_sensors(axes, placement, area)
     axes.set_title(headline, loc="left", pad=27)
-    axes.text(
-        0.0,
-        1.01,
-        "\n".join(textwrap.wrap(words, _WRAP)[:2]),
-        transform=axes.transAxes,
-        fontsize=8.0,
-        va="bottom",
-    )
+    words = "\n".join(textwrap.wrap(words, _WRAP)[:2])
+    axes.text(0.0, 1.01, words, transform=axes.transAxes, fontsize=8.0, va="bottom")
     axes.grid(False)
     axes.set_aspect("equal")
 
@@ -168,32 +163,13 @@ def _draw(
 def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
     size = area.scene.chassis_length
     for name, pose in zip(placement.sensors, poses_of(placement.sensors), strict=True):
-        axes.add_patch(
-            Polygon(
-                area.outline(pose, housing=True),
-                facecolor="white",
-                edgecolor=style.BLUE,
-                linewidth=1.0,
-                zorder=5,
-            )
-        )
+        housing = area.outline(pose, housing=True)
+        axes.add_patch(Polygon(housing, facecolor="white", edgecolor=style.BLUE, zorder=5))
         axes.add_patch(Polygon(area.outline(pose, housing=False), color=style.BLUE, zorder=6))
         direction = np.array([math.cos(pose[2]), math.sin(pose[2])])
         reach = 0.5 * _ARROW * size
         tail, tip = pose[:2] - reach * direction, pose[:2] + reach * direction
-        axes.add_patch(
-            FancyArrowPatch(
-                (tail[0], tail[1]),
-                (tip[0], tip[1]),
-                arrowstyle="-|>",
-                mutation_scale=11,
-                shrinkA=0,
-                shrinkB=0,
-                linewidth=1.4,
-                color=style.BLUE,
-                zorder=7,
-            )
-        )
+        axes.add_patch(FancyArrowPatch(tuple(tail), tuple(tip), **_ARROW_LOOK))
         inward = -np.sign(pose[:2]) * (np.abs(pose[:2]) > 0.05 * size)
         across = np.array([-direction[1], direction[0]])
         side = across if float(across @ inward) >= 0.0 else -across
@@ -208,16 +184,8 @@ def _draw_axes_through(axes: Axes, placement: JudgedPlacement, area: MountingAre
     reach = math.hypot(area.scene.chassis_length, area.scene.chassis_width)
     for x, y, heading in poses_of(placement.sensors):
         step = reach * np.array([math.cos(heading), math.sin(heading)])
-        axes.plot(
-            [x - step[0], x + step[0]],
-            [y - step[1], y + step[1]],
-            color=style.VERMILLION,
-            linewidth=1.0,
-            linestyle=(0, (5, 3)),
-            scalex=False,
-            scaley=False,
-            zorder=4,
-        )
+        line = np.array([x, y]) + np.outer((-1.0, 1.0), step)
+        axes.plot(*line.T, "--", color=style.VERMILLION, scalex=False, scaley=False, zorder=4)
 
 
 def _legend() -> list[Line2D | Patch]:

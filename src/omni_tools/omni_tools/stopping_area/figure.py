@@ -13,8 +13,6 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
 
-_COLUMNS = 4
-
 
 def areas_figure(
     cells: Sequence[Cell], limits: FloatArray, vehicle: VehicleConfiguration, title: str
@@ -33,29 +31,21 @@ def areas_figure(
         if cell.yaw_rate[0] < 0.0 < cell.yaw_rate[1]
     ]
     reach = max(float(np.max(np.abs(points))) for _, points in shown) * 1.05
-    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    style.draw_title(figure, f"Stopping areas of {title}; x forward, y left [m]")
-    grid = figure.subplots(2, _COLUMNS, sharex=True, sharey=True)
+    words = f"Stopping areas of {title}; x forward, y left [m]"
+    figure, grid = style.panels(words, 2, 4, size=(12.0, 7.0), sharex=True, sharey=True)
     fastest = max(cell.speed[1] for cell in cells)
     for axes, sector in zip(grid.flat, SECTORS, strict=True):
         chosen = [(cell, points) for cell, points in shown if _sector(cell) == sector]
         for cell, points in sorted(chosen, key=lambda item: -item[0].speed[1]):
             paleness = 0.2 + 0.65 * cell.speed[1] / fastest
-            axes.add_patch(
-                Polygon(
-                    points,
-                    facecolor=_pale(style.BLUE, paleness),
-                    edgecolor=style.BLUE,
-                    label=f"to {cell.speed[1]:g} m/s",
-                )
-            )
+            face, label = _pale(style.BLUE, paleness), f"to {cell.speed[1]:g} m/s"
+            axes.add_patch(Polygon(points, facecolor=face, edgecolor=style.BLUE, label=label))
         _draw_vehicle(axes, vehicle)
         axes.set_title(sector.replace("_", " "))
         axes.set_xlim(-reach, reach)
         axes.set_ylim(-reach, reach)
         axes.set_aspect("equal")
-    handles, labels = grid.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    style.legend_below(figure, grid[0, 0], 4)
     return figure
 
 

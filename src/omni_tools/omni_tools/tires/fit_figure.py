@@ -9,7 +9,6 @@ from omni_tools.tires.data import TireData
 from omni_tools.tires.fit import TireFit
 
 _CURVES = 4  # loads at which the model is drawn
-_SIZE = (9.0, 6.6)  # [inch]
 
 
 def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
@@ -22,8 +21,15 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
         fit: fit of the data.
         title: title of the figure.
     """
-    figure = Figure(figsize=_SIZE, dpi=style.DOTS_PER_INCH, layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+    figure, ((upper,), (lower,)) = style.panels(
+        title,
+        2,
+        size=(9.0, 6.6),
+        x="Slip s [1]",
+        y=("Force F [kN]", "Data - model [N]"),
+        sharex=True,
+        height_ratios=(3.0, 1.0),
+    )
     tire = Tire(fit.tire)
     loads = np.unique(data.load)
     if len(loads) > _CURVES:
@@ -37,11 +43,7 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
         upper.plot(data.slip[rows], 1e-3 * data.force[rows], color=color, **dot)
         lower.plot(data.slip[rows], left[rows], color=color, **dot)
         label = f"$F_z$ = {1e-3 * load:.3g} kN"
-        upper.plot(slip, 1e-3 * tire.force(slip, load), color=color, linewidth=2.0, label=label)
+        upper.plot(slip, 1e-3 * tire.force(slip, load), color=color, label=label)
     lower.axhline(0.0, color=style.BLACK, linewidth=1.0)
-    upper.set_title(title)
-    upper.set_ylabel("Force F [kN]")
-    lower.set_ylabel("Data - model [N]")
-    lower.set_xlabel("Slip s [1]")
     upper.legend(loc="lower right")
     return figure

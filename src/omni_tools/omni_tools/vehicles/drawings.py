@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,6 +21,7 @@ from omni_tools.vehicles.plausibility import camera_speed, plain, wheel_facts
 from omni_tools.vehicles.rollers import Rollers
 
 _PLATE = 0.2  # [m], edge of the piece of ground that is drawn
+_FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of the middle [m]"}
 
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
@@ -60,8 +62,9 @@ def draw_vehicle(
         sensors: line cameras under it.
     """
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
-    figure = Figure(figsize=(7.0, 7.0), layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels(
+        "seen from above, forward is up; what each wheel carries", size=(7.0, 7.0), **_FROM_ABOVE
+    )
 
     # The body's x axis points up, as the vehicle drives away from the reader.
     def turn(points: np.ndarray) -> np.ndarray:
@@ -72,15 +75,9 @@ def draw_vehicle(
     for row, outline in enumerate(scene.wheel_outlines):
         axes.add_patch(Polygon(turn(outline), facecolor="white", edgecolor="black"))
         place, reach = geometry.position[row], 1.6 * float(geometry.radius[row])
-        ends = np.array(
-            [place - reach * geometry.active[row], place + reach * geometry.active[row]]
-        )
-        axes.plot(
-            *turn(ends).T,
-            color=style.BLUE,
-            linewidth=2.0,
-            label="pushes along" if not row else None,
-        )
+        ends = place + reach * np.outer((-1.0, 1.0), geometry.active[row])
+        label = "pushes along" if not row else None
+        axes.plot(*turn(ends).T, color=style.BLUE, linewidth=2.0, label=label)
     for (name, fact), (x, y), radius in zip(
         wheel_facts(vehicle).items(), turn(geometry.position), geometry.radius, strict=True
     ):
@@ -98,16 +95,13 @@ def draw_vehicle(
         pose = (sensor.x, sensor.y, math.radians(sensor.heading_deg))
         view = placed(rectangle(sensor.length, sensor.width), pose)
         axes.add_patch(Polygon(turn(view), facecolor=style.ORANGE, edgecolor=style.ORANGE))
-        axes.annotate(name, turn(view[:1])[0], (4, 4), textcoords="offset points")
+        style.note(axes, name, turn(view[:1])[0], (4, 4))
         if not index:
             axes.plot([], [], "s", color=style.ORANGE, label="line camera")
     axes.set_aspect("equal")
     axes.margins(0.35, 0.1)
     axes.autoscale_view()
-    axes.set_xlabel("right of the middle [m]")
-    axes.set_ylabel("ahead of the middle [m]")
     figure.legend(loc="outside lower center", ncols=3)
-    style.draw_title(figure, "seen from above, forward is up; what each wheel carries")
     return figure
 
 
@@ -127,18 +121,16 @@ def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
 
 def draw_tire(tire: TireConfiguration, name: str) -> Figure:
     """Draw force over slip at four loads."""
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels(
+        f"{name}: steady force over slip", size=(8.0, 5.0), x="slip [1]", y="force [N]"
+    )
     slip = np.linspace(0.0, 1.0, 401)
     for share, color in zip(
         (0.25, 0.5, 0.75, 1.0), (style.PALE, style.GRAY, style.ORANGE, style.BLUE), strict=True
     ):
         load = share * tire.largest_load
         axes.plot(slip, Tire(tire).force(slip, load), color=color, label=f"{load:g} N")
-    axes.set_xlabel("slip [1]")
-    axes.set_ylabel("force [N]")
     axes.legend(title="wheel load")
-    style.draw_title(figure, f"{name}: steady force over slip")
     return figure
 
 
@@ -157,16 +149,11 @@ def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
     texture = TextureCache.of_user().texture(ground.texture)
     count = min(len(texture.gray), max(1, round(_PLATE / texture.texel)))
     edge = 1e3 * count * texture.texel
-    figure = Figure(figsize=(6.0, 6.4), layout="constrained")
-    axes = figure.add_subplot()
     piece = texture.gray[:count, :count]
+    words = f"gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
+    figure, ((axes,),) = style.panels(f"{name}: {words}", size=(6.0, 6.4), x="x [mm]", y="y [mm]")
     axes.grid(False)
     axes.imshow(piece, cmap="gray", vmin=0, vmax=255, origin="lower", extent=(0, edge, 0, edge))
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
-    style.draw_title(
-        figure, f"{name}: gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"
-    )
     return figure
 
 
@@ -183,8 +170,11 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
 
 def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
     """Draw the cameras from above, with their views enlarged ten times."""
-    figure = Figure(figsize=(6.5, 6.5), layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = style.panels(
+        "line cameras from above, forward is up (views ten times as large)",
+        size=(6.5, 6.5),
+        **_FROM_ABOVE,
+    )
     for name, one in sensors.items():
         heading = math.radians(one.heading_deg)
         view = placed(rectangle(10 * one.length, 10 * one.width), (one.x, one.y, heading))
@@ -195,7 +185,4 @@ def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
     axes.set_aspect("equal")
     axes.margins(0.15)
     axes.autoscale_view()
-    axes.set_xlabel("right of the middle [m]")
-    axes.set_ylabel("ahead of the middle [m]")
-    style.draw_title(figure, "line cameras from above, forward is up (views ten times as large)")
     return figure

@@ -47,9 +47,8 @@ class Measured(Configuration):
     """how many; mecanum an even number"""
     load: float = parameter(0.0, unit="kg", minimum=0.0)
     """mass of a load, put to the front left"""
-    drive_torque: float | None = parameter(None, unit="N m", above=0.0, maximum=1.0e5)
-    """largest torque of a drive at its wheel; without it that of the brake"""
-
+    drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
+    """largest torque of a drive at its wheel, 0 to take that of the brake"""
     brakes: str = parameter(_VALVES, choices=BRAKES)
     """what brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes, or
     drives with a torque command"""
@@ -126,7 +125,7 @@ def _vehicle(name: str, measured: Measured) -> str:
             "height": _round(2.5 * radius),
         }
     braking = f"locks a wheel with a factor of {_BRAKE:g}"
-    if measured.brakes == "torque_drives" and measured.drive_torque is not None:
+    if measured.brakes == "torque_drives" and measured.drive_torque:
         torque, braking = measured.drive_torque, "the torque of the drive, at any speed"
     values |= {
         "brake": {"max_torque": _round(torque), **_BRAKES[measured.brakes]},
@@ -144,7 +143,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
     }
-    if measured.drive_torque is None:
+    if not measured.drive_torque:
         notes["drive.max_torque"] = "the brake's"
     return commented_yaml(
         values,
