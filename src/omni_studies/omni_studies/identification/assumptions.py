@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from omni_loop.experiment import ExperimentLibrary
 from omni_studies.identification import table_2
-from omni_studies.identification.identification import Parameters, configure, measure
+from omni_studies.identification.identification import Parameters, configure, measure, rounded
 
 EXPERIMENT = "turn_while_translate"
 
@@ -49,48 +49,17 @@ ASSUMPTIONS = (
 
 
 OTHERS: dict[str, Parameters] = {
-    "seed_1": {
-        "body_mass": 1477.0,
-        "body_inertia": 694.0,
-        "load_mass": 412.0,
-        "load_x": 0.733,
-        "load_y": 0.231,
-        "height": 0.388,
-        "wheelbase": 1.835,
-        "track": 0.838,
-        "brake_torque": 848.0,
-        "speed": 6.397,
-        "direction": -48.49,
-        "yaw_rate": 76.28,
-        "friction": 0.531,
-        "patch_friction": 0.339,
-        "patch_x": 0.13,
-        "patch_y": 1.94,
-        "patch_length": 7.22,
-        "patch_width": 2.42,
-    },
-    "seed_2": {
-        "body_mass": 1059.0,
-        "body_inertia": 634.0,
-        "load_mass": 366.0,
-        "load_x": 0.403,
-        "load_y": 0.456,
-        "height": 0.421,
-        "wheelbase": 1.506,
-        "track": 0.927,
-        "brake_torque": 1168.0,
-        "speed": 6.237,
-        "direction": -49.26,
-        "yaw_rate": 71.95,
-        "friction": 0.596,
-        "patch_friction": 0.275,
-        "patch_x": -0.31,
-        "patch_y": 4.0,
-        "patch_length": 7.12,
-        "patch_width": 2.48,
-    },
-}
-"""Vehicles found by ``study table2 --identify --sound`` with the seeds 1 and 2."""
+    "seed_1": rounded((
+        1477.0, 694.0, 412.0, 0.733, 0.231, 0.388, 1.835, 0.838, 848.0, 6.397, -48.49, 76.28,
+        0.531, 0.339, 0.13, 1.94, 7.22, 2.42,
+    )),
+    "seed_2": rounded((
+        1059.0, 634.0, 366.0, 0.403, 0.456, 0.421, 1.506, 0.927, 1168.0, 6.237, -49.26, 71.95,
+        0.596, 0.275, -0.31, 4.0, 7.12, 2.48,
+    )),
+}  # fmt: skip
+"""Vehicles found by ``study table2 --identify --sound`` with the seeds 1 and 2, in the order
+of `QUANTITIES`."""
 
 
 def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[str, float]]:

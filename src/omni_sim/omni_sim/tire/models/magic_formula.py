@@ -65,6 +65,9 @@ class MagicFormulaConfiguration(Configuration):
                 )
 
 
+_KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "shape", "curvature")
+
+
 class MagicFormulaParameters(NamedTuple):
     """Constants of the kernels: a_1 to a_4, C, E, and landmarks of the unit curve in ``x``.
 
@@ -206,24 +209,7 @@ def constants(
 
 
 def _parameters(configuration: MagicFormulaConfiguration) -> MagicFormulaParameters:
-    return constants(
-        configuration.friction,
-        configuration.friction_gradient,
-        configuration.stiffness,
-        configuration.stiffness_gradient,
-        configuration.shape,
-        configuration.curvature,
-    )
-
-
-_KEYS = (
-    "friction",
-    "friction_gradient",
-    "stiffness",
-    "stiffness_gradient",
-    "shape",
-    "curvature",
-)
+    return constants(*(getattr(configuration, key) for key in _KEYS))
 
 
 def _start(seen: Landmarks) -> FloatArray:

@@ -70,34 +70,15 @@ class TMeasyCurve(Configuration):
                 )
 
 
-def _table_1_x() -> TMeasyCurve:
-    return TMeasyCurve(
-        slope_1=50000.0,
-        slope_2=75000.0,
-        peak_slip_1=0.15,
-        peak_slip_2=0.18,
-        peak_force_1=3000.0,
-        peak_force_2=4500.0,
-        slide_slip_1=0.4,
-        slide_slip_2=0.5,
-        slide_force_1=2800.0,
-        slide_force_2=4200.0,
-    )
+_FITTED = tuple(field.name for field in dataclasses.fields(TMeasyCurve))
+_TABLE_1 = {
+    "x": (5e4, 7.5e4, 0.15, 0.18, 3000.0, 4500.0, 0.4, 0.5, 2800.0, 4200.0),
+    "y": (4e4, 6e4, 0.21, 0.24, 2750.0, 4125.0, 0.6, 0.8, 2500.0, 3750.0),
+}
 
 
-def _table_1_y() -> TMeasyCurve:
-    return TMeasyCurve(
-        slope_1=40000.0,
-        slope_2=60000.0,
-        peak_slip_1=0.21,
-        peak_slip_2=0.24,
-        peak_force_1=2750.0,
-        peak_force_2=4125.0,
-        slide_slip_1=0.6,
-        slide_slip_2=0.8,
-        slide_force_1=2500.0,
-        slide_force_2=3750.0,
-    )
+def _table_1(direction: str) -> TMeasyCurve:
+    return TMeasyCurve(**dict(zip(_FITTED, _TABLE_1[direction], strict=True)))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -112,9 +93,9 @@ class TMeasyConfiguration(Configuration):
     """Nominal wheel load F_z1"""
     nominal_load_2: float = parameter(6000.0, unit="N", above=0.0)
     """Largest permissible wheel load F_z2"""
-    x: TMeasyCurve = section(_table_1_x)
+    x: TMeasyCurve = section(lambda: _table_1("x"))
     """Longitudinal curve"""
-    y: TMeasyCurve = section(_table_1_y)
+    y: TMeasyCurve = section(lambda: _table_1("y"))
     """Lateral curve"""
 
     def check_consistency(self) -> None:
@@ -277,20 +258,6 @@ def curve_of(
     parameters = TMeasyParameters(direction_coefficients(tire, direction))
     curve: CurvePoint = curve_at(parameters, min(max(load, 0.0), tire.nominal_load_2), friction)
     return curve
-
-
-_FITTED = (
-    "slope_1",
-    "slope_2",
-    "peak_slip_1",
-    "peak_slip_2",
-    "peak_force_1",
-    "peak_force_2",
-    "slide_slip_1",
-    "slide_slip_2",
-    "slide_force_1",
-    "slide_force_2",
-)
 
 
 def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
