@@ -27,7 +27,7 @@ _FORCE = 0.05  # [m/s^2] acceleration that identifies the axes of an IMU
 _LATEST = 0.3  # [s] after which a brake must have responded
 _RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
 _OFTEN = 0.3  # share of the stop in which a wheel must have been braked to be judged
-_CLEARLY = 0.4  # by which the correlations of two exchanged brakes must be larger
+_CLEARLY = 0.1  # by which the sum of two correlations must be larger with exchanged brakes
 _DELAY = 0.02  # [s] by which a dead time may differ from that of the file
 
 
@@ -38,12 +38,14 @@ class Mistake:
     Attributes:
         name: name of the mistake, with the wheel or the sensor.
         remedy: what to change.
-        wheels: corrected wheels, where the description of the wheels is wrong.
+        wheels: corrected wheels, if the description of the wheels is wrong.
+        dead_time: corrected dead time of the brakes [s], if the described one is wrong.
     """
 
     name: str
     remedy: str
     wheels: Mapping[str, WheelMount] | None = None
+    dead_time: float | None = None
 
 
 def find_mistakes(
@@ -251,7 +253,10 @@ def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
 def _brake_mistakes(
     wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, dead_time: float
 ) -> Iterator[Mistake]:
-    """Compare the slip of each wheel with each enable at the best-fitting delay."""
+    """Compare the slip of each wheel with each enable, both relative to the mean of all wheels.
+
+    The pedal moves all brakes at once; differences to the mean distinguish the wheels.
+    """
     names = list(wheels)
     rolling = kinematics.PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
     measured = signals.wheel_speed[stop]
@@ -259,12 +264,6 @@ def _brake_mistakes(
     demand = pedal[:, np.newaxis] * signals.enable[stop]
     moving = np.abs(rolling) > 0.2 * np.max(np.abs(rolling))
     slip = np.where(moving, 1.0 - measured / np.where(moving, rolling, 1.0), 0.0)
-    steps = round(_LATEST / signals.period)
-    score = np.zeros((len(names), len(names), steps))
-    for delay in range(steps):
-        late = demand[: len(demand) - delay]
-        score[:, :, delay] = _correlation(slip[delay:], late)
-    best = score.max(axis=2)
     for row, name in enumerate(names):
         braked = (demand[:, row] > 0.0) & moving[:, row]
         free = (pedal == 0.0) & moving[:, row]
@@ -275,20 +274,40 @@ def _brake_mistakes(
         if rise < _RESPONDS:
             yield Mistake(f"brake {name} does not act", "check its wiring, valve and power")
             return
-    for one, other in itertools.combinations(range(len(names)), 2):
-        own = best[one, one] + best[other, other]
-        if best[one, other] + best[other, one] > own + _CLEARLY:
-            yield Mistake(
-                f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
-            )
-            return
-    delays = [signals.period * float(np.argmax(score[row, row])) for row in range(len(names))]
-    typical = float(np.median(delays))
-    if abs(typical - dead_time) > _DELAY:
+    braking = np.flatnonzero((pedal > 0.0) & np.any(moving, axis=1))
+    relative_slip, relative_demand = _without_mean(slip, moving), _without_mean(demand, moving)
+    fits = []  # by delay: fit of the best order of the brakes, the exchange in it, its advantage
+    for delay in range(round(_LATEST / signals.period)):
+        late = braking[braking >= delay]
+        score = _correlation(relative_slip[late], relative_demand[late - delay])
+        own = np.diagonal(score)
+        advantages = {
+            pair: score[pair] + score[pair[::-1]] - own[pair[0]] - own[pair[1]]
+            for pair in itertools.combinations(range(len(names)), 2)
+        }
+        pair = max(advantages, key=lambda each: advantages[each])
+        fits.append((float(own.sum() + max(advantages[pair], 0.0)), pair, advantages[pair]))
+    delay = max(range(len(fits)), key=lambda each: fits[each][0])
+    fit, (one, other), advantage = fits[delay]
+    if fit > 0.0 and advantage > _CLEARLY:
         yield Mistake(
-            f"brakes: dead time is about {1e3 * typical:.0f} ms",
-            "set brake.dead_time by ./omni fit-brakes",
+            f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
         )
+    elif fit > 0.0 and abs(signals.period * delay - dead_time) > _DELAY:
+        found = signals.period * delay
+        yield Mistake(
+            f"brakes: dead time is about {1e3 * found:.0f} ms",
+            f"set brake.dead_time to {found:.2f}, or fit it by ./omni fit-brakes",
+            dead_time=found,
+        )
+
+
+def _without_mean(values: FloatArray, used: FloatArray) -> FloatArray:
+    """Return values less the mean of the used ones in each row, 0 where not used."""
+    count = np.maximum(np.sum(used, axis=1, keepdims=True), 1)
+    mean = np.sum(np.where(used, values, 0.0), axis=1, keepdims=True) / count
+    difference: FloatArray = np.where(used, values - mean, 0.0)
+    return difference
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:

@@ -142,7 +142,7 @@ def dead(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
 
 
 def mistakes() -> Iterator[tuple[str, Change]]:
-    """Yield 43 mistakes: what must be in the name of what is found, and how it is made."""
+    """Yield 48 mistakes: what must be in the name of what is found, and how it is made."""
     for one, other in itertools.combinations(range(4), 2):
         words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("wheel_speed", exchanged(one, other))
@@ -170,7 +170,9 @@ def mistakes() -> Iterator[tuple[str, Change]]:
     yield "accelerometer: x has", of_signal("imu", scaled(1, -1, 1))
     yield "accelerometer: y has", of_signal("imu", scaled(1, 1, -1))
     yield "accelerometer: x and y", of_signal("imu", exchanged(1, 2))
-    yield "brakes front_left and front_right", of_signal("enable", exchanged(1, 2))
+    for one, other in itertools.combinations(range(4), 2):
+        words = f"brakes {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
+        yield words, of_signal("enable", exchanged(one, other))
     yield "does not act", dead
     yield "dead time is about", of_signal("enable", delayed(0.06))
 
